@@ -3,6 +3,7 @@
     python benchmarks/bench_emulation.py --reference CHECKOUT                # 60 drawn runs, both ways
     python benchmarks/bench_emulation.py --reference CHECKOUT --runs N --first SEED
     python benchmarks/bench_emulation.py --time                              # only what whole runs cost here
+    python benchmarks/bench_emulation.py --time --write                      # and to docs/performance.md
 
 A run is one identification on emulated devices: rig, engine of the part, wire faults and catalogue's draw by
 the run's number. Compared are all bytes at both ends of every port with the instants at which the host or the
@@ -14,16 +15,20 @@ import argparse
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from performance_page import markdown_table, update, versions_line
 
+import palpate
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.transport import protocol_mock
@@ -44,6 +49,8 @@ RIGS = (
 SHIPPED = 3
 TIMED_SEEDS = (0, 3, 7)
 TIMED_ENGINES = ("still", "quasi-static")
+EMULATION = ("/drivers/emulators/", "/rig/emulated/")
+TICK_S = 1e-3
 
 
 def drawn(number: int) -> dict[str, Any]:
@@ -114,6 +121,36 @@ class Trace:
         return {f"{port} {side}": digest.hexdigest() for (port, side), digest in self._hashes.items()}
 
 
+class Share:
+    """What share of the processor's time is spent in emulated devices, by looks at the stack."""
+
+    def __init__(self) -> None:
+        self._looks = self._emulated = 0
+
+    @property
+    def share(self) -> float:
+        """0 to 1."""
+        return self._emulated / max(self._looks, 1)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Look now and then while what is in it is carried out."""
+        signal.signal(signal.SIGPROF, self._look)
+        signal.setitimer(signal.ITIMER_PROF, TICK_S, TICK_S)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+
+    def _look(self, _number: int, frame: Any) -> None:
+        self._looks += 1
+        while frame is not None:
+            if any(folder in frame.f_code.co_filename for folder in EMULATION):
+                self._emulated += 1
+                return
+            frame = frame.f_back
+
+
 def one(case: dict[str, Any]) -> dict[str, Any]:
     """Carry out a run with whatever palpate is importable."""
     rig = load_rig(HERE / case["rig"])
@@ -128,7 +165,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     )
     rig = rig.model_copy(update={"emulation": emulation})
     objects = load_objects(shipped_objects())
-    trace = Trace()
+    trace, share = Trace(), Share()
     began = time.process_time()
     catalogue = Catalogue(objects.objects)
     placement = composition.place(rig, objects, None, case["seed"])
@@ -140,7 +177,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     for finger in emulated.fingers:
         finger.weighs_taxels = True
     try:
-        with composition.connect(bench) as hand:
+        with share.watched(), composition.connect(bench) as hand:
             hand.prepare()
             outcome = identify(hand, catalogue, seed=case["seed"]).outcome.value
     except PalpateError as problem:
@@ -158,6 +195,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
         "bytes": trace.bytes,
         "rig_s": bench.clock.now(),
         "processor_s": spent,
+        "emulation_s": spent * share.share,
     }
 
 
@@ -250,20 +288,41 @@ def compared(reference: Path, cases: Iterator[dict[str, Any]]) -> int:
     return wrong
 
 
-def timed(checkouts: list[Path]) -> None:
-    """What whole identifications on the shipped bench cost, untraced."""
-    print(
-        "engine         seed   rig s"
-        + "".join("   s there  times" for _ in checkouts[1:])
-        + "   s here  times"
+def timed(checkouts: list[Path], *, write: bool) -> None:
+    """What whole identifications on the shipped bench cost, untraced, in each checkout; this one's last."""
+    head = (
+        "engine",
+        "seed",
+        "rig time",
+        "processor time",
+        "times faster",
+        "emulated devices",
+        "times faster",
     )
+    rows: list[tuple[str, ...]] = []
+    print("engine         seed   rig s" + "      s  times  devices s  times" * len(checkouts))
     for engine in TIMED_ENGINES:
         for seed in TIMED_SEEDS:
             case = {**drawn(seed), "rig": RIGS[0], "engine": engine, "fault": "", "traced": False}
             case |= {"flipped_bytes": 0.0, "lost_packets": 0.0, "array_boot_s": 0.0}
-            runs = [run(checkout, case) for checkout in (*checkouts[1:], checkouts[0])]
-            cells = [f" {r['processor_s']:8.2f} {r['rig_s'] / r['processor_s']:6.1f}" for r in runs]
+            runs = [run(checkout, case) for checkout in checkouts]
+            cells = [
+                f" {r['processor_s']:6.2f} {r['rig_s'] / r['processor_s']:6.1f} "
+                f"{r['emulation_s']:10.2f} {r['rig_s'] / r['emulation_s']:6.1f}"
+                for r in runs
+            ]
             print(f"{engine:12} {seed:6} {runs[-1]['rig_s']:7.1f}" + "".join(cells), flush=True)
+            rig_s, whole_s, devices_s = (runs[-1][key] for key in ("rig_s", "processor_s", "emulation_s"))
+            cost = (
+                f"{whole_s:.1f} s",
+                f"{rig_s / whole_s:.0f}",
+                f"{devices_s:.1f} s",
+                f"{rig_s / devices_s:.0f}",
+            )
+            rows.append((f"`{engine}`", str(seed), f"{rig_s:.0f} s", *cost))
+    if write:
+        versions = {"palpate": palpate.__version__, "numpy": np.__version__, "Python": sys.version.split()[0]}
+        update("emulated runs", f"{versions_line(versions)}\n\n{markdown_table(head, rows)}")
 
 
 def main() -> int:
@@ -273,6 +332,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=60)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--time", action="store_true")
+    parser.add_argument("--write", action="store_true", help="write what --time found to docs/performance.md")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.one:
@@ -280,7 +340,7 @@ def main() -> int:
         return 0
     references = [asked.reference] if asked.reference else []
     if asked.time:
-        timed([HERE, *references])
+        timed([*references, HERE], write=asked.write)
         return 0
     if not references:
         parser.error("--reference or --time")

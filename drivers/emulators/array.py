@@ -122,8 +122,9 @@ class EmulatedArray:
     def poll(self, now: float) -> list[Emission]:
         """Return answers and frames due up to `now`."""
         self._catch_up(now)
-        self._work(now)
-        return self._due(now)
+        if self._waiting:
+            self._work(now)
+        return self._due(now) if self._queue else []
 
     def next_due(self) -> float | None:
         """Instant of the next answer or frame, or None if there is none in sight."""

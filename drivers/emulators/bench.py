@@ -315,6 +315,8 @@ class Bench:
         """How many steps can be taken at once: none lets a tip meet the part, the last may end otherwise."""
         if not self.part.at_rest or any(finger.press is not None for finger in self.fingers):
             return 0
+        if self.supply is not None:
+            return 0  # it follows what motors take in each step
         steps = min(servo.quiet_steps(_STEP_S) for servo in self._servos)
         steps = min(steps, _MOST_STEPS)
         for finger in self.fingers:

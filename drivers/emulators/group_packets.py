@@ -42,17 +42,17 @@ class FastFrame:
     def __init__(self, lengths: Sequence[int]) -> None:
         """`lengths`: bytes that are read from each servo."""
         length = 1 + sum(lengths) + _FAST_BLOCK * len(lengths)
-        self._sent = b"\xff\xff\xfd\x00" + bytes((BROADCAST_ID, length & 0xFF, length >> 8 & 0xFF, 0x55))
-        self._begun = False
+        self._head = b"\xff\xff\xfd\x00" + bytes((BROADCAST_ID, length & 0xFF, length >> 8 & 0xFF, 0x55))
+        self._crc = 0  # of all that was sent
 
     def part(self, answer: StatusPacket) -> bytes:
         """The bytes that the next servo sends; the first one sends the head too."""
-        block = bytes((answer.error, answer.dxl_id)) + answer.params
-        block += crc16(self._sent + block).to_bytes(2, "little")
-        sent = block if self._begun else self._sent + block
-        self._sent += block
-        self._begun = True
-        return sent
+        block = self._head + bytes((answer.error, answer.dxl_id)) + answer.params
+        self._head = b""
+        crc = crc16(block, self._crc)
+        end = crc.to_bytes(2, "little")
+        self._crc = crc16(end, crc)
+        return block + end
 
 
 def read_requests(packet: InstructionPacket) -> list[ReadRequest]:

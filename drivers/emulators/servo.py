@@ -178,12 +178,12 @@ class EmulatedServo:
     @property
     def dxl_id(self) -> int:
         """The ID that the servo answers to."""
-        return self._unit.table.get("ID")
+        return self._inner.table.get("ID")
 
     @property
     def baudrate(self) -> int:
         """The rate in bps that the servo understands."""
-        return BAUD_RATES[self._unit.table.get("Baud Rate")]
+        return BAUD_RATES[self._inner.table.get("Baud Rate")]
 
     @property
     def listening(self) -> bool:
@@ -193,7 +193,7 @@ class EmulatedServo:
     @property
     def return_delay_s(self) -> float:
         """Time between the end of an instruction and the start of the answer."""
-        return self._unit.table.get("Return Delay Time") * 2e-6
+        return self._inner.table.get("Return Delay Time") * 2e-6
 
     def heard(self) -> None:
         """Note that an instruction packet passed on the bus, whoever it was for; feeds Bus Watchdog."""
@@ -227,10 +227,11 @@ class EmulatedServo:
 
     def answer_block(self, address: int, length: int) -> StatusPacket | None:
         """Answer this servo's part of a sync or bulk read; None if Status Return Level forbids it."""
+        unit = self._unit
         if self._level < 1:
             return None
         try:
-            data, code = self._unit.read(address, length), StatusErrorCode.NONE
+            data, code = unit.read(address, length), StatusErrorCode.NONE
         except Refused as refusal:
             data, code = b"", refusal.code
         return StatusPacket(self.dxl_id, self._alert | code, data)
@@ -241,8 +242,10 @@ class EmulatedServo:
         Older firmware does not know the instruction. A part has its length, even if the servo refuses: it
         is filled with zeros then, which the manual does not say.
         """
-        answer = self.answer_block(address, length) if self._unit.extended else None
-        return answer and replace(answer, params=answer.params.ljust(length, b"\0"))
+        answer = self.answer_block(address, length) if self._inner.extended else None
+        if answer is None or len(answer.params) >= length:
+            return answer
+        return replace(answer, params=answer.params.ljust(length, b"\0"))
 
     def take_block(self, address: int, data: bytes) -> None:
         """Carry out this servo's part of a sync or bulk write, which is never answered."""
@@ -261,7 +264,7 @@ class EmulatedServo:
 
     @property
     def _level(self) -> int:
-        return self._unit.table.get("Status Return Level")
+        return self._inner.table.get("Status Return Level")
 
     @property
     def _alert(self) -> int:

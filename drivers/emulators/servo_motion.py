@@ -27,6 +27,7 @@ class ShaftMotion:
         "_a_per_rad_s",
         "_drive_a",
         "_extras",
+        "_fixed_s",
         "_friction_nm",
         "_gain_per_rad",
         "_inertia",
@@ -63,7 +64,7 @@ class ShaftMotion:
         self._max_current_a = constants.stall_current_a
         self._profile_v = 0.0
         self._profile_a = 0.0
-        self._rest_nm = math.nan
+        self._rest_nm = self._fixed_s = math.nan
         self._rest_share = 1.0
         self.shaft_rad = start_rad
         self.velocity_rad_s = 0.0
@@ -86,7 +87,7 @@ class ShaftMotion:
 
         `extras`: what the loop's I and D gains add, None if both are 0. The limits hold for every law.
         """
-        self._rest_nm = math.nan
+        self._disturb()
         self._gain_per_rad = gain_per_rad
         self._u_max = duty_limit
         self._max_current_a = current_limit_a
@@ -94,7 +95,7 @@ class ShaftMotion:
 
     def set_supply(self, ratio: float) -> None:
         """Set the supply as a multiple of the voltage that the motor's constants hold for."""
-        self._rest_nm = math.nan
+        self._disturb()
         self._drive_a = self._stall_a * ratio
 
     def set_mechanics(self, friction: float, rest_share: float, torque_share: float) -> None:
@@ -102,7 +103,7 @@ class ShaftMotion:
 
         `rest_share`: friction at rest, times that in motion; at least 1.
         """
-        self._rest_nm = math.nan
+        self._disturb()
         self._friction_nm *= friction
         self._rest_share = max(1.0, rest_share)
         self._nm_per_a *= torque_share
@@ -119,7 +120,7 @@ class ShaftMotion:
 
     def engage(self) -> None:
         """Switch the drive on, holding where the shaft is."""
-        self._rest_nm = math.nan
+        self._disturb()
         self.driven = True
         self.hold()
 
@@ -132,13 +133,13 @@ class ShaftMotion:
 
     def hold(self) -> None:
         """Make the present position the goal, without a profile."""
-        self._rest_nm = math.nan
+        self._disturb()
         self.goal_rad = self.reference_rad = self.shaft_rad
         self.reference_rad_s = 0.0
 
     def move_to(self, goal_rad: float) -> None:
         """Start a profile towards a goal, from wherever the trajectory is now."""
-        self._rest_nm = math.nan
+        self._disturb()
         self.goal_rad = goal_rad
         if self._profile_v == 0.0:
             self.reference_rad = goal_rad
@@ -164,8 +165,9 @@ class ShaftMotion:
 
     def step(self, dt_s: float, load_nm: float) -> None:
         """Integrate over `dt_s` with a constant outside torque; positive pushes towards +position."""
-        if load_nm == self._rest_nm:
+        if load_nm == self._rest_nm or (load_nm == 0.0 and self._stands(dt_s)):
             return  # friction has held the shaft against this torque, and nothing has changed since
+        self._disturb()
         while dt_s > _LONGEST_STEP_S * 1.001:
             self._step(_LONGEST_STEP_S, load_nm)
             dt_s -= _LONGEST_STEP_S
@@ -173,6 +175,8 @@ class ShaftMotion:
 
     def reach_rad(self, dt_s: float, steps: int) -> float:
         """The furthest that so many steps of `dt_s` may turn an unloaded shaft; may be infinite."""
+        if self._stands(dt_s):
+            return 0.0
         push = self._max_current_a * self._nm_per_a / self._inertia if self.driven else 0.0
         return dt_s * steps * (abs(self.velocity_rad_s) + push * dt_s * (steps + 1) / 2)
 
@@ -182,8 +186,9 @@ class ShaftMotion:
         Returns the angle (rad) after each step that was taken and the current (A) in it; what is left of the
         steps changes neither. The same as so many times `step`, quicker.
         """
-        if self._rest_nm == 0.0:
+        if self._stands(dt_s):
             return [], []
+        self._disturb()
         if self.driven and self.law is None and self._extras is None:
             return self._run_to_goal(dt_s, steps)
         angles: list[float] = []
@@ -207,9 +212,9 @@ class ShaftMotion:
         angles: list[float] = []
         currents: list[float] = []
         for _ in range(steps):
-            held = velocity == 0.0
-            if self.reference_rad != goal:
-                held = False
+            before, at = velocity, shaft
+            settled = self.reference_rad == goal
+            if not settled:
                 self._advance_reference(dt)
             duty = (self.reference_rad - shaft) * gain
             duty = most_duty if duty > most_duty else -most_duty if duty < -most_duty else duty
@@ -223,15 +228,25 @@ class ShaftMotion:
                 velocity += slowed
             else:
                 velocity = 0.0
-                if held:
-                    self._rest_nm = 0.0
             shaft += velocity * dt
             angles.append(shaft)
             currents.append(current)
-            if self._rest_nm == 0.0:
+            if settled and velocity == before and shaft == at:
+                # It creeps towards where friction holds it, by less than a number can say, or is held there.
+                if velocity == 0.0:
+                    self._rest_nm = 0.0
+                self._fixed_s = dt
                 break
         self.velocity_rad_s, self.shaft_rad, self.duty, self.current_a = velocity, shaft, duty, current
         return angles, currents
+
+    def _stands(self, dt_s: float) -> bool:
+        """Whether steps of `dt_s` without a load are known to change nothing."""
+        return self._rest_nm == 0.0 or dt_s == self._fixed_s
+
+    def _disturb(self) -> None:
+        """Note that what turns the shaft may have changed: it may not stand still any more."""
+        self._rest_nm = self._fixed_s = math.nan
 
     def _step(self, dt: float, load_nm: float) -> None:
         velocity = self.velocity_rad_s

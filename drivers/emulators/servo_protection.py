@@ -92,8 +92,10 @@ class Protection:
             if overloaded_s >= _OVERLOAD_S:
                 overloaded_s, bits = 0.0, OVERLOAD_BIT
             self._charge, self._overloaded_s = charge, overloaded_s
+        since_look_s = self._since_look_s
         for _ in range(steps):
-            self._since_look_s += dt_s
+            since_look_s += dt_s
+        self._since_look_s = since_look_s
         if self._since_look_s >= _LOOK_S:
             bits |= self._look()
         return bits

@@ -42,6 +42,8 @@ class ControlTable:
             if item.name.startswith(_INDIRECT_DATA)
         }
         self._places = {item.name: (item.address, item.address + item.size, item.signed) for item in items}
+        self._pointers = frozenset(self._pointer_of.values())
+        self._shown: dict[tuple[int, int], list[int]] = {}  # addresses that stand for others, by range
         self._memory = bytearray(self._end)
         self.changes = 0
         for item in items:
@@ -68,6 +70,8 @@ class ControlTable:
         start, end, _ = self._places[name]
         size = end - start
         self._memory[start:end] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+        if start in self._pointers:
+            self._shown.clear()
 
     def show(self, name: str, value: int) -> None:
         """`set` for what is measured: no reason to look at anything else again, `changes` stays."""
@@ -91,12 +95,16 @@ class ControlTable:
         A range that begins or ends outside the table, or begins at an undefined address, is refused with
         Access Error. Undefined addresses within a range read as 0.
         """
-        end = address + length
-        if length == 0 or end > self._end or self._meant(address) not in self._defined:
-            raise Refused(StatusErrorCode.ACCESS_ERROR)
-        if self._pointer_of.keys().isdisjoint(range(address, end)):
-            return bytes(self._memory[address:end])
-        return bytes(self._memory[self._meant(at)] for at in range(address, end))
+        places = self._shown.get((address, length))
+        if places is None:
+            end = address + length
+            if length == 0 or end > self._end or self._meant(address) not in self._defined:
+                raise Refused(StatusErrorCode.ACCESS_ERROR)
+            if self._pointer_of.keys().isdisjoint(range(address, end)):
+                return bytes(self._memory[address:end])
+            places = self._shown[address, length] = [self._meant(at) for at in range(address, end)]
+        memory = self._memory
+        return bytes([memory[at] for at in places])
 
     def parse_write(self, address: int, data: bytes) -> list[tuple[TableItem, int]]:
         """Split a write into items with their values and check access and range; changes nothing.

@@ -25,8 +25,10 @@ __all__ = ["PartSection", "SkinContact", "TipLoad", "separation_mm", "tip_load"]
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
 _STEP_RAD = 2 * math.pi / _RAYS
 _ANGLES: Floats = np.arange(_RAYS, dtype=np.float64) * _STEP_RAD
+_PARALLEL = 1e-12  # mm: a ray runs along an edge, or nearly
 _HIDDEN_MM = 0.03  # a point is hidden by what is nearer by more; rays miss corners by a little less
 _HEADINGS: Floats = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+_HEADING_OF = tuple(map(tuple, _HEADINGS.tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +52,15 @@ class PartSection:
         return result
 
     @cached_property
-    def before(self) -> Ints:
-        """Index (n,) of the edge that ends where each edge starts; its own where there is none."""
+    def edges(self) -> list[tuple[float, ...]]:
+        """Each edge's start (x, y), its way (x, y), the way of the edge that ends there (x, y), its square.
+
+        Where none ends at its start, its own way counts for that.
+        """
         ends = {point: k for k, point in enumerate(map(tuple, self.end.tolist()))}
-        starts = map(tuple, self.start.tolist())
-        return np.array([ends.get(point, k) for k, point in enumerate(starts)], dtype=np.int64)
+        before = [ends.get(point, k) for k, point in enumerate(map(tuple, self.start.tolist()))]
+        columns = (self.start, self.along, self.along[before], self.square[:, None])
+        return list(map(tuple, np.hstack(columns).tolist()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +102,8 @@ def separation_mm(outline: PartSection, centre_mm: Floats) -> float:
 def _to_edges(outline: PartSection, centre_mm: Floats) -> Floats:
     """Shortest way (n, 2) in mm from each edge to a point."""
     rel = centre_mm - outline.start
-    share = np.clip(np.einsum("ij,ij->i", rel, outline.along) / outline.square, 0.0, 1.0)
+    share = np.einsum("ij,ij->i", rel, outline.along) / outline.square
+    share = np.minimum(np.maximum(share, 0.0), 1.0)
     result: Floats = rel - share[:, None] * outline.along
     return result
 
@@ -115,8 +122,8 @@ def tip_load(
     contact = SkinContact(outline, near, away[near], square[near], centre_mm, radius_mm, stiffness_n_per_mm)
     if not contact.is_touched():
         return None
-    push, _ = contact.pushes
-    return TipLoad(stiffness_n_per_mm * push.sum(axis=0), contact)
+    push = np.array([sum(x for x, _, _ in contact.pushes), sum(y for _, y, _ in contact.pushes)])
+    return TipLoad(stiffness_n_per_mm * push, contact)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,37 +146,47 @@ class SkinContact:
         """Whether any ray is dented: those about the nearest point first."""
         x, y = self.away[np.argmin(self.square)].tolist()
         towards = math.floor(math.atan2(-y, -x) / _STEP_RAD)
-        about = np.arange(towards - 1, towards + 3) % _RAYS
-        return bool((self._dents(about) > 0).any()) or len(self._touched[0]) > 0
+        about = (ray % _RAYS for ray in range(towards - 1, towards + 3))
+        return any(self._dent(ray) > 0 for ray in about) or len(self._touched[0]) > 0
 
     @cached_property
-    def pushes(self) -> tuple[Floats, Ints]:
-        """Deepest dents, and valleys between them taken off, and their rays (m,).
+    def pushes(self) -> list[tuple[float, float, int]]:
+        """Deepest dents, and valleys between them taken off: push (x, y) and ray of each.
 
-        They are pushes (m, 2) towards the axis in mm of a flat wall's stiffness.
+        They are pushes towards the axis in mm of a flat wall's stiffness.
 
         Along the boundary the distance to the axis is least at feet on edges and at corners that stick out,
         and greatest at corners of notches.
         """
-        outline, near = self.outline, self.near
-        along = outline.along[near]
-        rel = self.centre_mm - outline.start[near]
-        ahead = np.einsum("ij,ij->i", rel, along)
-        behind = np.einsum("ij,ij->i", rel, outline.along[outline.before[near]])
-        on_edge = (ahead > 0) & (ahead < outline.square[near])
-        # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
-        corner = np.where((ahead <= 0) & (behind >= 0), 1.0, np.where((ahead > 0) & (behind < 0), -1.0, 0.0))
-        point = np.vstack([self.away[on_edge], rel[corner != 0]])
-        sign = np.concatenate([np.ones(int(on_edge.sum())), corner[corner != 0]])
-        distance = np.hypot(point[:, 0], point[:, 1])
-        ray = np.round(np.arctan2(-point[:, 1], -point[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
+        feet: list[tuple[float, float, float]] = []
+        corners: list[tuple[float, float, float]] = []
+        centre_x, centre_y = self.centre_mm.tolist()
+        edges = self.outline.edges
+        for k, (foot_x, foot_y) in zip(self.near.tolist(), self.away.tolist(), strict=True):
+            start_x, start_y, along_x, along_y, before_x, before_y, square = edges[k]
+            x, y = centre_x - start_x, centre_y - start_y
+            ahead, behind = x * along_x + y * along_y, x * before_x + y * before_y
+            if 0 < ahead < square:
+                feet.append((foot_x, foot_y, 1.0))
+            # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
+            if ahead <= 0 and behind >= 0:
+                corners.append((x, y, 1.0))
+            elif ahead > 0 and behind < 0:
+                corners.append((x, y, -1.0))
+        return [push for point in (*feet, *corners) if (push := self._push(*point)) is not None]
+
+    def _push(self, x: float, y: float, sign: float) -> tuple[float, float, int] | None:
+        """What a point that is (x, y) mm from the axis does, None if nothing."""
+        # numpy's functions of plain numbers: they agree with those of arrays to the last bit, math's do not.
+        distance = float(np.hypot(x, y))
         dent = self.radius_mm - distance
-        # What dents the skin further in that direction hides it.
-        counts = (dent > 0) & (distance > 0)
-        counts[counts] = np.maximum(self._dents(ray[counts]), 0.0) < dent[counts] + _HIDDEN_MM
-        dent, point, distance = dent[counts], point[counts], distance[counts]
-        push = sign[counts] * dent * _not_cancelled(dent, self.radius_mm)
-        return point * (push / distance)[:, None], ray[counts]
+        if not dent > 0 or distance == 0:
+            return None
+        ray = round(float(np.arctan2(-y, -x)) / _STEP_RAD) % _RAYS
+        if max(self._dent(ray), 0.0) >= dent + _HIDDEN_MM:
+            return None  # what dents the skin further in that direction hides it
+        share = sign * dent * _not_cancelled(dent, self.radius_mm) / distance
+        return x * share, y * share, ray
 
     @cached_property
     def by_ray_n(self) -> Floats:
@@ -177,8 +194,9 @@ class SkinContact:
         looked, dent = self._touched
         stretch = _stretches(looked)
         share = _shares(stretch, dent)
-        push, at = self.pushes
-        of = _on_rays(looked, stretch, -1)[at].astype(np.int64)
+        pushes = np.array(self.pushes, dtype=np.float64).reshape(-1, 3)
+        push = pushes[:, :2]
+        of = _on_rays(looked, stretch, -1)[pushes[:, 2].astype(np.int64)].astype(np.int64)
         count = int(stretch.max()) + 1
         force = _summed(of[of >= 0], push[of >= 0], count)
         spread = _summed(stretch, share[:, None] * _HEADINGS[looked], count)
@@ -191,6 +209,30 @@ class SkinContact:
         looked = _rays_towards(self.away, self.square, self.radius_mm)
         dent = self._dents(looked)
         return looked[dent > 0], dent[dent > 0]
+
+    def _dent(self, ray: int) -> float:
+        """How far edges dent the skin (mm) in a direction: as `_dents`, quicker for a few."""
+        x, y = _HEADING_OF[ray]
+        nearest = math.inf
+        for start_x, start_y, along_x, along_y, cross in self._seen:
+            turn = x * along_y - y * along_x
+            if abs(turn) < _PARALLEL:
+                continue
+            distance = cross / turn
+            if 0 <= distance < nearest and 0 <= (start_x * y - start_y * x) / turn <= 1:
+                nearest = distance
+        return self.radius_mm - nearest
+
+    @cached_property
+    def _seen(self) -> list[tuple[float, float, float, float, float]]:
+        """Near edges from the axis: start (x, y), way (x, y), and the cross product of the two."""
+        centre_x, centre_y = self.centre_mm.tolist()
+        found = []
+        for k in self.near.tolist():
+            start_x, start_y, along_x, along_y, *_ = self.outline.edges[k]
+            x, y = start_x - centre_x, start_y - centre_y
+            found.append((x, y, along_x, along_y, x * along_y - y * along_x))
+        return found
 
     def _dents(self, ray: Ints) -> Floats:
         """How far edges dent the skin (mm) in directions (m,); negative where they do not."""
@@ -229,7 +271,7 @@ def _reach(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
     along = outline.along
     rel = outline.start - centre_mm
     turn = heading[:, None, 0] * along[None, :, 1] - heading[:, None, 1] * along[None, :, 0]
-    parallel = np.abs(turn) < 1e-12
+    parallel = np.abs(turn) < _PARALLEL
     safe = np.where(parallel, 1.0, turn)
     distance = (rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]) / safe
     share = (rel[None, :, 0] * heading[:, None, 1] - rel[None, :, 1] * heading[:, None, 0]) / safe
@@ -263,10 +305,9 @@ def _summed(stretch: Ints, vector: Floats, count: int) -> Floats:
     return np.column_stack([np.bincount(stretch, vector[:, axis], count) for axis in (0, 1)])
 
 
-def _not_cancelled(dent: Floats, radius_mm: float) -> Floats:
-    """Share (m,) of the taxels' forces that a flat wall which dents the tip so deep leaves on its axis."""
-    cos = np.clip(1 - dent / radius_mm, 1e-6, 1 - 1e-9)
-    half = np.arccos(cos)
-    along = np.sin(half) - cos * half
-    result: Floats = along / (half - cos * np.log(np.tan(np.pi / 4 + half / 2)))
-    return result
+def _not_cancelled(dent: float, radius_mm: float) -> float:
+    """Share of the taxels' forces that a flat wall which dents the tip so deep leaves on its axis."""
+    cos = min(max(1 - dent / radius_mm, 1e-6), 1 - 1e-9)
+    half = float(np.arccos(cos))
+    along = float(np.sin(half)) - cos * half
+    return along / (half - cos * float(np.log(np.tan(np.pi / 4 + half / 2))))

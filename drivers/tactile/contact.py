@@ -84,6 +84,7 @@ class ContactExtractor:
         self._guard_gain = gain.ravel()
         self._window_gain = column_windows(gain)
         self._window_noise = baseline.noise_counts * np.sqrt((self._window_gain**2).sum(axis=0))
+        self._least_n: dict[int, Floats] = {}
         self._tracker = None
         if drift > 0:
             sums = SumsOfTaxels(self._window_gain, self._window_drift(drift))
@@ -108,8 +109,8 @@ class ContactExtractor:
         tracker, gain, base = self._tracker, self._window_gain, self.baseline.mean
         self._guard_base = base
         if tracker is None:
-            zeros = base.ravel() @ gain
-            self._guard_doubt, self._zeros_n = np.zeros_like(base), ZeroBounds(zeros, zeros, zeros)
+            sums = base.ravel() @ gain
+            self._guard_doubt, self._zeros_n = np.zeros_like(base), ZeroBounds(sums, sums, sums)
         else:
             at_s = -math.inf if now is None else now
             self._guard_doubt = tracker.bound_at(at_s)
@@ -118,6 +119,11 @@ class ContactExtractor:
                 taxels = tracker.taxels_at(at_s)
                 self._zeros_n = ZeroBounds(taxels.lower @ gain, taxels.upper @ gain, taxels.least @ gain)
         self._guard_threshold = SIGMAS * self._baseline.noise_counts + self._guard_doubt
+        zeros = self._zeros_n
+        self._zero_doubt_n = (
+            float((zeros.upper - zeros.lower).max()),
+            float((zeros.upper - zeros.least).max()),
+        )
 
     def follow(self, frames: Sequence[TactileFrame], *, may_touch: bool = False) -> None:
         """Let the baseline follow its drift through frames; without drift nothing happens.
@@ -141,9 +147,11 @@ class ContactExtractor:
         On a cylinder a light contact may leave each taxel within the noise: then the force is that of the
         three neighbouring columns which together are most above theirs.
         """
-        counts = frame.counts - self._guard_base
-        force = float((counts * (counts > self._guard_threshold)).ravel() @ self._guard_gain)
-        return force if self._cylinder is None else max(force, self._matched_n(frame.counts))
+        read = frame.counts.astype(float)
+        counts = read - self._guard_base
+        above = counts > self._guard_threshold
+        force = float((counts * above).ravel() @ self._guard_gain) if counts[above].size else 0.0
+        return force if self._cylinder is None else max(force, self._matched_n(read))
 
     def steady_force_n(self, counts: Floats, frames: int) -> float:
         """Force (N) that is above the noise in the mean (rows, cols) of some frames' counts: likewise."""
@@ -160,8 +168,7 @@ class ContactExtractor:
         A zero may be off by half of its interval, and as much again is taken off what is felt. The second
         value: likewise, if all that `follow` has seen since the tare may have been touched.
         """
-        zeros = self._zeros_n
-        return float((zeros.upper - zeros.lower).max()), float((zeros.upper - zeros.least).max())
+        return self._zero_doubt_n
 
     @property
     def zero_doubt_n_per_s(self) -> float:
@@ -178,10 +185,13 @@ class ContactExtractor:
         zero = 0.0 if self._tracker is not None else 1 / tared
         return math.sqrt((1 / frames + zero) / (1 + 1 / tared))
 
-    def _matched_n(self, counts: Floats | Counts, frames: int = 1) -> float:
+    def _matched_n(self, counts: Floats, frames: int = 1) -> float:
         """The largest force of any window of counts (rows, cols) as they are read that is above the noise."""
-        sums = counts.ravel() @ self._window_gain - self._zeros_n.upper
-        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
+        sums = counts.ravel().dot(self._window_gain) - self._zeros_n.upper
+        least = self._least_n.get(frames)
+        if least is None:
+            least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
+            self._least_n[frames] = least
         found = sums[sums > least]
         return float(found.max()) if found.size else 0.0
 

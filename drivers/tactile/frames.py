@@ -1,7 +1,7 @@
 """Frames of taxels, and `ArrayDriver`: the interface of every driver of a tactile array."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import DeviceError
@@ -22,8 +22,7 @@ class ArraySilent(DeviceError):
     """An array does not say what it is, or what comes from its port is no message."""
 
 
-@dataclass(frozen=True, eq=False)
-class TactileFrame:
+class TactileFrame(NamedTuple):
     """One sample of every taxel: `counts` has shape (rows, cols), uint16, lowest row first.
 
     `device_time_s` is the array's own clock at the sample; `host_time_s` is the host's clock when the frame

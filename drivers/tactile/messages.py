@@ -5,7 +5,7 @@ The byte layout is in `docs/tactile-protocol.md`. What an array says of itself i
 
 import enum
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -218,8 +218,7 @@ class TaxelPlaces:
         return len(self.places) // REALS_PER_TAXEL
 
 
-@dataclass(frozen=True)
-class Frame:
+class Frame(NamedTuple):
     """Device: one sample of every taxel; `taxels` is u16 little endian, lowest row first."""
 
     rows: int
@@ -237,8 +236,7 @@ DeviceAnswer: TypeAlias = Describe | Ack | Nack | SelfTestReport | TaxelPlaces
 Body: TypeAlias = Request | DeviceAnswer | Frame
 
 
-@dataclass(frozen=True)
-class Message:
+class Message(NamedTuple):
     """A body with the header's fields: the sender's running number and its own time in µs."""
 
     sequence: int

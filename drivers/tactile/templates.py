@@ -114,7 +114,7 @@ class TemplateSet:
         self.angle_columns: Floats = self._angles / pitch_rad
         self.one_edge: Bools = np.repeat(others == 0, _STEPS_PER_COLUMN)
         linear = stiffness_n_per_mm * radius_mm * depths
-        flat = _flat(grid, _REFERENCE_DEPTH).sum() * _GRID_STEP
+        flat = _flat(_Turned(grid), _REFERENCE_DEPTH).sum() * _GRID_STEP
         founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
         lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / depth_step
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
@@ -181,9 +181,25 @@ def _product(table: Singles, windows: Floats) -> Floats:
     return np.concatenate(pieces).T.astype(np.float64)
 
 
-def _flat(angle: Floats, depth: float) -> Floats:
-    """Depth (tip radii) of a flat edge in direction `angle` from its normal."""
-    return np.where(np.abs(angle) < math.pi / 2, np.maximum(0.0, 1 - (1 - depth) / _cos(angle)), 0.0)
+class _Turned:
+    """Angles (n,) turned by some angles, and their cosines; each is worked out once."""
+
+    def __init__(self, angle: Floats) -> None:
+        self.angle = angle
+        self._known: dict[float, tuple[Bools, Floats]] = {}
+
+    def by(self, turn: float) -> tuple[Bools, Floats]:
+        """Which of them are within a right angle then, and their cosines, none below 1e-9."""
+        if turn not in self._known:
+            turned = self.angle + turn
+            self._known[turn] = np.abs(turned) < math.pi / 2, np.maximum(np.cos(turned), 1e-9)
+        return self._known[turn]
+
+
+def _flat(angle: _Turned, depth: float, normal: float = 0.0) -> Floats:
+    """Depth (tip radii) of a flat edge whose normal is at `normal`."""
+    near, cosine = angle.by(-normal)
+    return np.where(near, np.maximum(0.0, 1 - (1 - depth) / cosine), 0.0)
 
 
 def _kinds(depth: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:
@@ -203,47 +219,43 @@ def _kinds(depth: float) -> list[tuple[tuple[float, float], tuple[float, float]]
     return [pair for pair in pairs if pair[0][0] + pair[1][0] <= _SHARPEST]
 
 
-def _side(angle: Floats, depth: float, recede: float, end: float) -> Floats:
+def _side(angle: _Turned, depth: float, recede: float, end: float) -> Floats:
     """Depth on one side (angle >= 0) of the closest direction.
 
     The surface is flat from the closest point to `end`, and recedes by `recede` from there.
     """
+    near, cosine = angle.by(recede)
     if end > 0:
         start = (1 - depth) / math.cos(end)
-        beyond = 1 - start * math.cos(end + recede) / _cos(angle + recede)
-        falling = np.where(angle + recede < math.pi / 2, np.maximum(0.0, beyond), 0.0)
-        return np.where(angle <= end, _flat(angle, depth), falling)
-    slope = 1 - (1 - depth) * math.cos(recede) / _cos(angle + recede)
-    return np.where(angle + recede < math.pi / 2, np.maximum(0.0, slope), 0.0)
-
-
-def _cos(angle: Floats) -> Floats:
-    return np.maximum(np.cos(angle), 1e-9)
+        beyond = 1 - start * math.cos(end + recede) / cosine
+        falling = np.where(near, np.maximum(0.0, beyond), 0.0)
+        return np.where(angle.angle <= end, _flat(angle, depth), falling)
+    slope = 1 - (1 - depth) * math.cos(recede) / cosine
+    return np.where(near, np.maximum(0.0, slope), 0.0)
 
 
 def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floats]:
     """Depth profiles (n, grid), their penetration and that of a second edge (n,), in tip radii."""
-    positive = np.maximum(grid, 0.0)
+    tip = int(np.abs(grid).argmin())
+    all_round, one_side, nothing = _Turned(grid), _Turned(grid[tip:]), np.zeros(tip)
     shapes: list[Floats] = []
     depths: list[float] = []
     others: list[float] = []
-    tip = int(np.abs(grid).argmin())
     for depth in levels:
         pairs = _kinds(depth)
-        sides = {
-            kind: np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for pair in pairs for kind in pair
-        }
+        kinds = {kind for pair in pairs for kind in pair}
+        sides = {kind: np.concatenate((nothing, _side(one_side, depth, *kind))) for kind in kinds}
         for left, right in pairs:
             shape = np.maximum(sides[right], sides[left][::-1])
             shape[tip] = depth
             shapes.append(shape)
             depths.append(depth)
             others.append(0.0)
-        first = _flat(grid, depth)
+        first = _flat(all_round, depth)
         for turn in _NOTCH_TURNS:
             for share in _NOTCH_SHARES:
                 for side in (turn, -turn):
-                    shapes.append(np.maximum(first, _flat(grid - side, share * depth)))
+                    shapes.append(np.maximum(first, _flat(all_round, share * depth, side)))
                     depths.append(depth)
                     others.append(share * depth)
     return np.stack(shapes), np.array(depths), np.array(others)

@@ -92,9 +92,11 @@ class MockWire:
         """Number of bytes that have arrived at a port of this rate and were not taken."""
         if not self._bursts:
             return 0
-        now = self.clock.now()
-        heard = [burst for burst in self._bursts if burst.baudrate == baudrate]
-        return sum([self._complete(burst, now) - burst.taken for burst in heard])
+        now, count = self.clock.now(), 0
+        for burst in self._bursts:
+            if burst.baudrate == baudrate:
+                count += self._complete(burst, now) - burst.taken
+        return count
 
     def take(self, count: int, baudrate: int) -> bytes:
         """Take up to `count` of the bytes that have arrived at a port of this rate.

@@ -41,7 +41,7 @@ class LoadMeter:
         self._forces: list[tuple[float, float, float, float, float]] = []
         self._travels: list[tuple[float, float]] = []
         self._begun: list[tuple[float, TouchStage, float, float]] = []
-        self._quiet: deque[Counts] = deque(maxlen=_STEADY_FRAMES)
+        self._quiet: deque[Floats] = deque(maxlen=_STEADY_FRAMES)
         self._sum = np.zeros(0)
         self._measured_s = math.nan
 
@@ -60,13 +60,14 @@ class LoadMeter:
         if force_n > self._unnoticed_n:
             self._quiet.clear()
             return None
+        read = counts.astype(float)
         if not self._quiet:
-            self._sum = counts.astype(float)
+            self._sum = read.copy()
         else:
-            self._sum += counts
+            self._sum += read
             if len(self._quiet) == _STEADY_FRAMES:
                 self._sum -= self._quiet[0]
-        self._quiet.append(counts)
+        self._quiet.append(read)
         return self._sum / len(self._quiet), len(self._quiet)
 
     def may_touch(self) -> bool:
