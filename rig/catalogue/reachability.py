@@ -16,10 +16,12 @@ from palpate.geometry import ObjectModel, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.section_stack import region_at
 
-__all__ = ["HOPELESS", "OF_SECTION", "Finding", "Trouble", "findings_of"]
+__all__ = ["HOPELESS", "OF_SECTION", "TIP_REACHES_MM", "Finding", "Trouble", "findings_of"]
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
+TIP_REACHES_MM = 5.0
+"""How far above and below its middle a real tip may well touch; rig files do not say it."""
 
 
 class Trouble(Enum):
@@ -31,6 +33,7 @@ class Trouble(Enum):
     STICKS_OUT = "does not fit into the workspace in any pose"
     TINY = "smaller than two contacts may be off by"
     SOME_FINGERS = "nothing at the heights of some fingers"
+    JUTS_OUT = "juts out just above or below a finger's height"
 
 
 HOPELESS = frozenset({Trouble.MISSED, Trouble.LINKS, Trouble.OVERSIZED})
@@ -92,16 +95,19 @@ class _Lying:
     def __init__(self, bench: _Bench, state: State, scale: float = 1.0) -> None:
         self._bench, self._scale = bench, scale
         self._top_mm = scale * state.top_mm
-        regions = {z: region_at(state, z / scale) for _, z in bench.fingers}
+        self._state = state
+        self._regions = {z: region_at(state, z / scale) for _, z in bench.fingers}
         self._fingers = tuple(
-            name for name, z in bench.fingers if not regions[z].is_empty or not state.known_at(z / scale)
+            name
+            for name, z in bench.fingers
+            if not self._regions[z].is_empty or not state.known_at(z / scale)
         )
-        self._met = shapely.union_all(list(regions.values()))
+        self._met = shapely.union_all(list(self._regions.values()))
         self._across_mm = 2 * scale * float(shapely.minimum_bounding_radius(self._met))
 
     @property
     def is_usable(self) -> bool:
-        return self.trouble in (None, Trouble.SOME_FINGERS)
+        return self.trouble in (None, Trouble.SOME_FINGERS, Trouble.JUTS_OUT)
 
     @cached_property
     def trouble(self) -> Trouble | None:
@@ -113,7 +119,9 @@ class _Lying:
             return Trouble.OVERSIZED if self._holds_disc(self._bench.across) else Trouble.STICKS_OUT
         if not self._met.is_empty and self._across_mm < self._bench.unsure:
             return Trouble.TINY
-        return Trouble.SOME_FINGERS if len(self._fingers) < len(self._bench.fingers) else None
+        if len(self._fingers) < len(self._bench.fingers):
+            return Trouble.SOME_FINGERS
+        return Trouble.JUTS_OUT if any(self._juts_out(z) for z in self._regions) else None
 
     @property
     def size_mm(self) -> float:
@@ -122,6 +130,17 @@ class _Lying:
     @property
     def fingers(self) -> tuple[str, ...]:
         return self._fingers
+
+    def _juts_out(self, z_mm: float) -> bool:
+        """Whether a section near a height sticks out of the one there by more than contacts may be off."""
+        low, high = ((z_mm + reach) / self._scale for reach in (-TIP_REACHES_MM, TIP_REACHES_MM))
+        near = [part for part in self._state.sections if part.z_mm[0] < high and part.z_mm[1] > low]
+        here, allowed = self._regions[z_mm], self._bench.unsure / 2 / self._scale
+        if here.is_empty or near == list(self._state.sections_at(z_mm / self._scale)):
+            return False
+        heights = {min(max(z_mm / self._scale, part.z_mm[0]), part.z_mm[1]) for part in near}
+        around = here.buffer(allowed)
+        return any(not around.contains(region_at(self._state, z)) for z in heights)
 
     def _holds_disc(self, across_mm: float) -> bool:
         return not self._met.buffer(-across_mm / 2 / self._scale).is_empty

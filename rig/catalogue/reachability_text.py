@@ -7,7 +7,14 @@ from palpate.config import RigFile
 from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, heights_in_words
-from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
+from palpate.rig.catalogue.reachability import (
+    HOPELESS,
+    OF_SECTION,
+    TIP_REACHES_MM,
+    Finding,
+    Trouble,
+    findings_of,
+)
 
 __all__ = ["finding_lines", "untouched_lines", "workspace_words"]
 
@@ -75,12 +82,9 @@ def _names(group: Sequence[Finding]) -> str:
 
 
 def _reason(rig: RigFile, finding: Finding) -> str:
-    heights = heights_in_words(at_heights(rig))
     match finding.trouble:
-        case Trouble.MISSED:
-            return f"nothing at the height of any finger, {heights}"
-        case Trouble.SOME_FINGERS:
-            return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
+        case Trouble.MISSED | Trouble.SOME_FINGERS | Trouble.JUTS_OUT:
+            return _heights_reason(finding, heights_in_words(at_heights(rig)))
         case Trouble.LINKS:
             return "too high for the arms' links to pass above (links_height_mm)"
         case Trouble.OVERSIZED:
@@ -90,3 +94,15 @@ def _reason(rig: RigFile, finding: Finding) -> str:
         case Trouble.TINY:
             off_mm = 2 * (contact_bound_mm(rig) or 0.0)
             return f"smaller than {off_mm:.2g} mm, by which two touches may be off"
+
+
+def _heights_reason(finding: Finding, heights: str) -> str:
+    """Of a trouble with the heights of fingers."""
+    if finding.trouble is Trouble.MISSED:
+        return f"nothing at the height of any finger, {heights}"
+    if finding.trouble is Trouble.SOME_FINGERS:
+        return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
+    return (
+        f"juts out within {TIP_REACHES_MM:g} mm above or below a finger's height ({heights}); "
+        "tips are taken to touch at that height only, so bounds hold for tips that are thin there"
+    )
