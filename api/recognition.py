@@ -10,7 +10,7 @@ from palpate.api.answers import Plan, RecognitionAnswer
 from palpate.api.arguments import checked
 from palpate.api.files import PathLike, load_contacts, objects_from
 from palpate.config import ContactsFile, ObjectsFile, RigFile
-from palpate.errors import InputError
+from palpate.errors import InputError, counted
 from palpate.recognizer import Budget, Contact, Finger
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.catalogue.preparation import prepared_catalogue
@@ -23,6 +23,8 @@ __all__ = ["Contacts", "plan", "recognise", "strategy_named"]
 
 Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
 """Contacts of each grip, misses included: from a file or made in Python."""
+
+_MANY = 10_000  # interpretations that take noticeably long
 
 
 @checked
@@ -38,7 +40,8 @@ def recognise(
 
     `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's.
     `budget`: units of work; with fewer there are more hypotheses, with wider bounds. `progress` is told of
-    the preparation of a large catalogue. Raises InputError for files that are wrong, and for objects that are
+    the preparation of a large catalogue, and of many ways to understand the contacts before the hypotheses
+    are worked out. Raises InputError for files that are wrong, and for objects that are
     not known at the contacts' heights.
     """
     models, given = objects_from(objects), _contacts(contacts)
@@ -46,6 +49,11 @@ def recognise(
     catalogue = prepared_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
+    count = len(recognition.constraints.nodes)
+    if count > _MANY:
+        states = counted(len(recognition.possible_states), "state", "states")
+        progress(f"{states} left in {count} interpretations; working out hypotheses")
+    _ = recognition.hypotheses
     seconds = time.perf_counter() - begin
     title = f"{_name(contacts, 'contacts')} in {_name(objects, 'objects')}"
     return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)

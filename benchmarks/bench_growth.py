@@ -144,7 +144,7 @@ def measured(at: float, setting: Setting, grips: int, patience_s: float) -> Row:
             scenes.append(contacts)
     begin = time.process_time()
     catalogue = Catalogue(models)
-    recognise(catalogue, scenes[0], setting.spurious)
+    _ = recognise(catalogue, scenes[0], setting.spurious).hypotheses
     first = time.process_time() - begin
     seconds, left = [], []
     for contacts in scenes:
@@ -152,8 +152,8 @@ def measured(at: float, setting: Setting, grips: int, patience_s: float) -> Row:
             break
         before = time.process_time()
         found = recognise(catalogue, contacts, setting.spurious)
-        seconds.append(time.process_time() - before)
         left.append(len(found.hypotheses))
+        seconds.append(time.process_time() - before)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     prepared = max(0.0, first - seconds[0])
     return Row(at, statistics.median(seconds), max(seconds), statistics.median(left), prepared, memory)

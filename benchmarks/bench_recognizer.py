@@ -52,7 +52,7 @@ def stage_shares(catalogue: Catalogue, grips: Sequence[list[Contact]]) -> str:
     profile = cProfile.Profile()
     profile.enable()
     for contacts in grips:
-        recognise(catalogue, contacts)
+        _ = recognise(catalogue, contacts).hypotheses
     profile.disable()
     spent = {name: 0.0 for names in STAGES.values() for name in (*names, "recognise")}
     for (_, _, name), (_, _, _, cumulative, _) in pstats.Stats(profile).stats.items():
@@ -80,12 +80,12 @@ def main() -> None:
             half_range = None if degrees is None else math.radians(degrees)
             seconds, left, verified, kept = [], [], [], 0
             chosen = scenes(path, fingers, half_range, count)
-            recognise(catalogue, chosen[0][1])  # grown outlines and distance ranges are made on first use
+            _ = recognise(catalogue, chosen[0][1]).hypotheses  # outlines and boundaries are made on first use
             for placed, contacts in chosen:
                 begin = time.perf_counter()
                 found = recognise(catalogue, contacts)
-                seconds.append(time.perf_counter() - begin)
                 left.append(len(found.hypotheses))
+                seconds.append(time.perf_counter() - begin)
                 verified += [item.verified for item in found.hypotheses]
                 kept += holding_truth(found, placed) is not None
             normals = "unknown" if degrees is None else f"±{degrees}°"
@@ -139,14 +139,14 @@ def growth_with_the_catalogue(count: int) -> None:
             felt = point_grip(place(models[int(rng.integers(size))], rng), rng)
             if all(contact.touched for contact in felt):
                 chosen.append(felt)
-        recognise(catalogue, chosen[0])
+        _ = recognise(catalogue, chosen[0]).hypotheses
         prepared = time.perf_counter() - begin
         seconds, left = [], []
         for felt in chosen:
             begin = time.perf_counter()
             found = recognise(catalogue, felt)
-            seconds.append(time.perf_counter() - begin)
             left.append(len(found.hypotheses))
+            seconds.append(time.perf_counter() - begin)
         median = float(np.median(seconds))
         ratio = f"{median / before:>5.2f}" if before else "     "
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -165,11 +165,11 @@ def growth_with_the_contacts(count: int) -> None:
     before = 0.0
     for fingers in (3, 6, 12):
         chosen = scenes(SHIPPED_OBJECTS, fingers, NARROW, count)
-        recognise(catalogue, chosen[0][1])
+        _ = recognise(catalogue, chosen[0][1]).hypotheses
         seconds = []
         for _, contacts in chosen:
             begin = time.perf_counter()
-            recognise(catalogue, contacts)
+            _ = recognise(catalogue, contacts).hypotheses
             seconds.append(time.perf_counter() - begin)
         median = float(np.median(seconds))
         ratio = f"{median / before:>5.2f}" if before else ""

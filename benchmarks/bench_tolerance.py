@@ -77,12 +77,12 @@ def row(name: str, tolerance: float, normal_deg: float | None, fingers: int, gri
         begin = time.process_time()
         try:
             found = recognise(catalogue, contacts)
+            left.append(len(found.hypotheses))
         except InputError:
             refused += 1
             continue
         finally:
             seconds.append(time.process_time() - begin)
-        left.append(len(found.hypotheses))
         wide.append(np.mean((found.hypotheses.hi - found.hypotheses.lo)[:, :2]))
         kept += holding_truth(found, placed) is not None
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

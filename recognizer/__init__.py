@@ -18,7 +18,7 @@ from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.push_limits import PushLimits
 from palpate.recognizer.rays import Approach
-from palpate.recognizer.recognition import Recognition, recognise
+from palpate.recognizer.recognition import PossibleState, Recognition, recognise
 from palpate.recognizer.strangers import StrangerEvidence, stranger_terms
 from palpate.recognizer.strategy import already_used, next_grip
 
@@ -39,6 +39,7 @@ __all__ = [
     "Hypothesis",
     "Motion",
     "NormalRange",
+    "PossibleState",
     "Prediction",
     "Predictions",
     "PushLimits",

@@ -47,17 +47,18 @@ def second_level_children(
     sets: tuple[EdgeSet, EdgeSet],
     contacts: Sequence[Contact],
     normals: tuple[NormalRange, NormalRange],
-    most: int,
+    most: int | None,
     *,
     modelled: bool,
 ) -> Children:
     """Pairings of the second contact under each representative edge of the first, its `parent`.
 
     Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most` are to
-    be looked at.
+    be looked at; None: there cannot be too many.
     """
+    limit = -1 if most is None else most
     one, two = (_tip(contact, of) for contact, of in zip(contacts, normals, strict=True))
-    return Children(kernel.second_level(sets[0].prepared, sets[1].prepared, one, two, most, modelled))
+    return Children(kernel.second_level(sets[0].prepared, sets[1].prepared, one, two, limit, modelled))
 
 
 def third_level_children(

@@ -2,11 +2,13 @@
 
     contacts → interpretation tree (levels 1–3, null branches) → cells → free-path evidence → hypotheses
 
-Further contacts extend the surviving interpretations; nothing is started again. Pure computation.
+Further contacts extend the surviving interpretations; nothing is started again. The tree is grown at once,
+the rest when it is asked for. Pure computation.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +18,7 @@ from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.extension import contact_in_object, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
 from palpate.recognizer.motion import Motion, carried_by
@@ -30,13 +33,21 @@ from palpate.recognizer.null_branch import (
 )
 from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
-from palpate.recognizer.witness_search import connected_regions, find_witnesses
+from palpate.recognizer.witness_search import Regions, connected_regions, find_witnesses
 from palpate.vocabulary import RecognitionVerdict
 from palpate.vocabulary.short_repr import ShortRepr
 
-__all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
+__all__ = ["PossibleState", "Recognition", "anchor_of", "intervals_of", "recognise"]
 
 _FINE_CELLS, _MOST_FINE = 24, 8
+
+
+@dataclass(frozen=True)
+class PossibleState:
+    """A state that pairings of contacts with edges leave, in so many `interpretations`."""
+
+    state: CatalogueState
+    interpretations: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,18 +57,64 @@ class Recognition(ShortRepr):
     At most `max_spurious` of the touched contacts are taken as spurious in any interpretation. `unpaired`:
     indices of touched contacts that are paired with no edges, because that would only have multiplied
     interpretations or spent the `budget`; every configuration has to satisfy them all the same.
+
+    Hypotheses are worked out when they, or the verdict, are first asked for; `possible_states` needs no more
+    than the `constraints`, whose interpretations the tree has left.
     """
 
-    catalogue: Catalogue
+    constraints: Constraints
     contacts: tuple[Contact, ...]
-    interpretations: Interpretations
-    cells: Cells
-    anchor_mm: Floats
-    hypotheses: Hypotheses
     levels: tuple[LevelCount, ...]
     max_spurious: int = 0
     unpaired: frozenset[int] = frozenset()
     budget: Budget = STANDARD_BUDGET
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """What was searched."""
+        return self.constraints.catalogue
+
+    @property
+    def anchor_mm(self) -> Floats:
+        """Point (2,) in W from which positions of cells are counted."""
+        return self.constraints.anchor_mm
+
+    @cached_property
+    def possible_states(self) -> tuple[PossibleState, ...]:
+        """States that may be the one that was touched, those with the most interpretations first.
+
+        None that has a hypothesis is left out; free paths and the exact check may yet rule some out.
+        """
+        state, count = np.unique(self.constraints.nodes.state, return_counts=True)
+        order = np.argsort(-count, kind="stable")
+        states = self.catalogue.states
+        return tuple(PossibleState(states[state[k]], int(count[k])) for k in order.tolist())
+
+    @cached_property
+    def _regions(self) -> Regions:
+        constraints = self.constraints
+        found = find_witnesses(constraints, intervals_of(constraints.nodes, self.budget))
+        return connected_regions(constraints, found)
+
+    @cached_property
+    def hypotheses(self) -> Hypotheses:
+        """What may have been touched, and where; their bounds are worked out when they are read."""
+        return hypotheses_of(self.constraints, self._regions)
+
+    @cached_property
+    def _left(self) -> tuple[Interpretations, Cells]:
+        cells = self._regions.unturned
+        return split_into_runs(self.constraints.nodes, cells.select(np.lexsort((cells.lo, cells.node))))
+
+    @property
+    def interpretations(self) -> Interpretations:
+        """Those that have cells left, narrowed to them."""
+        return self._left[0]
+
+    @property
+    def cells(self) -> Cells:
+        """Cells of the `interpretations`, in their order."""
+        return self._left[1]
 
     @property
     def unpaired_contacts(self) -> tuple[Contact, ...]:
@@ -67,7 +124,7 @@ class Recognition(ShortRepr):
     @property
     def has_coarse_cells(self) -> bool:
         """Whether cells, and so bounds, are wider than they would be with a larger budget."""
-        return _step_rad(self.hypotheses.constraints.nodes, self.budget) > COARSE_RAD
+        return _step_rad(self.constraints.nodes, self.budget) > COARSE_RAD
 
     @property
     def verdict(self) -> RecognitionVerdict:
@@ -209,25 +266,10 @@ def _search(
     known: _Known,
     new: Sequence[Contact],
 ) -> Recognition:
-    """Pair every new contact in turn; then cells, evidence and hypotheses of what is left."""
+    """Pair every new contact in turn; hypotheses of what is left are worked out later."""
     for contact in new:
         known = known.with_contact(contact, catalogue, anchor_mm, max_spurious, budget)
     nodes = join_branches(known.branches, len(known.paired))
     evidence = known.evidence(max_spurious)
     constraints = Constraints(catalogue, nodes, known.paired, evidence, anchor_mm, budget)
-    regions = connected_regions(constraints, find_witnesses(constraints, intervals_of(nodes, budget)))
-    hypotheses = hypotheses_of(constraints, regions)
-    cells = regions.unturned
-    left, cells = split_into_runs(nodes, cells.select(np.lexsort((cells.lo, cells.node))))
-    return Recognition(
-        catalogue,
-        known.contacts,
-        left,
-        cells,
-        anchor_mm,
-        hypotheses,
-        known.levels,
-        max_spurious,
-        known.unpaired,
-        budget,
-    )
+    return Recognition(constraints, known.contacts, known.levels, max_spurious, known.unpaired, budget)

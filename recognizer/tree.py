@@ -126,7 +126,7 @@ def second_level(
             (first, second),
             contacts,
             (normals_1, normals_2),
-            budget.pairs,
+            budget.pairs if candidates > budget.pairs else None,
             modelled=not pocketed,
         )
         pair = np.column_stack([found.parent, found.edge])

@@ -118,24 +118,46 @@ static int64_t lower_bound(const double *values, int64_t from, int64_t to, doubl
     return from;
 }
 
-runs by_normal(const edge_set *edges, int64_t state, double lo, double width)
+/* The same, begun at a guess: few steps where the answer is near it. */
+static int64_t lower_bound_near(const double *values, int64_t from, int64_t to, double value, int64_t guess)
 {
+    int64_t stride = 1;
+    if (guess < from || guess > to)
+        return lower_bound(values, from, to, value);
+    if (guess < to && values[guess] < value) {
+        for (from = guess + 1; from + stride < to && values[from + stride] < value; stride *= 2)
+            from += stride + 1;
+        return lower_bound(values, from, from + stride < to ? from + stride : to, value);
+    }
+    for (to = guess; to - stride >= from && values[to - stride] >= value; stride *= 2)
+        to -= stride;
+    return lower_bound(values, to - stride > from ? to - stride : from, to, value);
+}
+
+static int64_t upper_bound_near(const double *values, int64_t from, int64_t to, double value, int64_t guess)
+{
+    int64_t at = lower_bound_near(values, from, to, value, guess);
+    while (at < to && values[at] <= value)
+        at++;
+    return at;
+}
+
+runs by_normal(const edge_set *edges, int64_t state, double lo, double width, const runs *guess)
+{
+    static const runs none = {{-1, -1}, {-1, -1}, 0};
     int64_t begin = edges->first[state], end = edges->first[state + 1];
-    runs found = {{begin, end}, {end, end}, 1};
+    runs found = {{begin, begin}, {end, begin}, 1};
+    if (!guess)
+        guess = &none;
     if (width >= TURN)
         return found;
     double from = modulo_turn(lo) - 1e-12, to = from + width + 2e-12;
-    found.from[0] = lower_bound(edges->normal_rad, begin, end, from);
-    found.to[0] = lower_bound(edges->normal_rad, found.from[0], end, to);
-    while (found.to[0] < end && edges->normal_rad[found.to[0]] <= to)
-        found.to[0]++;
+    found.from[0] = lower_bound_near(edges->normal_rad, begin, end, from, guess->from[0]);
+    found.to[0] = upper_bound_near(edges->normal_rad, found.from[0], end, to, guess->to[0]);
     double around = to - TURN;
     if (around >= 0) {
         found.count = 2;
-        found.from[1] = begin;
-        found.to[1] = lower_bound(edges->normal_rad, begin, end, around);
-        while (found.to[1] < end && edges->normal_rad[found.to[1]] <= around)
-            found.to[1]++;
+        found.to[1] = upper_bound_near(edges->normal_rad, begin, end, around, guess->to[1]);
         if (found.to[1] > found.from[0])
             found.to[1] = found.from[0];
     }
@@ -184,18 +206,46 @@ static void clip_to_sinusoid(interval at, double crest, double least, double mos
         *first = *last = INFINITY;
         return;
     }
-    double nearest = acos(clipped(most, -1.0, 1.0)) - ROUNDING_RAD;
-    double furthest = acos(clipped(least, -1.0, 1.0)) + ROUNDING_RAD;
+    double nearest = (most >= 1.0 ? 0.0 : acos(most)) - ROUNDING_RAD;
+    double furthest = (least <= -1.0 ? PI : acos(least)) + ROUNDING_RAD;
     *first = larger(*first, advance_to_allowed(at.lo - crest, nearest, furthest));
     *last = larger(*last, advance_to_allowed(crest - at.hi, nearest, furthest));
 }
 
+/* A sinusoid a cos θ + b sin θ at the ends of an interval of less than half a turn: values, slopes, and the height. */
+typedef struct {
+    double lo, hi, slope_lo, slope_hi, height;
+} sinusoid;
+
+enum verdict { EXCLUDED, UNDECIDED, ALLOWED };
+
+/* Whether it is within [least, most] on the whole interval, or nowhere, by more than a billionth of its height: then
+   `clip_to_sinusoid` says the same, and its arc cosines need not be taken. */
+static enum verdict range_verdict(const sinusoid *of, double least, double most)
+{
+    double scale = larger(of->height, 1e-9), margin = 1e-9 * scale;
+    int crest = of->slope_lo >= -margin && of->slope_hi <= margin;
+    int trough = of->slope_lo <= margin && of->slope_hi >= -margin;
+    double up = crest ? scale : larger(of->lo, of->hi), down = trough ? -scale : smaller(of->lo, of->hi);
+    if (up < least - margin || down > most + margin)
+        return EXCLUDED;
+    return down > least + margin && up < most - margin ? ALLOWED : UNDECIDED;
+}
+
+static const interval nothing = {INFINITY, -INFINITY};
+
+chord chord_of(const tip *a, const tip *b)
+{
+    double x = b->x - a->x, y = b->y - a->y;
+    chord found = {sqrt(x * x + y * y), atan2(y, x)};
+    return found;
+}
+
 interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *second, int64_t edge_b, const tip *a,
-                      const tip *b, interval at)
+                      const tip *b, const chord *from_a, interval at)
 {
     if (edge_a < 0 || edge_b < 0)
         return at;
-    double x = b->x - a->x, y = b->y - a->y, chord = sqrt(x * x + y * y), bearing = atan2(y, x);
     const double *na = first->normal + 2 * edge_a, *nb = second->normal + 2 * edge_b;
     double gap_x = second->middle_x[edge_b] - first->middle_x[edge_a];
     double gap_y = second->middle_y[edge_b] - first->middle_y[edge_a];
@@ -214,11 +264,30 @@ interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *sec
         nb[0] * gap_x + nb[1] * gap_y,
         nb[0] * gap_y - nb[1] * gap_x,
     };
+    /* Seen from the chord between the contacts, at the ends of the interval. */
+    const double lo = at.lo - from_a->bearing, hi = at.hi - from_a->bearing, height = from_a->length;
+    double c[2], s[2];
+    near_cosine_sine(lo, &c[0], &s[0]);
+    near_cosine_sine(hi, &c[1], &s[1]);
+    for (int k = 0; k < 2; k++) {
+        c[k] *= height;
+        s[k] *= height;
+    }
+    const int narrow = at.hi - at.lo < 3.0;
     double inner = 0.0, outer = 0.0;
     for (int k = 0; k < 4; k++) {
-        double turned = bearing - (k < 2 ? first->normal_rad[edge_a] : second->normal_rad[edge_b]);
-        clip_to_sinusoid(at, k % 2 ? turned - PI / 2 : turned, middle[k] - half[k] - ROUNDING_MM,
-                         middle[k] + half[k] + ROUNDING_MM, chord, &inner, &outer);
+        const double least = middle[k] - half[k] - ROUNDING_MM, most = middle[k] + half[k] + ROUNDING_MM;
+        const double *n = k < 2 ? na : nb;
+        const sinusoid normal = {c[0] * n[0] - s[0] * n[1], c[1] * n[0] - s[1] * n[1], -s[0] * n[0] - c[0] * n[1],
+                                 -s[1] * n[0] - c[1] * n[1], height};
+        const sinusoid along = {normal.slope_lo, normal.slope_hi, -normal.lo, -normal.hi, height};
+        enum verdict found = narrow ? range_verdict(k % 2 ? &along : &normal, least, most) : UNDECIDED;
+        if (found == EXCLUDED)
+            return nothing;
+        if (found == ALLOWED)
+            continue;
+        double turned = from_a->bearing - (k < 2 ? first->normal_rad[edge_a] : second->normal_rad[edge_b]);
+        clip_to_sinusoid(at, k % 2 ? turned - PI / 2 : turned, least, most, height, &inner, &outer);
     }
     interval left = {at.lo + inner, at.hi - outer};
     return left;
@@ -253,6 +322,10 @@ interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], co
         for (int which = 0; which < 2; which++)
             axes[k][which] = axis_of(sets[k], edge[k], tips[k], which);
     }
+    double cos_lo, sin_lo, cos_hi, sin_hi;
+    near_cosine_sine(at.lo, &cos_lo, &sin_lo);
+    near_cosine_sine(at.hi, &cos_hi, &sin_hi);
+    const int narrow = at.hi - at.lo < 3.0;
     double inner = 0.0, outer = 0.0;
     for (int choice = 0; choice < 8 && inner < INFINITY; choice++) {
         const axis *side[3] = {&axes[0][choice >> 2], &axes[1][choice >> 1 & 1], &axes[2][choice & 1]};
@@ -266,7 +339,16 @@ interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], co
             least -= up * side[k]->upper + down * side[k]->lower;
             most += up * side[k]->lower + down * side[k]->upper;
         }
-        clip_to_sinusoid(at, atan2(b, a), least - ROUNDING_MM, most + ROUNDING_MM, sqrt(a * a + b * b), &inner, &outer);
+        least -= ROUNDING_MM;
+        most += ROUNDING_MM;
+        const double height = sqrt(a * a + b * b);
+        const sinusoid of = {a * cos_lo + b * sin_lo, a * cos_hi + b * sin_hi, b * cos_lo - a * sin_lo,
+                             b * cos_hi - a * sin_hi, height};
+        enum verdict found = narrow ? range_verdict(&of, least, most) : UNDECIDED;
+        if (found == EXCLUDED)
+            return nothing;
+        if (found == UNDECIDED)
+            clip_to_sinusoid(at, atan2(b, a), least, most, height, &inner, &outer);
     }
     interval left = {at.lo + inner, at.hi - outer};
     return left;

@@ -33,7 +33,8 @@ typedef struct {
     int count;
 } runs;
 
-runs by_normal(const edge_set *edges, int64_t state, double lo, double width);
+/* `guess`: the answer to a question like this one, or NULL: where to begin to look. */
+runs by_normal(const edge_set *edges, int64_t state, double lo, double width, const runs *guess);
 
 typedef struct {
     double lo, hi;
@@ -53,9 +54,16 @@ typedef struct {
 /* A tuple of (x, y, bound). */
 int take_tips(PyObject *tuple, tip *tips);
 
+/* Where contact b is from contact a. */
+typedef struct {
+    double length, bearing;
+} chord;
+
+chord chord_of(const tip *a, const tip *b);
+
 /* Hulls of the orientations at which two, or three, contacts fit their edges. */
 interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *second, int64_t edge_b, const tip *a,
-                      const tip *b, interval at);
+                      const tip *b, const chord *from_a, interval at);
 interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], const tip *const tips[3], interval at);
 
 #endif

@@ -61,4 +61,47 @@ static inline double smaller(double a, double b) { return a < b ? a : b; }
 static inline double larger(double a, double b) { return a > b ? a : b; }
 static inline double clipped(double x, double lo, double hi) { return smaller(larger(x, lo), hi); }
 
+/* Cosine and sine to 1e-12, for angles of a few turns: for what is tested with more room than that. */
+static inline void near_cosine_sine(double angle, double *cosine, double *sine)
+{
+    const double quarters = rint(angle * (2 / PI)), x = angle - quarters * (PI / 2), q = x * x;
+    const int turned = (int)quarters & 3;
+    double s = 1.0 / 6227020800, c = 1.0 / 479001600;
+    s = 1.0 / 362880 + q * (-1.0 / 39916800 + q * s);
+    s = x * (1 + q * (-1.0 / 6 + q * (1.0 / 120 + q * (-1.0 / 5040 + q * s))));
+    c = 1.0 / 40320 + q * (-1.0 / 3628800 + q * c);
+    c = 1 + q * (-1.0 / 2 + q * (1.0 / 24 + q * (-1.0 / 720 + q * c)));
+    const double one = turned & 1 ? s : c, two = turned & 1 ? c : s;
+    *cosine = turned == 1 || turned == 2 ? -one : one;
+    *sine = turned & 2 ? -two : two;
+}
+
+/* Before a function with long loops that gain from wider vectors than every processor has: made for both, chosen as
+   the module is loaded. No operation is another one for it, so results are the same. Where loops are short, going to
+   and fro between the two kinds of code costs more than it saves. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__) && defined(__GLIBC__)
+#define VECTORISED __attribute__((target_clones("avx2", "default")))
+#else
+#define VECTORISED
+#endif
+
+/* Which of `size` flags are set, in order; how many. Mostly few are. */
+static inline int indices_of(const unsigned char *flags, int size, int32_t *found)
+{
+    int count = 0, k = 0;
+    for (; k + 8 <= size; k += 8) {
+        uint64_t eight;
+        memcpy(&eight, flags + k, sizeof eight);
+        for (int j = k; eight && j < k + 8; j++) {
+            found[count] = j;
+            count += flags[j];
+        }
+    }
+    for (; k < size; k++) {
+        found[count] = k;
+        count += flags[k];
+    }
+    return count;
+}
+
 #endif

@@ -19,6 +19,7 @@ typedef struct {
 typedef struct {
     double enter, leave;
     int crossing;
+    int64_t edge;
 } capsule;
 
 typedef struct {
@@ -38,10 +39,20 @@ static void slab(double at, double speed, double lo, double hi, double *enter, d
     *leave = larger(one, two);
 }
 
+/* Whether the ray crosses an edge's line between its ends. Neighbours share their corner's numbers, so a ray through a
+   corner crosses both of them or neither. */
+static int is_crossed(const edge_set *edges, int64_t edge, const ray *path)
+{
+    const double *start = edges->start + 2 * edge, *end = edges->end + 2 * edge;
+    double begins = path->u * (start[1] - path->y) - path->v * (start[0] - path->x);
+    double ends = path->u * (end[1] - path->y) - path->v * (end[0] - path->x);
+    return (begins > 0) != (ends > 0);
+}
+
 /* Where the ray's line is within ρ of an edge: one interval, as a capsule is convex. */
 static capsule capsule_of(const edge_set *edges, int64_t edge, const ray *path)
 {
-    const double *start = edges->start + 2 * edge, *end = edges->end + 2 * edge, *d = edges->direction + 2 * edge;
+    const double *start = edges->start + 2 * edge, *d = edges->direction + 2 * edge;
     double length = edges->length[edge], radius = path->rho;
     double x = path->x - start[0], y = path->y - start[1];
     double along = x * d[0] + y * d[1], across = d[0] * y - d[1] * x;
@@ -49,7 +60,7 @@ static capsule capsule_of(const edge_set *edges, int64_t edge, const ray *path)
     double enter_1, leave_1, enter_2, leave_2;
     slab(along, head_along, 0.0, length, &enter_1, &leave_1);
     slab(across, head_across, -radius, radius, &enter_2, &leave_2);
-    capsule found = {larger(enter_1, enter_2), smaller(leave_1, leave_2), 0};
+    capsule found = {larger(enter_1, enter_2), smaller(leave_1, leave_2), 0, edge};
     if (found.enter > found.leave) {
         found.enter = INFINITY;
         found.leave = -INFINITY;
@@ -64,10 +75,7 @@ static capsule capsule_of(const edge_set *edges, int64_t edge, const ray *path)
             found.leave = larger(found.leave, middle + half);
         }
     }
-    double begins = path->u * (start[1] - path->y) - path->v * (start[0] - path->x);
-    double ends = path->u * (end[1] - path->y) - path->v * (end[0] - path->x);
-    /* Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither. */
-    found.crossing = (begins > 0) != (ends > 0);
+    found.crossing = is_crossed(edges, edge, path);
     return found;
 }
 
@@ -92,21 +100,22 @@ static void sort_by_enter(capsule *near, int count)
     }
 }
 
-/* Edges of [from, to) that may come within ρ of the ray's line: a loop without branches, which compilers vectorise. */
-static int beside_line(const edge_set *edges, int64_t from, int64_t to, const ray *path, int32_t *near)
+/* Edges of [from, to) that may come within ρ of the ray's line before `travel`: a loop without branches, which
+   compilers vectorise. */
+VECTORISED static int beside_line(const edge_set *edges, int64_t from, int64_t to, const ray *path, double travel,
+                                  int32_t *near)
 {
     unsigned char is_near[BLOCK];
     const double *restrict x = edges->centre_x + from, *restrict y = edges->centre_y + from;
     const double *restrict length = edges->length + from;
     const double u = path->u, v = path->v, offset = path->y * u - path->x * v, reach = path->rho + 1e-9;
-    int size = (int)(to - from), count = 0;
-    for (int k = 0; k < size; k++)
-        is_near[k] = fabs(y[k] * u - x[k] * v - offset) <= length[k] / 2 + reach;
+    const double end = path->x * u + path->y * v + travel;
+    const int size = (int)(to - from);
     for (int k = 0; k < size; k++) {
-        near[count] = k;
-        count += is_near[k];
+        double wide = length[k] / 2 + reach;
+        is_near[k] = (fabs(y[k] * u - x[k] * v - offset) <= wide) & (x[k] * u + y[k] * v - end <= wide);
     }
-    return count;
+    return indices_of(is_near, size, near);
 }
 
 /* No stop comes before `earliest`; the ray cannot pass `latest`, where it is first inside of the outline and in no
@@ -118,7 +127,7 @@ static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsu
     for (int64_t from = edges->first[state]; from < edges->first[state + 1]; from += BLOCK) {
         int64_t to = from + BLOCK < edges->first[state + 1] ? from + BLOCK : edges->first[state + 1];
         int32_t near[BLOCK];
-        int some = beside_line(edges, from, to, path, near);
+        int some = beside_line(edges, from, to, path, INFINITY, near);
         for (int k = 0; k < some; k++) {
             capsule one = capsule_of(edges, from + near[k], path);
             if (one.enter == INFINITY)
@@ -139,6 +148,47 @@ static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsu
             found.latest = smaller(found.latest, larger(covered, 0.0));
     }
     return found;
+}
+
+/* Whether the latest stop, as `stop_of` has it, is not before `travel`. A place where it is first inside of the outline
+   comes after it has crossed an edge and left that edge's capsule: mostly a look at the edges crossed is enough. */
+static int may_travel(const edge_set *edges, int64_t state, const ray *path, double travel, capsule *room)
+{
+    int32_t near[BLOCK];
+    capsule first = {INFINITY, INFINITY, 1, 0};
+    int count = 0, inside = 0;
+    /* What is met after the end of the travel opens no place before it. */
+    for (int64_t from = edges->first[state]; from < edges->first[state + 1]; from += BLOCK) {
+        int64_t to = from + BLOCK < edges->first[state + 1] ? from + BLOCK : edges->first[state + 1];
+        int some = beside_line(edges, from, to, path, travel, near);
+        for (int k = 0; k < some; k++) {
+            room[count].edge = from + near[k];
+            room[count].crossing = is_crossed(edges, from + near[k], path);
+            if (room[count++].crossing) {
+                capsule one = capsule_of(edges, from + near[k], path);
+                if (one.enter < first.enter)
+                    first = one;
+            }
+        }
+    }
+    if (first.leave >= travel)
+        return 1;
+    int left = 0;
+    for (int k = 0; k < count; k++) {
+        capsule one = capsule_of(edges, room[k].edge, path);
+        if (one.enter < travel)
+            room[left++] = one;
+    }
+    sort_by_enter(room, left);
+    double covered = -INFINITY;
+    for (int k = 0; k < left && covered < travel; k++) {
+        double following = k + 1 < left ? room[k + 1].enter : INFINITY;
+        covered = larger(covered, room[k].leave);
+        inside ^= room[k].crossing;
+        if (inside && following > covered && following > 0 && larger(covered, 0.0) < travel)
+            return 0;
+    }
+    return 1;
 }
 
 typedef struct {
@@ -239,6 +289,13 @@ static stop stop_in(const sweeping *job, Py_ssize_t cell, Py_ssize_t path, const
     return stop_of(job->sets[path], state, &way, job->room);
 }
 
+static int is_free(const sweeping *job, Py_ssize_t cell, Py_ssize_t path, const body *part)
+{
+    int64_t state = job->state[cell];
+    ray way = ray_of(job->sets[path], state, part, &job->path[path]);
+    return may_travel(job->sets[path], state, &way, job->path[path].travel, job->room);
+}
+
 static body body_in(const sweeping *job, Py_ssize_t cell)
 {
     return body_of(job->lo[cell], job->hi[cell], job->polygon + 2 * job->vertices * cell, job->vertices);
@@ -291,7 +348,7 @@ PyObject *free_paths(PyObject *self, PyObject *arguments)
         body part = body_in(&job, cell);
         char free_of_all = 1;
         for (Py_ssize_t path = 0; path < job.paths && free_of_all; path++)
-            free_of_all = is_skipped(&job, cell, path) || stop_in(&job, cell, path, &part).latest >= job.path[path].travel;
+            free_of_all = is_skipped(&job, cell, path) || is_free(&job, cell, path, &part);
         PyByteArray_AS_STRING(found)[cell] = free_of_all;
     }
     end_sweeping(&all, &job);

@@ -24,21 +24,24 @@ typedef struct {
     double x, y, least, most;
 } ring;
 
-static int within_rings(const edge_set *edges, int64_t from, int64_t to, const ring *rings, int count, int32_t *found)
+/* Which of `size` edges from `from` on are in the first ring. */
+static int within_disc(const edge_set *edges, int64_t from, int size, const ring *disc, int32_t *found)
 {
     unsigned char fits[BLOCK];
     const double *restrict mx = edges->middle_x + from, *restrict my = edges->middle_y + from;
     const double *restrict wide = edges->half_diagonal + from;
-    const double x = rings[0].x, y = rings[0].y, most = rings[0].most;
-    int size = (int)(to - from), left = 0, kept = 0;
-    for (int j = 0; j < size; j++) { /* the first is a disc, and leaves few */
+    const double x = disc->x, y = disc->y, most = disc->most;
+    for (int j = 0; j < size; j++) {
         double dx = mx[j] - x, dy = my[j] - y, outer = most + wide[j];
         fits[j] = dx * dx + dy * dy <= outer * outer;
     }
-    for (int j = 0; j < size; j++) {
-        found[left] = j;
-        left += fits[j];
-    }
+    return indices_of(fits, size, found);
+}
+
+static int within_rings(const edge_set *edges, int64_t from, int64_t to, const ring *rings, int count, int32_t *found)
+{
+    const double *mx = edges->middle_x + from, *my = edges->middle_y + from, *wide = edges->half_diagonal + from;
+    int left = within_disc(edges, from, (int)(to - from), rings, found), kept = 0; /* the disc leaves few */
     for (int i = 0; i < left; i++) {
         int j = found[i], within = 1;
         for (int k = 1; k < count && within; k++) {
@@ -100,7 +103,8 @@ static double swing_of(double half) { return half >= PI ? 2 : 2 * sin(half / 2);
 static sector sector_of(interval at)
 {
     double middle = (at.lo + at.hi) / 2;
-    sector found = {cos(middle), sin(middle), swing_of((at.hi - at.lo) / 2)};
+    sector found = {.swing = swing_of((at.hi - at.lo) / 2)};
+    near_cosine_sine(middle, &found.cos, &found.sin);
     return found;
 }
 
@@ -128,6 +132,8 @@ typedef struct {
     tip tips[3];
     double normals_lo[3], normals_hi[3];
     double away[2], bound[2]; /* of the last contact from each earlier one, and the bound on it */
+    chord chords[2];          /* from each earlier one to the last */
+    runs looked;              /* what was looked up last */
     int64_t looked_up, near;
     int modelled; /* whether the model tests are done, too */
     list *found;
@@ -139,6 +145,7 @@ static void measure(pairing *all)
     for (int k = 0; k < all->earlier; k++) {
         all->away[k] = hypot(last->x - all->tips[k].x, last->y - all->tips[k].y);
         all->bound[k] = all->tips[k].bound + last->bound;
+        all->chords[k] = chord_of(&all->tips[k], last);
     }
 }
 
@@ -152,7 +159,9 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
     ring rings[4];
     for (int k = 0; k < all->earlier; k++)
         rings_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier], all->away[k], seen, rings + 2 * k);
-    runs looked = by_normal(edges, state, lo - margin - at.hi, smaller(hi - lo + 2 * margin + at.hi - at.lo, TURN));
+    runs looked = by_normal(edges, state, lo - margin - at.hi, smaller(hi - lo + 2 * margin + at.hi - at.lo, TURN),
+                            &all->looked);
+    all->looked = looked;
     int fine = edges->first[state + 1] - edges->first[state] > FINE_EDGES;
     for (int run = 0; run < looked.count; run++)
         for (int64_t from = looked.from[run]; from < looked.to[run]; from += BLOCK) {
@@ -170,7 +179,8 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
                     continue;
                 all->near++;
                 for (int k = 0; k < all->earlier && all->modelled && left.lo <= left.hi; k++)
-                    left = two_contacts(all->sets[k], paired[k], edges, edge, &tips[k], &tips[all->earlier], left);
+                    left = two_contacts(all->sets[k], paired[k], edges, edge, &tips[k], &tips[all->earlier],
+                                        &all->chords[k], left);
                 if (all->earlier == 2 && all->modelled && left.lo <= left.hi) {
                     const int64_t three[3] = {paired[0], paired[1], edge};
                     const tip *const places[3] = {&tips[0], &tips[1], &tips[2]};
@@ -203,9 +213,10 @@ static int64_t pairs_by_angle(const pairing *all)
         if (larger((double)(first->first[state + 1] - first->first[state]),
                    (double)(second->first[state + 1] - second->first[state])) > FINE_EDGES)
             continue;
+        runs found = {{-1, -1}, {-1, -1}, 0};
         for (int64_t edge = first->first[state]; edge < first->first[state + 1]; edge++)
             if (first->representative[edge]) {
-                runs found = by_normal(second, state, first->normal_rad[edge] + turn, width);
+                found = by_normal(second, state, first->normal_rad[edge] + turn, width, &found);
                 for (int k = 0; k < found.count; k++)
                     count += found.to[k] - found.from[k];
             }
@@ -238,7 +249,7 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
     measure(&job);
     const edge_set *first = job.sets[0] = edges_of(arrays[0]);
     int fine = first && (job.sets[1] = edges_of(arrays[1]));
-    int spent = fine && pairs_by_angle(&job) > most;
+    int spent = fine && most >= 0 && pairs_by_angle(&job) > most;
     const double middle = (job.normals_lo[0] + job.normals_hi[0]) / 2, width = job.normals_hi[0] - job.normals_lo[0];
     const double c = cos(middle), s = sin(middle), swing = swing_of(width / 2 + TURN_ROUNDING_RAD);
     for (int64_t state = 0; fine && !spent && state < first->states; state++)
@@ -329,7 +340,7 @@ PyObject *extend(PyObject *self, PyObject *arguments)
     int64_t looked_up = 0;
     for (Py_ssize_t cell = 0; fine && cell < count && looked_up <= most; cell++) {
         double margin = edges->most_span, wide = normals_hi - normals_lo + 2 * margin + hi[cell] - lo[cell];
-        runs looked = by_normal(edges, state[cell], normals_lo - margin - hi[cell], smaller(wide, TURN));
+        runs looked = by_normal(edges, state[cell], normals_lo - margin - hi[cell], smaller(wide, TURN), NULL);
         int large = edges->first[state[cell] + 1] - edges->first[state[cell]] > FINE_EDGES;
         for (int run = 0; run < looked.count; run++) {
             looked_up += large ? 0 : looked.to[run] - looked.from[run];
@@ -393,11 +404,12 @@ PyObject *narrow(PyObject *self, PyObject *arguments)
         hi_out = PyByteArray_FromStringAndSize(NULL, row);
         fine = lo_out && hi_out;
     }
+    const chord between = fine ? chord_of(&tips[0], &tips[1]) : (chord){0, 0};
     for (Py_ssize_t k = 0; fine && k < count; k++) {
         const int64_t *edge = edges + many * k;
         interval at = {lo[k], hi[k]};
         if (many == 2)
-            at = two_contacts(sets[0], edge[0], sets[1], edge[1], &tips[0], &tips[1], at);
+            at = two_contacts(sets[0], edge[0], sets[1], edge[1], &tips[0], &tips[1], &between, at);
         else {
             const tip *const places[3] = {&tips[0], &tips[1], &tips[2]};
             at = three_contacts(sets, edge, places, at);
