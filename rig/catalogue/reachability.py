@@ -14,7 +14,7 @@ import shapely
 from palpate.config import ArmFingerConfig, RigFile
 from palpate.geometry import ObjectModel, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
-from palpate.rig.catalogue.section_stack import region_at
+from palpate.rig.catalogue.section_stack import region_within
 
 __all__ = ["HOPELESS", "OF_SECTION", "Finding", "Trouble", "findings_of"]
 
@@ -60,7 +60,8 @@ class Finding:
 def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, ...]:
     """At most one finding a state, in the catalogue's order; none for states that the rig can feel.
 
-    A height at which a state's sections are not known (`State.known_at`) counts as one that feels it.
+    A finger along whose tip a state's sections are not known (`State.known_within`) counts as one that feels
+    it.
     """
     bench = _Bench(rig)
     found = []
@@ -79,7 +80,7 @@ class _Bench:
     """What of a rig decides which states it can feel; lengths in mm."""
 
     def __init__(self, rig: RigFile) -> None:
-        self.fingers = [(finger.name, finger.height_mm) for finger in rig.fingers]
+        self.fingers = [(finger.name, finger.span_mm) for finger in rig.fingers]
         self.across = 2 * rig.workspace.radius_mm
         self.unsure = 2 * (contact_bound_mm(rig) or 0.0)
         links = [arm.links.links_height_mm for arm in rig.fingers if isinstance(arm, ArmFingerConfig)]
@@ -92,9 +93,12 @@ class _Lying:
     def __init__(self, bench: _Bench, state: State, scale: float = 1.0) -> None:
         self._bench, self._scale = bench, scale
         self._top_mm = scale * state.top_mm
-        regions = {z: region_at(state, z / scale) for _, z in bench.fingers}
+        spans = {span: (span[0] / scale, span[1] / scale) for _, span in bench.fingers}
+        regions = {span: region_within(state, scaled) for span, scaled in spans.items()}
         self._fingers = tuple(
-            name for name, z in bench.fingers if not regions[z].is_empty or not state.known_at(z / scale)
+            name
+            for name, span in bench.fingers
+            if not regions[span].is_empty or not state.known_within(spans[span])
         )
         self._met = shapely.union_all(list(regions.values()))
         self._across_mm = 2 * scale * float(shapely.minimum_bounding_radius(self._met))
