@@ -26,7 +26,9 @@ def test_places_are_the_nearest_ones_on_all_rings() -> None:
     catalogue = Catalogue([model])
     points = some_points(80, 1)
     origin = catalogue.origins_mm[0]
-    found = places_on_outlines(catalogue, np.array([0]), [(10.0, 10.0)] * len(points), (points - origin)[None])
+    found = places_on_outlines(
+        catalogue, np.array([0]), [(10.0, 10.0)] * len(points), (points - origin)[None]
+    )
     shape = shapely.Polygon(FRAME.outer, FRAME.holes)
     rings = [shape.exterior, *shape.interiors]
     for k, point in enumerate(points):

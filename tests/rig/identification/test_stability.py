@@ -108,7 +108,10 @@ def test_what_the_file_says_of_tipping_counts_too() -> None:
         tipping_angle_rad=0.05,
     )
     sections = tuple(Section((s.z_mm[0] + 0.1, s.z_mm[1] + 0.1), s.polygons) for s in known.sections)
-    assert stability_of(replace(known, sections=sections), 0.08, [(HEIGHT, HEIGHT)]).response is PushResponse.MAY_ROLL
+    assert (
+        stability_of(replace(known, sections=sections), 0.08, [(HEIGHT, HEIGHT)]).response
+        is PushResponse.MAY_ROLL
+    )
     block = prism(40.0, 40.0, 40.0)
     assert stability_of(block, 0.0, [(HEIGHT, HEIGHT)]).response is PushResponse.SLIDES
     tips = stability_of(replace(block, tipping_angle_rad=0.2), 0.0, [(HEIGHT, HEIGHT)])
@@ -121,8 +124,13 @@ def test_a_base_that_is_not_known_is_not_taken_for_a_good_one() -> None:
     assert (found.response, found.margin_mm) == (PushResponse.MAY_TIP, 0.0)
     assert "a lowest section at 9.5 mm" in found.why
     tilt = math.atan(20 / 20)  # as a cube of 40 mm has it
-    assert stability_of(replace(middle, tipping_angle_rad=tilt), 0.0, [(HEIGHT, HEIGHT)]).margin_mm == pytest.approx(10)
-    assert stability_of(replace(middle, tipping_angle_rad=1.5), 0.0, [(HEIGHT, HEIGHT)]).response is PushResponse.SLIDES
+    assert stability_of(
+        replace(middle, tipping_angle_rad=tilt), 0.0, [(HEIGHT, HEIGHT)]
+    ).margin_mm == pytest.approx(10)
+    assert (
+        stability_of(replace(middle, tipping_angle_rad=1.5), 0.0, [(HEIGHT, HEIGHT)]).response
+        is PushResponse.SLIDES
+    )
     beside = State(
         "s", (Section((0.0, 5.0), (box(20.0, 20.0),)), Section((5.0, 50.0), (box(20.0, 20.0, 15.0),)))
     )
