@@ -85,12 +85,12 @@ def check_references(rig: RigFile, references: ReferencesFile) -> None:
     """Raise InputError for a rig that cannot be calibrated, and for references that fingers pass above."""
     slide_fingers(rig)
     build_references(references)
-    highest = max(rig.fingers, key=lambda finger: finger.height_mm)
+    highest = max(rig.fingers, key=lambda finger: finger.span_mm[1])
     for name, shape in (("disc", references.disc), ("plate", references.plate)):
-        if shape.height_mm <= highest.height_mm:
+        if shape.height_mm <= highest.span_mm[1]:
             raise InputError(
                 f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
-                f"{highest.height_mm:g} mm: references must stand higher than every array"
+                f"{highest.span_mm[1]:g} mm: references must stand higher than every array"
             )
 
 

@@ -13,7 +13,7 @@ from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut, St
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.finger_model import rig_fingers
-from palpate.rig.catalogue.section_stack import StateSections, state_sections
+from palpate.rig.catalogue.section_stack import Range, StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.symmetry import symmetry_of_state
 from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
@@ -127,8 +127,8 @@ def list_objects(
         for state in states
     }
     pages, left_out = draw_objects(name, states, facts, fingers)
-    heights = [finger.height_mm for finger in rig.fingers]
-    listed = tuple(_listed(state, facts[state], heights) for state in states)
+    spans = [finger.span_mm for finger in rig.fingers]
+    listed = tuple(_listed(state, facts[state], spans) for state in states)
     return ObjectsListing(listed, tuple(pairs), tuple(left_out), pages)
 
 
@@ -143,17 +143,17 @@ def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
     return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
 
 
-def _met(state: StateSections, heights_mm: Sequence[float]) -> Literal["all", "some", "none", "unknown"]:
-    """Which of the fingers at some heights meet a state."""
-    if not all(state.state.known_at(height) for height in heights_mm):
+def _met(state: StateSections, spans_mm: Sequence[Range]) -> Literal["all", "some", "none", "unknown"]:
+    """Which of the fingers whose tips' ends are at some heights meet a state."""
+    if not all(state.state.known_within(span) for span in spans_mm):
         return "unknown"
-    met = [bool(state.state.sections_at(height)) for height in heights_mm]
+    met = [bool(state.state.sections_within(span)) for span in spans_mm]
     return "all" if all(met) else "some" if any(met) else "none"
 
 
-def _listed(state: StateSections, facts: CardFacts, heights_mm: Sequence[float]) -> StateListedOut:
+def _listed(state: StateSections, facts: CardFacts, spans_mm: Sequence[Range]) -> StateListedOut:
     edges = [level.edges for level in state.levels]
-    stability = stability_of(state.state, state.tolerance_mm, heights_mm)
+    stability = stability_of(state.state, state.tolerance_mm, spans_mm)
     return StateListedOut.of(
         state.state,
         object=state.object_name,
@@ -161,7 +161,7 @@ def _listed(state: StateSections, facts: CardFacts, heights_mm: Sequence[float])
         sections=len(state.levels),
         edges=(min(edges), max(edges)),
         symmetry_order=facts.symmetry_order,
-        fingers=_met(state, heights_mm),
+        fingers=_met(state, spans_mm),
         tolerance_mm=state.tolerance_mm,
         when_pushed=stability.response,
         why=stability.why or None,

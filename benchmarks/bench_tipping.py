@@ -30,7 +30,7 @@ def tried(seed: int, number: int) -> tuple[PushResponse, float, float, float]:
     height = float(rng.uniform(4, min(30.0, blocks[-1].z[1] - 1)))
     friction = float(rng.uniform(0.1, FRICTION_MOST))
     mass = float(np.exp(rng.uniform(np.log(0.03), np.log(1.0))))
-    found = stability_of(state_of(blocks), 0.0, [height])
+    found = stability_of(state_of(blocks), 0.0, [(height, height)])
     lean = worst_lean_rad(blocks, mass, friction, drawn_pushes(rng, blocks, height))
     return found.response, found.margin_mm / height, friction, math.degrees(lean)
 

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,6 +13,7 @@ from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.errors import InputError
 from palpate.files.writing import check_place, write_text
 from palpate.rig.catalogue.cad_import import ImportOptions
+from palpate.rig.catalogue.objects_text import Height
 
 __all__ = [
     "ObjectsTarget",
@@ -30,18 +32,26 @@ _MOST_THICKNESS_MM = 1000.0
 _WRITING_SHARE = 0.05  # of the time of an import, for what is kept in case that it does not end
 
 
-def heights_of(text: str) -> tuple[float, ...]:
-    """The heights of "5,12", ascending. Raises InputError."""
-    found = set()
+def heights_of(text: str) -> tuple[Height, ...]:
+    """The heights of "5,12", and from which to which of "5-15", ascending. Raises InputError."""
+    found = []
     for part in text.split(","):
+        ends = part.split("-")
         try:
-            height = float(part)
+            low, high = float(ends[0]), float(ends[-1])
         except ValueError:
-            height = math.nan
-        if not 0 <= height < math.inf:
-            raise InputError(f'--heights "{text}": "{part}" is no height in mm; write them as 5,12')
-        found.add(height)
-    return tuple(sorted(found))
+            low = high = math.nan
+        if len(ends) > 2 or not 0 <= low <= high < math.inf:
+            raise InputError(
+                f'--heights "{text}": "{part}" is no height in mm; write them as 5,12 or, from to, 5-15'
+            )
+        found.append((low, high))
+    return _ascending(found)
+
+
+def _ascending(spans_mm: Iterable[tuple[float, float]]) -> tuple[Height, ...]:
+    """Each once."""
+    return tuple(low if low == high else (low, high) for low, high in sorted(set(spans_mm)))
 
 
 def listed(option: str, text: str | None) -> tuple[str, ...]:
@@ -54,15 +64,15 @@ def listed(option: str, text: str | None) -> tuple[str, ...]:
     return names
 
 
-def wanted_heights(rig: Path | None, heights: str | None, *, all_heights: bool) -> tuple[float, ...] | None:
-    """The heights asked for, or those of a rig's fingers, ascending; None: all. Raises InputError."""
+def wanted_heights(rig: Path | None, heights: str | None, *, all_heights: bool) -> tuple[Height, ...] | None:
+    """The heights asked for, or those along the tips of a rig, ascending; None: all. Raises InputError."""
     if sum((rig is not None, heights is not None, all_heights)) > 1:
         raise InputError("give one of --rig, --heights and --all-heights")
     if all_heights:
         return None
     if heights is not None:
         return heights_of(heights)
-    return tuple(sorted({finger.height_mm for finger in load_rig(rig).fingers}))
+    return _ascending(finger.span_mm for finger in load_rig(rig).fingers)
 
 
 def check_options(options: ImportOptions, *, several: bool = False) -> None:

@@ -44,6 +44,10 @@ class ContactEntry(FileModel):
     touched: Flag
     height: Length = Field(description="Height of the contact above the support plane, mm.")
     tip_radius: Length = Field(description="Radius of the cylindrical tip, mm; 0 is the point finger.")
+    tip_length: Annotated[Length, Field(le=1e4)] = Field(
+        default=0.0,
+        description="Length of the tip's straight part, its middle at `height`, mm; 0: as thin as a disc.",
+    )
     position_bound: Length = Field(description="The true tip centre is within this distance, mm.")
     friction: Length | None = Field(
         default=None,
@@ -62,6 +66,12 @@ class ContactEntry(FileModel):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
+        if self.tip_length > 2 * self.height:
+            raise problem(
+                f"is {self.tip_length:g}: half of that is more than height ({self.height:g}), "
+                "so the tip would reach below the support plane",
+                "tip_length",
+            )
         if self.path_bound is not None and self.path_bound < self.position_bound:
             raise problem(
                 f"is {self.path_bound:g}, less than position_bound ({self.position_bound:g})", "path_bound"

@@ -49,6 +49,11 @@ class TipConfig(FileModel):
 
     radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
     radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
+    length_mm: Positive | None = Field(
+        default=None,
+        description="Length of the cylinder's straight part, its middle at height_mm: the tip meets the "
+        "sections all along it. Left out: the one at height_mm only, as for parts with upright walls there.",
+    )
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
     max_friction: Annotated[Length, Field(le=2)] = Field(
@@ -63,6 +68,11 @@ class TipConfig(FileModel):
                 f"is {self.radius_bound_mm:g}, not below radius_mm ({self.radius_mm:g})", "radius_bound_mm"
             )
         return self
+
+    @property
+    def half_length_mm(self) -> float:
+        """From the tip's middle to either end; 0 for one that is taken to be as thin as a disc."""
+        return (self.length_mm or 0.0) / 2
 
 
 def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple[int, int]:
@@ -230,6 +240,21 @@ class _MountedFinger(FileModel):
     array: SerializeAsAny[ArrayConfig]
     bounds: BoundsConfig
 
+    @model_validator(mode="after")
+    def _stands_clear(self) -> Self:
+        if self.tip.half_length_mm > self.height_mm:
+            raise problem(
+                f"is {self.tip.length_mm:g}: half of that is more than height_mm ({self.height_mm:g}), "
+                "so the tip would reach below the support plane",
+                *("tip", "length_mm"),
+            )
+        return self
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Heights (from, to) of the tip's lower and upper end."""
+        return self.height_mm - self.tip.half_length_mm, self.height_mm + self.tip.half_length_mm
+
 
 class SlideFingerConfig(_MountedFinger):
     """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
@@ -276,6 +301,12 @@ class ArmFingerConfig(_MountedFinger):
         if self.height_mm >= self.links.links_height_mm:
             raise problem(
                 f"is {self.links.links_height_mm:g}, not above the tip's height_mm ({self.height_mm:g})",
+                *("links", "links_height_mm"),
+            )
+        if self.span_mm[1] > self.links.links_height_mm:
+            raise problem(
+                f"is {self.links.links_height_mm:g}, below the tip's upper end ({self.span_mm[1]:g}): "
+                "half of length_mm above height_mm",
                 *("links", "links_height_mm"),
             )
         return self

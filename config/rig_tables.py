@@ -204,6 +204,10 @@ class EmulationConfig(FileModel):
     )
     heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
     tip_radius_error_mm: Length = Field(default=0.0, description="Radii of tips are off by up to this.")
+    tip_length_mm: Positive | None = Field(
+        default=None,
+        description="Tips are in truth so long, or as far as the table; absent: as length_mm says.",
+    )
     array_heading_error_deg: Length = Field(
         default=0.0, description="Arrays sit turned on their tips by up to this."
     )

@@ -102,13 +102,28 @@ class State(ShortRepr):
 
     def known_at(self, height_mm: float) -> bool:
         """Whether the section at a height is known; above the part it is: there is none."""
-        if self.heights_mm is None or height_mm > self.top_mm:
+        return self.known_within((height_mm, height_mm))
+
+    def known_within(self, span_mm: tuple[float, float]) -> bool:
+        """Whether the sections are known at all heights of a span (from, to)."""
+        at, end = span_mm
+        if self.heights_mm is None or at > self.top_mm:
             return True
-        return any(low <= height_mm <= high for low, high in self.heights_mm)
+        for low, high in self.heights_mm:
+            if low <= at <= high:
+                at = high  # and what is known may go on from there
+                if at >= min(end, self.top_mm):
+                    return True
+        return False
 
     def sections_at(self, height_mm: float) -> tuple[Section, ...]:
         """Sections at a height: two where one ends and the next begins, none where nothing is that high."""
-        return tuple(part for part in self.sections if part.z_mm[0] <= height_mm <= part.z_mm[1])
+        return self.sections_within((height_mm, height_mm))
+
+    def sections_within(self, span_mm: tuple[float, float]) -> tuple[Section, ...]:
+        """Sections somewhere in a span of heights (from, to), both included: what stands beside a tip."""
+        low, high = span_mm
+        return tuple(part for part in self.sections if part.z_mm[0] <= high and low <= part.z_mm[1])
 
 
 @dataclass(frozen=True, slots=True)

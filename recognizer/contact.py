@@ -41,10 +41,15 @@ class NormalRange:
 
 @dataclass(frozen=True, order=True)
 class Finger:
-    """What of a finger decides which grown cross section its centre meets (memo §3.1 and footnote 3)."""
+    """What of a finger decides which grown cross section its centre meets (memo §3.1 and footnote 3).
+
+    The tip is an upright cylinder of length 2 `half_length_mm`, its middle at `height_mm`; 0: a disc. It
+    meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length").
+    """
 
     tip_radius_mm: float
     height_mm: float
+    half_length_mm: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.tip_radius_mm <= _LARGEST_TIP_MM:
@@ -53,6 +58,16 @@ class Finger:
             )
         if not math.isfinite(self.height_mm):
             raise InputError("a finger's height must be finite")
+        if not 0 <= self.half_length_mm <= LARGEST_MM:
+            raise InputError(
+                f"half the length of a finger's tip must be from 0 to {LARGEST_MM:g} mm, "
+                f"not {self.half_length_mm:g}"
+            )
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Heights (from, to) of the tip's lower and upper end."""
+        return self.height_mm - self.half_length_mm, self.height_mm + self.half_length_mm
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Bools, Floats, Ints, Section
+from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotation_matrix
 from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
+from palpate.recognizer.met_section import met_section
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.round_edges import anchors, round_outlines, round_touchable
 from palpate.recognizer.simplification import simplify_outline
@@ -40,7 +41,7 @@ _NOTHING = _Part(_NO_EDGES, _NONE, _NONE, _NONE)
 
 
 def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
-    """Grow every state at the finger's height by its radius: outlines that stop a finger on its way.
+    """Grow what every state has along the finger's tip by its radius: outlines that stop it on its way.
 
     Arcs bulge by at most `facet_error_mm`. An object with a tolerance δ is grown by r − δ only: its true
     outline is between 0 and 2δ outside of that.
@@ -99,12 +100,12 @@ def _joined(states: Sequence[CatalogueState], finger: Finger, parts: Sequence[_P
 
 
 def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = _section_at(item, finger.height_mm)
+    section = met_section(item.state, finger, 0.0)
     if section is None:
         return _NOTHING
     delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
     if item.state.is_round:
-        grown = round_outlines(section, radius)
+        grown = round_outlines(section, radius, united=finger.half_length_mm > 0)
     else:
         grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
     grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
@@ -117,7 +118,7 @@ def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Pa
 
 
 def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = _section_at(item, finger.height_mm)
+    section = met_section(item.state, finger, item.tolerance_mm)
     if section is None:
         return _NOTHING
     band = ToleranceBand(item.tolerance_mm, item.normal_bound_rad)
@@ -132,17 +133,6 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
         slack_out=found.outward,
         slack_along=found.along,
     )
-
-
-def _section_at(item: CatalogueState, height_mm: float) -> Section | None:
-    """The cross section at a height, None where nothing is that high.
-
-    Where two sections meet, the finger meets whichever stands out.
-    """
-    at_height = item.state.sections_at(height_mm)
-    if not at_height:
-        return None
-    return Section((height_mm, height_mm), tuple(polygon for s in at_height for polygon in s.polygons))
 
 
 def _normal_order(grown: GrownSection) -> Ints:

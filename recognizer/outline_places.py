@@ -10,9 +10,12 @@ from palpate.geometry import Floats, Ints, Polygon
 from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 
-__all__ = ["OutlinePlaces", "in_centred_frame", "places_on_outlines"]
+__all__ = ["OutlinePlaces", "Span", "in_centred_frame", "places_on_outlines"]
 
 _NEAR_MM = 1e-6
+
+Span = tuple[float, float]
+"""Heights (from, to) of a tip's ends, mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +58,17 @@ class _Boundary:
 
 
 def places_on_outlines(
-    catalogue: Catalogue, states: Ints, heights_mm: Sequence[float], points: Floats
+    catalogue: Catalogue, states: Ints, spans_mm: Sequence[Span], points: Floats
 ) -> OutlinePlaces:
-    """Places nearest to `points` (h, k, 2), mm in the centred frames of `states` (h,), at heights (k)."""
+    """Places nearest to `points` (h, k, 2), mm in the centred frames of `states` (h,), at heights (k).
+
+    `spans_mm`: from which height to which the tip is that touches at each.
+    """
     rows = []
     for state, own in zip(states.tolist(), points, strict=True):
-        found = [_nearest(_boundary(catalogue, state, height), own, heights_mm, height)
-                 for height in dict.fromkeys(heights_mm)]  # fmt: skip
-        row = [np.zeros((len(heights_mm), *part.shape[1:]), part.dtype) for part in found[0][1]]
+        found = [_nearest(_boundary(catalogue, state, span), own, [each == span for each in spans_mm])
+                 for span in dict.fromkeys(spans_mm)]  # fmt: skip
+        row = [np.zeros((len(spans_mm), *part.shape[1:]), part.dtype) for part in found[0][1]]
         for columns, parts in found:
             for whole, part in zip(row, parts, strict=True):
                 whole[columns] = part
@@ -70,11 +76,9 @@ def places_on_outlines(
     return OutlinePlaces(*(np.stack(column) for column in zip(*rows, strict=True)))
 
 
-def _nearest(
-    boundary: _Boundary, points: Floats, heights_mm: Sequence[float], height_mm: float
-) -> tuple[Ints, list[Floats]]:
-    """Which points (columns) are at the height, and the fields of `OutlinePlaces` for these."""
-    columns = np.flatnonzero(np.asarray(heights_mm) == height_mm)
+def _nearest(boundary: _Boundary, points: Floats, chosen: Sequence[bool]) -> tuple[Ints, list[Floats]]:
+    """Which points (columns) are chosen, and the fields of `OutlinePlaces` for these."""
+    columns = np.flatnonzero(chosen)
     rel = points[columns][:, None] - boundary.start
     at = np.clip(np.sum(rel * boundary.direction, axis=2), 0.0, boundary.length)
     away = rel - at[..., None] * boundary.direction
@@ -96,10 +100,13 @@ def _nearest(
     ]
 
 
-def _boundary(catalogue: Catalogue, state: int, height_mm: float) -> _Boundary:
-    """The rings of a state at a height; of all its sections, if it has none there."""
+def _boundary(catalogue: Catalogue, state: int, span_mm: Span) -> _Boundary:
+    """The rings of a state in a span of heights; of all its sections, if it has none there.
+
+    Some may be inside of others: no point outside is nearest to these.
+    """
     item = catalogue.states[state]
-    sections = item.state.sections_at(height_mm) or item.state.sections
+    sections = item.state.sections_within(span_mm) or item.state.sections
     rings = [ring for section in sections for polygon in section.polygons for ring in _oriented(polygon)]
     start = np.concatenate(rings) - item.origin_mm
     step = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])

@@ -81,6 +81,7 @@ def _tipping(
     count = table.shape[1]
     inward = outcome.normal + np.pi - poses.cells.lo
     column = np.round(inward * (count / (2 * np.pi))).astype(np.int64) % count
-    height = np.array([item.finger.height_mm for item in approaches])[:, None]
+    # A tip of some length may push with its upper end alone.
+    height = np.array([item.finger.span_mm[1] for item in approaches])[:, None]
     above = np.maximum(height - table[row, column], 0.0) / np.maximum(height, 1e-9)
     return np.where(outcome.hit, above, 0.0)

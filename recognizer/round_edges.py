@@ -18,6 +18,7 @@ import numpy as np
 import shapely
 
 from palpate.geometry import Bools, Circle, Floats, Section
+from palpate.recognizer.met_section import united_circles
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.tolerance_band import ToleranceBand, Touchable
@@ -37,12 +38,14 @@ _ENDS: Floats = np.append(
 """Where chords end, from the one before the anchor to the same again."""
 
 
-def round_outlines(section: Section, radius_mm: float) -> GrownSection:
-    """The section's circles grown by a radius."""
+def round_outlines(section: Section, radius_mm: float, *, united: bool = False) -> GrownSection:
+    """The section's circles grown by a radius; of polygons that overlap, those that bound their union."""
+    circles = _circles(section)
+    bounds = united_circles(section.polygons) if united else (True,) * len(circles)
     parts = [
         _chords(circle, circle.radius_mm + sign * radius_mm, sign, number)
-        for number, (circle, sign) in enumerate(_circles(section))
-        if circle.radius_mm + sign * radius_mm > 0
+        for number, (circle, sign) in enumerate(circles)
+        if bounds[number] and circle.radius_mm + sign * radius_mm > 0
     ]
     return GrownSection.joined(parts)
 

@@ -185,7 +185,7 @@ def _known(before: Recognition, rows: Ints) -> Touchable:
     points = np.array([item.end_mm for item in known]) - before.anchor_mm
     own = in_centred_frame(points, regions.theta[rows], regions.position[rows])
     states = before.hypotheses.state[rows]
-    places = places_on_outlines(before.catalogue, states, [item.finger.height_mm for item in known], own)
+    places = places_on_outlines(before.catalogue, states, [item.finger.span_mm for item in known], own)
     shape = places.along.shape
     noise_mm = np.broadcast_to([item.position_bound_mm / 2 + _MODEL_MM for item in known], shape)
     noise_rad = np.broadcast_to([_normal_spread(item) + _MODEL_RAD for item in known], shape)
@@ -252,12 +252,12 @@ def _predicted_places(
     theta, position = regions.theta[rows], regions.position[rows]
     start, angle = approach_lines(approaches)
     start, ahead = start - before.anchor_mm, np.column_stack([np.cos(angle), np.sin(angle)])
-    heights = [item.finger.height_mm for item in approaches]
+    spans = [item.finger.span_mm for item in approaches]
     at = stop_mm.copy()
     for column in np.flatnonzero(~hits.all(axis=0)).tolist():
         along = np.linspace(0.0, approaches[column].travel_mm, _STEPS)
         path = in_centred_frame(start[column] + along[:, None] * ahead[column], theta, position)
-        gap = places_on_outlines(before.catalogue, states, [heights[column]] * _STEPS, path).gap
+        gap = places_on_outlines(before.catalogue, states, [spans[column]] * _STEPS, path).gap
         at[:, column] = np.where(hits[:, column], at[:, column], along[np.argmin(gap, axis=1)])
     ends = in_centred_frame(start + at[..., None] * ahead, theta, position)
-    return places_on_outlines(before.catalogue, states, heights, ends)
+    return places_on_outlines(before.catalogue, states, spans, ends)

@@ -22,6 +22,7 @@ from palpate.recognizer.bounding_circles import blocks, circles_round
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
+from palpate.recognizer.met_section import met_section
 from palpate.recognizer.piece_boxes import PieceBoxes, boxes_of
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.uncovered_pieces import uncovered
@@ -102,7 +103,7 @@ def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBound
     """The pieces that `finger` can be on, and the sides that can be in its way."""
     pieces, sides = [], []
     for number, item in enumerate(states):
-        outlines = _outlines_at(item, finger.height_mm)
+        outlines = _outlines(item, finger)
         outer = _sides(number, [shapely.union_all(outlines)] if len(outlines) > 1 else outlines)
         sides.append(outer)
         if item.tolerance_mm > 0:
@@ -128,12 +129,12 @@ _NO_SIDES = Sides(_NO_STATE, _NO_STATE, _NOWHERE, _NOWHERE)
 _NO_PIECES = Pieces(_NO_STATE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE)
 
 
-def _outlines_at(item: CatalogueState, height_mm: float) -> list[shapely.Polygon]:
-    """The state's polygons at a height, its centroid at the origin."""
+def _outlines(item: CatalogueState, finger: Finger) -> list[shapely.Polygon]:
+    """The state's polygons that the finger can meet, its centroid at the origin."""
+    section = met_section(item.state, finger, item.tolerance_mm)
     return [
         shapely.Polygon(polygon.outer - item.origin_mm, [hole - item.origin_mm for hole in polygon.holes])
-        for section in item.state.sections_at(height_mm)
-        for polygon in section.polygons
+        for polygon in (() if section is None else section.polygons)
     ]
 
 

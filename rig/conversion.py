@@ -65,7 +65,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
             contacts.append(
                 Contact(
                     name=entry.finger,
-                    finger=Finger(entry.tip_radius, entry.height),
+                    finger=Finger(entry.tip_radius, entry.height, entry.tip_length / 2),
                     touched=entry.touched,
                     start_mm=entry.approach.start,
                     end_mm=end,
@@ -81,7 +81,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 
 def finger_of(finger: FingerConfig) -> Finger:
     """What of a finger decides which grown section it meets."""
-    return Finger(finger.tip.radius_mm, finger.height_mm)
+    return Finger(finger.tip.radius_mm, finger.height_mm, finger.tip.half_length_mm)
 
 
 def line_of(approach: Approach) -> Line:

@@ -46,9 +46,11 @@ def _as_logged(item: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def outlines_in_w(
-    item: Mapping[str, Any], models: Mapping[str, ObjectModel], height_mm: float | None = None
+    item: Mapping[str, Any],
+    models: Mapping[str, ObjectModel],
+    span_mm: tuple[float, float] | None = None,
 ) -> tuple[Floats, ...]:
-    """Outlines (n, 2) mm, in W, of an object where it lies: those at a height, or of its lowest section.
+    """Outlines (n, 2) mm, in W, of an object where it lies: those beside a tip, or of its lowest section.
 
     None of an object or state that the models lack.
     """
@@ -57,7 +59,7 @@ def outlines_in_w(
     if not states:
         return ()
     lowest = min(states[0].sections, key=lambda part: part.z_mm[0])
-    sections = [] if height_mm is None else states[0].sections_at(height_mm)
+    sections = [] if span_mm is None else states[0].sections_within(span_mm)
     at = item["configuration"]
     turn = rotation_matrix(at["theta_rad"]).T
     rings = (ring for section in sections or [lowest] for ring in section.rings)

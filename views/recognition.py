@@ -102,6 +102,8 @@ def _contact(contact: Contact) -> dict[str, object]:
         "tip_radius": contact.finger.tip_radius_mm,
         "position_bound": contact.position_bound_mm,
     }
+    if contact.finger.half_length_mm:
+        entry["tip_length"] = 2 * contact.finger.half_length_mm
     if contact.path_bound_mm is not None:
         entry["path_bound"] = contact.path_bound_mm
     if contact.touched:

@@ -179,12 +179,15 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
             moves = f", {ways[name]}"
         yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves}"
     yield f"array: {finger.array.port}"
-    yield f"tip: radius {finger.tip.radius_mm:g} mm, its middle {finger.height_mm:g} mm above the table"
+    long = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm long"
+    yield f"tip: radius {finger.tip.radius_mm:g} mm{long}, its middle {finger.height_mm:g} mm above the table"
 
 
 def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
     """Tips from the side, on one scale."""
-    highest = max(finger.height_mm + 2 * finger.tip.radius_mm for finger in rig.fingers)
+    highest = max(
+        finger.height_mm + max(2 * finger.tip.radius_mm, finger.tip.half_length_mm) for finger in rig.fingers
+    )
     scale = min(_SIDE_HEIGHT / highest, 3.0)
     ground, step = top + _SIDE_HEIGHT + 14, _COLUMN / len(rig.fingers)
     yield text("from the side", left, top + 8, size=11, fill=MUTED)
@@ -192,12 +195,13 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
     for k, finger in enumerate(rig.fingers):
         x, middle = left + (k + 0.5) * step, ground - finger.height_mm * scale
         radius = finger.tip.radius_mm * scale
+        half = radius if finger.tip.length_mm is None else finger.tip.half_length_mm * scale
         yield element(
             "rect",
             x=x - radius,
-            y=middle - radius,
+            y=middle - half,
             width=2 * radius,
-            height=2 * radius,
+            height=2 * half,
             rx=2,
             fill=TIP_FILL,
             stroke=TIP,

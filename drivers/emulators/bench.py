@@ -23,6 +23,7 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.skin import Press, Skin
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
 from palpate.drivers.emulators.tip_friction import Shear
+from palpate.drivers.emulators.tip_rows import rows_facing
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
 from palpate.geometry import Floats
@@ -238,9 +239,15 @@ class EmulatedFinger:
         heights = np.asarray(d.row_heights_mm)
         lower_end = self.truth.height_mm - float(heights.mean())
         below = (heights + lower_end) <= outline.top_mm
-        rows = below / max(int(below.sum()), 1)
-        result: Floats = rows[:, None] * by_column
-        return result
+        z_mm = touch.contact.heights_mm
+        if z_mm is None:
+            rows = below / max(int(below.sum()), 1)
+            result: Floats = rows[:, None] * by_column
+            return result
+        facing = rows_facing(heights + lower_end, z_mm[on_array])
+        found = np.zeros((len(heights), d.cols))
+        np.add.at(found.T, slot[on_array], facing * touch.by_ray_n[on_array, None])
+        return found
 
 
 class Bench:
@@ -269,15 +276,16 @@ class Bench:
         self.happenings: list[tuple[float, Callable[[], None]]] = []
         self.supply: Callable[[], None] | None = None
 
-    def put(self, section_at: Callable[[float], PartSection | None], part: Part | None = None) -> None:
+    def put(self, section_at: Callable[[float, float], PartSection | None], part: Part | None = None) -> None:
         """Let something else stand on the table; nothing may touch a tip now.
 
-        `section_at`: its section in W, as it is put, at a height (mm).
+        `section_at`: its section in W, as it is put, beside a tip with its middle at a height (mm) and half
+        of its length above and below.
         """
         self.catch_up()
         self.part = part or StillPart()
         for finger in self.fingers:
-            finger.put(section_at(finger.truth.height_mm))
+            finger.put(section_at(finger.truth.height_mm, finger.truth.half_length_mm))
 
     def advance(self, now: float) -> None:
         """Let the world go on to `now` (s), which never runs backwards.

@@ -41,7 +41,8 @@ class FingerTruth:
     `array_heading_rad`: where the array's middle looks, from the direction of travel. `stops_mm`: distances
     at which the carriage that bears the tip meets its hard stops, None if it has none. `aim_yield`: how the
     aim gives way to a force across the slide; None: it bears none. `slide_yield_mm_per_n`: how far the tip
-    gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with.
+    gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with. `half_length_mm`: how
+    far the tip reaches above `height_mm` and below; 0: as thin as a disc.
     """
 
     base_mm: tuple[float, float]
@@ -60,6 +61,7 @@ class FingerTruth:
     aim_yield: JointYield | None = None
     slide_yield_mm_per_n: float = 0.0
     cable_n: float = 0.0
+    half_length_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class ArmTruth:
     """How an emulated two-link arm really is built; mm, rad, N.
 
     The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
-    where the array's middle looks, from the second link's direction.
+    where the array's middle looks, from the second link's direction. `half_length_mm`: as in `FingerTruth`.
     """
 
     base_mm: tuple[float, float]
@@ -93,6 +95,7 @@ class ArmTruth:
     tip_radius_mm: float
     stiffness_n_per_mm: float
     array_heading_rad: float
+    half_length_mm: float = 0.0
 
 
 class SlideMechanics:

@@ -18,7 +18,11 @@ class Press:
     shear: Shear | None
 
     def on_part(self, centre_mm: Floats, displacement: Displacement, height_mm: float) -> list[PointForce]:
-        """The same, as forces on the part; `centre_mm` (2,): the tip's axis in W."""
+        """The same, as forces on the part; `centre_mm` (2,): the tip's axis in W.
+
+        At `height_mm`, the tip's middle; or, where the part is not upright, where its sections press.
+        """
+        height_mm = self.load.height_mm(height_mm)
         if self.shear is None:
             return [PointForce(centre_mm, height_mm, -self.load.force_n)]
         drag, point = displacement.turned(self.shear.force_n), displacement.place(self.shear.point_mm)

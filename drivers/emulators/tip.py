@@ -33,11 +33,15 @@ _HEADING_OF = tuple(map(tuple, _HEADINGS.tolist()))
 
 @dataclass(frozen=True, eq=False)
 class PartSection:
-    """What stands on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its top."""
+    """What stands on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its top.
+
+    `z_mm` (n, 2): from which height to which each of them stands beside the tip; None: all along it.
+    """
 
     start: Floats
     end: Floats
     top_mm: float
+    z_mm: Floats | None = None
 
     @cached_property
     def along(self) -> Floats:
@@ -87,6 +91,13 @@ class TipLoad:
     def by_ray_n(self) -> Floats:
         """What each ray (m,) bears."""
         return self.contact.by_ray_n
+
+    def height_mm(self, middle_mm: float) -> float:
+        """Mean height of the force: `middle_mm`, if the outline does not say where its edges stand."""
+        z_mm = self.contact.heights_mm
+        if z_mm is None:
+            return middle_mm
+        return float(np.average(z_mm.mean(axis=1), weights=np.maximum(self.by_ray_n, 1e-12)))
 
     def turned(self, force_n: Floats, turn_rad: float) -> "TipLoad":
         """With another force on the tip, and the rays turned on."""
@@ -204,6 +215,17 @@ class SkinContact:
         return _on_rays(looked, self.stiffness_n_per_mm * share * scale[stretch])
 
     @cached_property
+    def heights_mm(self) -> Floats | None:
+        """From which height to which (_RAYS, 2) each ray's edge stands; None: all along the tip."""
+        if self.outline.z_mm is None:
+            return None
+        looked, _ = self._touched
+        found = np.zeros((_RAYS, 2))
+        nearest = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
+        found[looked] = self.outline.z_mm[self.near][nearest]
+        return found
+
+    @cached_property
     def _touched(self) -> tuple[Ints, Floats]:
         """Rays (m,) that are dented, in order, and their dents (mm)."""
         looked = _rays_towards(self.away, self.square, self.radius_mm)
@@ -268,6 +290,12 @@ def _rays_towards(away: Floats, square: Floats, radius_mm: float) -> Ints:
 
 def _reach(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
     """Distance (m,) from the centre to the first edge in each direction; infinite where there is none."""
+    result: Floats = _reaches(outline, centre_mm, heading).min(axis=1)
+    return result
+
+
+def _reaches(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
+    """Distance (m, n) from the centre to every edge in each direction; infinite where it does not meet it."""
     along = outline.along
     rel = outline.start - centre_mm
     turn = heading[:, None, 0] * along[None, :, 1] - heading[:, None, 1] * along[None, :, 0]
@@ -276,7 +304,7 @@ def _reach(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
     distance = (rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]) / safe
     share = (rel[None, :, 0] * heading[:, None, 1] - rel[None, :, 1] * heading[:, None, 0]) / safe
     met = ~parallel & (distance >= 0) & (share >= 0) & (share <= 1)
-    result: Floats = np.where(met, distance, np.inf).min(axis=1)
+    result: Floats = np.where(met, distance, np.inf)
     return result
 
 

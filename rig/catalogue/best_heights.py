@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
-from palpate.rig.catalogue.section_stack import Range, StateSections
+from palpate.rig.catalogue.section_stack import Range, StateSections, steps_mm
 from palpate.rig.catalogue.twins import find_twins
 
 __all__ = ["BestHeights", "HeightRange", "best_heights"]
@@ -57,7 +57,7 @@ def best_heights(states: Sequence[StateSections], fingers: RigFingers) -> BestHe
     Fingers stay where they are unless that leaves more pairs alike.
     """
     now = _alike(states, fingers, [item.height_mm for item in fingers.at])
-    ranges = tuple(_range(states, fingers, item) for item in _ranges(states))
+    ranges = tuple(_range(states, fingers, item) for item in _ranges(states, fingers.half_length_mm))
     chosen: list[float] = []
     left = None
     count = sum(len(item.fingers) for item in fingers.at)
@@ -81,23 +81,28 @@ def _width(item: HeightRange) -> float:
 
 def _range(states: Sequence[StateSections], fingers: RigFingers, range_mm: Range) -> HeightRange:
     middle = sum(range_mm) / 2
-    unmet = sum(item.region_at(middle).is_empty for item in states)
+    span = middle - fingers.half_length_mm, middle + fingers.half_length_mm
+    unmet = sum(item.region_within(span).is_empty for item in states)
     return HeightRange(range_mm, _alike(states, fingers, [middle]), unmet)
 
 
 def _alike(states: Sequence[StateSections], fingers: RigFingers, heights_mm: Sequence[float]) -> int:
     """Pairs that fingers at these heights cannot, or may not, tell apart."""
-    at = tuple(AtHeight(height, fingers.slimmest_mm, ("",)) for height in sorted(set(heights_mm)))
+    half = fingers.half_length_mm
+    at = tuple(AtHeight(height, fingers.slimmest_mm, ("",), half) for height in sorted(set(heights_mm)))
     return len(find_twins(states, RigFingers(fingers.rig_name, at, fingers.bound_mm)))
 
 
-def _ranges(states: Sequence[StateSections]) -> list[Range]:
+def _ranges(states: Sequence[StateSections], half_mm: float) -> list[Range]:
     """Over which no state changes, where all are known and one is there at least."""
-    steps = sorted({step for item in states for step in item.steps_mm})
+
+    def known(height_mm: float) -> bool:
+        return all(item.state.known_within((height_mm - half_mm, height_mm + half_mm)) for item in states)
+
     found = [
         (low, high)
-        for low, high in pairwise(steps)
-        if high - low >= _THINNEST_MM and all(item.state.known_at((low + high) / 2) for item in states)
+        for low, high in pairwise(steps_mm(states, half_mm))
+        if high - low >= _THINNEST_MM and known((low + high) / 2)
     ]
     chosen = np.linspace(0, len(found) - 1, min(len(found), _MOST_TRIED)).round().astype(int).tolist()
     return [found[k] for k in dict.fromkeys(chosen)]

@@ -25,7 +25,7 @@ from palpate.config.objects_tables import ObjectText, SectionText, StateText
 from palpate.errors import InputError
 from palpate.files import confined
 from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
-from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, polygons_text, rounded
+from palpate.rig.catalogue.objects_text import Height, bound_mm, edges_of, frame_out, polygons_text, rounded
 from palpate.rig.catalogue.round_drawings import RoundDrawing, round_drawing
 
 __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_file"]
@@ -50,17 +50,17 @@ class ImportOptions:
 
     `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
     add up to; `deviation_mm`: how far the made part may be from the file's. `heights_mm`: near which
-    sections are wanted, None: all. `thickness_mm`: of a drawing; `layers`: the ones of a DXF file that have
-    outlines, none named: all. `parts`: names, or numbers from 1, of those that are wanted of a file. `as_is`:
-    not dropped, but as it lies in the file. States that are less probable than `least_probability` are left
-    out. `accept_loss`: even if they are a fifth of all cases together, or more.
+    sections are wanted, of two from one to the other, None: all. `thickness_mm`: of a drawing; `layers`: the
+    ones of a DXF file that have outlines, none named: all. `parts`: names, or numbers from 1, of those that
+    are wanted of a file. `as_is`: not dropped, but as it lies in the file. States that are less probable than
+    `least_probability` are left out. `accept_loss`: even if they are a fifth of all cases together, or more.
     """
 
     units: str | None = None
     name: str | None = None
     tolerance_mm: float = 0.1
     deviation_mm: float = 0.0
-    heights_mm: tuple[float, ...] | None = None
+    heights_mm: tuple[Height, ...] | None = None
     thickness_mm: float | None = None
     as_is: bool = False
     least_probability: float = 0.01

@@ -15,11 +15,20 @@ __all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_
 
 @dataclass(frozen=True)
 class AtHeight:
-    """The fingers at one height over the support plane; `tip_radius_mm` is that of the slimmest."""
+    """The fingers at one height over the support plane; `tip_radius_mm` is that of the slimmest.
+
+    Their tips reach `half_length_mm` above it and below: of tips of other lengths there is another value.
+    """
 
     height_mm: float
     tip_radius_mm: float
     fingers: tuple[str, ...]
+    half_length_mm: float = 0.0
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Heights (from, to) of the tips' lower and upper ends."""
+        return self.height_mm - self.half_length_mm, self.height_mm + self.half_length_mm
 
 
 @dataclass(frozen=True)
@@ -34,6 +43,11 @@ class RigFingers:
     def slimmest_mm(self) -> float:
         """Radius of the slimmest tip of the rig."""
         return min(item.tip_radius_mm for item in self.at)
+
+    @property
+    def half_length_mm(self) -> float:
+        """Half the length of the rig's shortest tip."""
+        return min(item.half_length_mm for item in self.at)
 
 
 def rig_fingers(rig: RigFile) -> RigFingers:
@@ -59,10 +73,14 @@ def contact_bound_mm(rig: RigFile) -> float | None:
 def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
     """The rig's fingers by height, ascending."""
     at = []
-    for height in sorted({finger.height_mm for finger in rig.fingers}):
-        here = [finger for finger in rig.fingers if finger.height_mm == height]
+    for height, half in sorted({(finger.height_mm, finger.tip.half_length_mm) for finger in rig.fingers}):
+        here = [
+            finger
+            for finger in rig.fingers
+            if finger.height_mm == height and finger.tip.half_length_mm == half
+        ]
         slimmest = min(finger.tip.radius_mm for finger in here)
-        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here)))
+        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here), half))
     return tuple(at)
 
 

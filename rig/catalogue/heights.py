@@ -13,7 +13,7 @@ from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel, State
 from palpate.recognizer import Contact
 
-__all__ = ["FingerAtHeight", "HasHeight", "check_known", "fingers_of"]
+__all__ = ["FingerAtHeight", "HasHeight", "check_known", "fingers_of", "span_text"]
 
 
 _NEAR_MM, _STEP_MM = 3.0, 0.01
@@ -33,6 +33,11 @@ class HasHeight(Protocol):
         """Of the tip's middle."""
         ...
 
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Of the tip's lower and upper end."""
+        ...
+
 
 @dataclass(frozen=True)
 class FingerAtHeight:
@@ -40,15 +45,25 @@ class FingerAtHeight:
 
     name: str
     height_mm: float
+    half_length_mm: float = 0.0
+
+    @property
+    def span_mm(self) -> tuple[float, float]:
+        """Heights (from, to) of the tip's lower and upper end."""
+        return self.height_mm - self.half_length_mm, self.height_mm + self.half_length_mm
 
 
 def fingers_of(contacts: Iterable[Contact]) -> list[FingerAtHeight]:
     """The fingers that made contacts, once for each of their heights."""
-    return list(dict.fromkeys(FingerAtHeight(item.name, item.finger.height_mm) for item in contacts))
+    return list(
+        dict.fromkeys(
+            FingerAtHeight(item.name, item.finger.height_mm, item.finger.half_length_mm) for item in contacts
+        )
+    )
 
 
 def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) -> None:
-    """Raise InputError for the first state whose sections are not known at the height of some finger.
+    """Raise InputError for the first state whose sections are not known all along some finger's tip.
 
     It says at which height near that finger's all states are known, if there is one.
     """
@@ -57,28 +72,42 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
         (model, state, finger)
         for model in models
         for state in model.states
-        if (finger := next((item for item in fingers if not state.known_at(item.height_mm)), None))
+        if (finger := next((item for item in fingers if not state.known_within(item.span_mm)), None))
     ]
     if not unknown:
         return
     model, state, finger = unknown[0]
     more = counted(len(unknown) - 1, "more state is", "more states are")
     also = f" ({more} not known where fingers are)" if len(unknown) > 1 else ""
-    wanted = ",".join(f"{height:g}" for height in sorted({item.height_mm for item in fingers}))
-    near = _known_near([state for item in models for state in item.states], finger.height_mm)
+    wanted = ",".join(map(span_text, sorted({item.span_mm for item in fingers})))
+    near = _known_near([state for item in models for state in item.states], finger)
     other = "" if near is None else f", or set the finger to {near:g} mm, where all states are known"
     raise InputError(
         f'object "{model.name}", state "{state.name}" is known at heights '
         f"{heights_in_words(state.heights_mm or ())} only; finger {finger.name} is at "
-        f"{finger.height_mm:g} mm{also}: import it again for heights {wanted}{other}"
+        f"{_place(finger)}{also}: import it again for heights {wanted}{other}"
     )
 
 
-def _known_near(states: Sequence[State], height_mm: float) -> float | None:
-    """The height nearest to another, to 0.01 mm, at which all states are known and some have sections."""
-    steps = round(_NEAR_MM / _STEP_MM)
+def span_text(span_mm: tuple[float, float]) -> str:
+    """A height, or a span of heights, as `--heights` takes it: "12" or "5-15"."""
+    low, high = span_mm
+    return f"{low:g}" if low == high else f"{low:g}-{high:g}"
+
+
+def _place(finger: HasHeight) -> str:
+    """Such as "10 mm (its tip from 5 to 15 mm)"."""
+    low, high = finger.span_mm
+    along = "" if low == high else f" (its tip from {low:g} to {high:g} mm)"
+    return f"{finger.height_mm:g} mm{along}"
+
+
+def _known_near(states: Sequence[State], finger: HasHeight) -> float | None:
+    """The height nearest to a finger's, to 0.01 mm, at which all states are known and some have sections."""
+    steps, half = round(_NEAR_MM / _STEP_MM), (finger.span_mm[1] - finger.span_mm[0]) / 2
     for step in sorted(range(-steps, steps + 1), key=abs):
-        height = round(height_mm + step * _STEP_MM, 2)
-        if height > 0 and all(state.known_at(height) for state in states):
+        height = round(finger.height_mm + step * _STEP_MM, 2)
+        span = (height - half, height + half)
+        if height > 0 and span[0] >= 0 and all(state.known_within(span) for state in states):
             return height if any(height < state.top_mm for state in states) else None
     return None

@@ -26,8 +26,10 @@ from palpate.errors import InputError
 from palpate.geometry import Floats
 from palpate.rig.catalogue.objects_text import (
     NEGLIGIBLE_MM,
+    Height,
     bound_mm,
     edges_of,
+    ends_mm,
     frame_out,
     ranges_known,
     ranges_near,
@@ -58,7 +60,7 @@ class Shares:
 
     sections_mm: float
     merged_mm: float
-    heights_mm: tuple[float, ...] | None
+    heights_mm: tuple[Height, ...] | None
     least_probability: float
     as_is: bool
     deviation_mm: float = 0.0
@@ -170,7 +172,7 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     if near is None:
         return sections_of(solid, state, shares.sections_mm, None, _MOST_SECTIONS)
     found = _between(solid, state, shares, ranges_near(near, top))
-    for height in near:
+    for height in dict.fromkeys(end for each in near for end in ends_mm(each)):
         if height < top:
             found = _with_height(found, height, solid, state, shares)
     if any(section.regions for section in found):

@@ -15,8 +15,10 @@ from palpate.geometry import Floats
 
 __all__ = [
     "NEGLIGIBLE_MM",
+    "Height",
     "bound_mm",
     "edges_of",
+    "ends_mm",
     "frame_out",
     "polygons_text",
     "ranges_known",
@@ -30,24 +32,32 @@ __all__ = [
 NEGLIGIBLE_MM = 1e-5
 """What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
 
+Height = float | tuple[float, float]
+"""A height that is wanted, mm; two: all from one to the other."""
+
 _NEAR_MM = 0.5
 _MOST_RINGS = 64
 _SUMMING = 1e-9  # a sixth, six times added, is less than 1
 _BOUND_STEPS = 10_000  # to a millimetre
 
 
-def ranges_near(heights_mm: Iterable[float], top_mm: float) -> list[tuple[float, float]]:
+def ends_mm(height_mm: Height) -> tuple[float, float]:
+    """Of a height that is wanted: from which to which."""
+    return height_mm if isinstance(height_mm, tuple) else (height_mm, height_mm)
+
+
+def ranges_near(heights_mm: Iterable[Height], top_mm: float) -> list[tuple[float, float]]:
     """Ranges of height, ascending and apart, within 0.5 mm of the given ones and on the part.
 
     A part that is lower than all of them gets its uppermost millimetre: a state has some section.
     """
     ranges: list[tuple[float, float]] = []
-    for height in sorted(heights_mm):
-        low, high = max(height - _NEAR_MM, 0.0), min(height + _NEAR_MM, top_mm)
+    for begin, end in sorted(map(ends_mm, heights_mm)):
+        low, high = max(begin - _NEAR_MM, 0.0), min(end + _NEAR_MM, top_mm)
         if low >= high:
             continue
         if ranges and low <= ranges[-1][1]:
-            ranges[-1] = ranges[-1][0], high
+            ranges[-1] = ranges[-1][0], max(high, ranges[-1][1])
         else:
             ranges.append((low, high))
     return ranges or [(max(top_mm - 2 * _NEAR_MM, 0.0), top_mm)]

@@ -84,13 +84,13 @@ def _prepared_finger(
         return FingerPreparation.from_arrays(arrays, finger, count)
 
     def make(chosen: Sequence[int]) -> Iterator[FingerPreparation]:
-        chunks = _chunks(chosen, [_vertices_at(states[number], finger.height_mm) for number in chosen])
+        chunks = _chunks(chosen, [_vertices_met(states[number], finger) for number in chosen])
         return keeper.run(
             prepare_finger,
             [([states[number] for number in chunk], finger, FACET_ERROR_MM, cones) for chunk in chunks],
         )
 
-    about = [finger.tip_radius_mm, finger.height_mm, FACET_ERROR_MM, float(cones)]
+    about = [finger.tip_radius_mm, finger.height_mm, finger.half_length_mm, FACET_ERROR_MM, float(cones)]
     name = f"finger-{hashlib.sha256(repr(about).encode()).hexdigest()[:16]}"
     return keeper.prepared(_Kind(name, load, FingerPreparation.joined, make))
 
@@ -223,5 +223,5 @@ def _vertices(item: ObjectModel) -> int:
     return sum(len(ring) for state in item.states for section in state.sections for ring in section.rings)
 
 
-def _vertices_at(item: CatalogueState, height_mm: float) -> int:
-    return sum(len(ring) for section in item.state.sections_at(height_mm) for ring in section.rings)
+def _vertices_met(item: CatalogueState, finger: Finger) -> int:
+    return sum(len(ring) for section in item.state.sections_within(finger.span_mm) for ring in section.rings)

@@ -14,14 +14,14 @@ import shapely
 from palpate.config import ArmFingerConfig, RigFile
 from palpate.geometry import ObjectModel, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
-from palpate.rig.catalogue.section_stack import region_at
+from palpate.rig.catalogue.section_stack import region_within
 
 __all__ = ["HOPELESS", "OF_SECTION", "TIP_REACHES_MM", "Finding", "Trouble", "findings_of"]
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
 TIP_REACHES_MM = 5.0
-"""How far above and below its middle a real tip may well touch; rig files do not say it."""
+"""How far above and below its middle a real tip may well touch, where the rig file does not say it."""
 
 
 class Trouble(Enum):
@@ -63,7 +63,8 @@ class Finding:
 def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, ...]:
     """At most one finding a state, in the catalogue's order; none for states that the rig can feel.
 
-    A height at which a state's sections are not known (`State.known_at`) counts as one that feels it.
+    A finger along whose tip a state's sections are not known (`State.known_within`) counts as one that feels
+    it.
     """
     bench = _Bench(rig)
     found = []
@@ -82,7 +83,7 @@ class _Bench:
     """What of a rig decides which states it can feel; lengths in mm."""
 
     def __init__(self, rig: RigFile) -> None:
-        self.fingers = [(finger.name, finger.height_mm) for finger in rig.fingers]
+        self.fingers = [(finger.name, finger.span_mm) for finger in rig.fingers]
         self.across = 2 * rig.workspace.radius_mm
         self.unsure = 2 * (contact_bound_mm(rig) or 0.0)
         links = [arm.links.links_height_mm for arm in rig.fingers if isinstance(arm, ArmFingerConfig)]
@@ -96,11 +97,12 @@ class _Lying:
         self._bench, self._scale = bench, scale
         self._top_mm = scale * state.top_mm
         self._state = state
-        self._regions = {z: region_at(state, z / scale) for _, z in bench.fingers}
+        spans = {span: (span[0] / scale, span[1] / scale) for _, span in bench.fingers}
+        self._regions = {span: region_within(state, scaled) for span, scaled in spans.items()}
         self._fingers = tuple(
             name
-            for name, z in bench.fingers
-            if not self._regions[z].is_empty or not state.known_at(z / scale)
+            for name, span in bench.fingers
+            if not self._regions[span].is_empty or not state.known_within(spans[span])
         )
         self._met = shapely.union_all(list(self._regions.values()))
         self._across_mm = 2 * scale * float(shapely.minimum_bounding_radius(self._met))
@@ -121,7 +123,7 @@ class _Lying:
             return Trouble.TINY
         if len(self._fingers) < len(self._bench.fingers):
             return Trouble.SOME_FINGERS
-        return Trouble.JUTS_OUT if any(self._juts_out(z) for z in self._regions) else None
+        return Trouble.JUTS_OUT if any(self._juts_out(span) for span in self._regions) else None
 
     @property
     def size_mm(self) -> float:
@@ -131,16 +133,20 @@ class _Lying:
     def fingers(self) -> tuple[str, ...]:
         return self._fingers
 
-    def _juts_out(self, z_mm: float) -> bool:
-        """Whether a section near a height sticks out of the one there by more than contacts may be off."""
-        low, high = ((z_mm + reach) / self._scale for reach in (-TIP_REACHES_MM, TIP_REACHES_MM))
-        near = [part for part in self._state.sections if part.z_mm[0] < high and part.z_mm[1] > low]
-        here, allowed = self._regions[z_mm], self._bench.unsure / 2 / self._scale
-        if here.is_empty or near == list(self._state.sections_at(z_mm / self._scale)):
+    def _juts_out(self, span_mm: tuple[float, float]) -> bool:
+        """Whether a section near a tip of no stated length sticks out by more than contacts may be off."""
+        here, allowed, at = self._regions[span_mm], self._bench.unsure / 2 / self._scale, span_mm[0]
+        if here.is_empty or span_mm[1] > at:
             return False
-        heights = {min(max(z_mm / self._scale, part.z_mm[0]), part.z_mm[1]) for part in near}
-        around = here.buffer(allowed)
-        return any(not around.contains(region_at(self._state, z)) for z in heights)
+        around = ((at - TIP_REACHES_MM) / self._scale, (at + TIP_REACHES_MM) / self._scale)
+        near = [
+            part for part in self._state.sections if part.z_mm[0] < around[1] and part.z_mm[1] > around[0]
+        ]
+        if near == list(self._state.sections_at(at / self._scale)):
+            return False
+        heights = {min(max(at / self._scale, part.z_mm[0]), part.z_mm[1]) for part in near}
+        wide = here.buffer(allowed)
+        return any(not wide.contains(region_within(self._state, (z, z))) for z in heights)
 
     def _holds_disc(self, across_mm: float) -> bool:
         return not self._met.buffer(-across_mm / 2 / self._scale).is_empty

@@ -104,5 +104,5 @@ def _heights_reason(finding: Finding, heights: str) -> str:
         return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
     return (
         f"juts out within {TIP_REACHES_MM:g} mm above or below a finger's height ({heights}); "
-        "tips are taken to touch at that height only, so bounds hold for tips that are thin there"
+        "tips are taken to touch at that height only: say how long they are (tip.length_mm)"
     )

@@ -12,7 +12,7 @@ import shapely
 from palpate.config import ObjectsFile
 from palpate.geometry import Section, State
 
-__all__ = ["Level", "Range", "StateSections", "joined_ranges", "region_at", "state_sections"]
+__all__ = ["Level", "Range", "StateSections", "joined_ranges", "region_within", "state_sections", "steps_mm"]
 
 Range = tuple[float, float]
 
@@ -29,7 +29,11 @@ class Level:
 
     def is_at(self, z_mm: float) -> bool:
         """Whether a height is in the range."""
-        return self.z_mm[0] <= z_mm <= self.z_mm[1]
+        return self.is_within((z_mm, z_mm))
+
+    def is_within(self, span_mm: Range) -> bool:
+        """Whether some height of a span is in the range."""
+        return self.z_mm[0] <= span_mm[1] and span_mm[0] <= self.z_mm[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,11 @@ class StateSections:
 
         The height must be known: `State.known_at`.
         """
-        found = [level.region for level in self.levels if level.is_at(z_mm)]
+        return self.region_within((z_mm, z_mm))
+
+    def region_within(self, span_mm: Range) -> shapely.Geometry:
+        """What a tip between two heights meets: whatever stands out anywhere along it."""
+        found = [level.region for level in self.levels if level.is_within(span_mm)]
         return found[0] if len(found) == 1 else shapely.union_all(found)
 
     @property
@@ -83,9 +91,18 @@ def state_sections(objects: ObjectsFile) -> tuple[StateSections, ...]:
     )
 
 
-def region_at(state: State, z_mm: float) -> shapely.Geometry:
-    """What the sections have at a height, without the levels of all the others; empty for nothing."""
-    return shapely.union_all([_region(section) for section in state.sections_at(z_mm)])
+def region_within(state: State, span_mm: Range) -> shapely.Geometry:
+    """What the sections have between two heights, without the levels of the others; empty for nothing."""
+    return shapely.union_all([_region(section) for section in state.sections_within(span_mm)])
+
+
+def steps_mm(states: Sequence[StateSections], half_length_mm: float) -> list[float]:
+    """Heights, ascending, at which what a tip of some length meets of some state begins or ends."""
+    own = sorted({step for item in states for step in item.steps_mm})
+    if not half_length_mm:
+        return own
+    ends = {step + side * half_length_mm for step in own for side in (-1, 1)}
+    return sorted({half_length_mm, *(end for end in ends if end >= half_length_mm)})
 
 
 def joined_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:

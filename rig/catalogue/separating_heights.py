@@ -13,7 +13,7 @@ import numpy as np
 from palpate.cad.congruence_search import Motion, apart_mm, motions
 from palpate.rig.catalogue.reached_regions import ReachedRegion, certainly_within
 from palpate.rig.catalogue.region_measures import within_reach
-from palpate.rig.catalogue.section_stack import Range, joined_ranges
+from palpate.rig.catalogue.section_stack import Range, joined_ranges, steps_mm
 from palpate.rig.catalogue.twins import Pair
 
 __all__ = ["MOST_TRIED", "SeparatingHeights", "separating_heights"]
@@ -52,10 +52,11 @@ def separating_heights(pair: Pair) -> SeparatingHeights:
 def _ranges(pair: Pair) -> Iterator[Range]:
     """Ranges between steps of either, where both are known and one is there at least."""
     first, second = pair.first.state, pair.second.state
-    steps = sorted({*first.steps_mm, *second.steps_mm})
-    for low, high in pairwise(steps):
+    half = pair.first.fingers.half_length_mm
+    for low, high in pairwise(steps_mm((first, second), half)):
         middle = (low + high) / 2
-        if first.state.known_at(middle) and second.state.known_at(middle):
+        span = middle - half, middle + half
+        if first.state.known_within(span) and second.state.known_within(span):
             yield low, high
 
 

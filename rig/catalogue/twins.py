@@ -51,18 +51,20 @@ class ReachableState:
     @cached_property
     def known(self) -> tuple[AtHeight, ...]:
         """Fingers at heights at which the state is known."""
-        return tuple(at for at in self.fingers.at if self.state.state.known_at(at.height_mm))
+        return tuple(at for at in self.fingers.at if self.state.state.known_within(at.span_mm))
 
     @cached_property
     def region(self) -> dict[AtHeight, shapely.Geometry]:
         """What the fingers reach of the state at each of those heights."""
-        return {at: filled(self.state.region_at(at.height_mm), at.tip_radius_mm) for at in self.known}
+        return {at: filled(self.state.region_within(at.span_mm), at.tip_radius_mm) for at in self.known}
 
     def reached_at(self, height_mm: float) -> ReachedRegion:
-        """What the rig's slimmest tips would reach at another height."""
-        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_at(height_mm))
+        """What the rig's slimmest and shortest tips would reach at another height."""
+        half = self.fingers.half_length_mm
+        span = height_mm - half, height_mm + half
+        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_within(span))
         if levels not in self._reached:
-            region = self.state.region_at(height_mm)
+            region = self.state.region_within(span)
             self._reached[levels] = ReachedRegion(filled(region, self.fingers.slimmest_mm))
         return self._reached[levels]
 

@@ -152,7 +152,7 @@ def _searching(reach: Reach, misses: Sequence[Touch], rig: RigFile) -> FingerApp
     if len(misses) < len(rig.fingers):
         grip = exploring_grip(reach, contacts)
     else:
-        discs = {finger.height_mm: Disc(_SMALLEST_MM, frozenset((0,))) for finger in rig.fingers}
+        discs = {finger.span_mm: Disc(_SMALLEST_MM, frozenset((0,))) for finger in rig.fingers}
         left = places_left(contacts, discs, rig.workspace.radius_mm)
         grip = sweeping_grip(reach, contacts, left, discs)
     own = [item for item in grip if item.finger_index == len(misses) % len(rig.fingers)]

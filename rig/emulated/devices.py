@@ -133,7 +133,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
         array = emulated_array(finger, taxels, advance)
-        outline = None if placement is None else outline_at(placement, finger.height_mm)
+        outline = None if placement is None else outline_at(placement, truth.height_mm, truth.half_length_mm)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)

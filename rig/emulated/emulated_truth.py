@@ -153,6 +153,7 @@ def _slide(
         stiffness_n_per_mm=_stiffness(finger, emulation, rng),
         array_heading_rad=math.radians(finger.array.heading_deg),
         stops_mm=finger.slide.stops_mm,
+        half_length_mm=_half_length_mm(finger, emulation),
     )
 
 
@@ -177,7 +178,15 @@ def _arm(
         tip_radius_mm=finger.tip.radius_mm,
         stiffness_n_per_mm=_stiffness(finger, emulation, rng),
         array_heading_rad=math.radians(finger.array.heading_deg),
+        half_length_mm=_half_length_mm(finger, emulation),
     )
+
+
+def _half_length_mm(finger: FingerConfig, emulation: EmulationConfig) -> float:
+    """As the rig file says, unless the emulated tips are to be of another length; none reaches the table."""
+    if emulation.tip_length_mm is None:
+        return finger.tip.half_length_mm
+    return min(emulation.tip_length_mm / 2, finger.height_mm)
 
 
 def _stiffness(finger: FingerConfig, emulation: EmulationConfig, rng: np.random.Generator) -> float:

@@ -35,7 +35,7 @@ class EmulatedTable:
         self._lay(None)
 
     def _lay(self, outline: PartSection | None) -> None:
-        self._bench.put(lambda _height_mm: outline)
+        self._bench.put(lambda *_: outline)
 
 
 def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> PartSection:

@@ -21,6 +21,8 @@ from palpate.recognizer import Configuration
 __all__ = ["Placement", "draw_placement", "moved", "outline_at", "placement_of", "rings_of", "shape_of"]
 
 _PUT_DOWN = 50  # times, until a part lies inside the workspace
+_SAME_PLACE_MM = 1e-9
+_ON_EDGE_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,13 @@ def _furthest_mm(lies: Placement, section: Section) -> float:
     return float(np.hypot(*shapely.get_coordinates(shape_of(lies, section)).T).max())
 
 
-def outline_at(placement: Placement, height_mm: float) -> PartSection | None:
-    """Edges of the object in W at a height; None if it is not that high."""
+def outline_at(placement: Placement, height_mm: float, half_length_mm: float = 0.0) -> PartSection | None:
+    """Edges of the object in W beside a tip with its middle at a height; None if it is not that high.
+
+    A tip of some length meets whatever stands out between its ends.
+    """
+    if half_length_mm > 0:
+        return _outline_along(placement, height_mm - half_length_mm, height_mm + half_length_mm)
     for section in placement.state.sections:
         if section.z_mm[0] <= height_mm <= section.z_mm[1]:
             rings = rings_of(placement, section)
@@ -102,6 +109,32 @@ def outline_at(placement: Placement, height_mm: float) -> PartSection | None:
             end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
             return PartSection(start, end, placement.state.top_mm)
     return None
+
+
+def _outline_along(placement: Placement, low_mm: float, high_mm: float) -> PartSection | None:
+    """Edges of all sections between two heights together, each with the heights at which it stands."""
+    met = [item for item in placement.state.sections if item.z_mm[0] <= high_mm and item.z_mm[1] >= low_mm]
+    if not met:
+        return None
+    shapes = [shape_of(placement, item) for item in met]
+    start, end = [], []
+    for part in shapely.get_parts(shapely.union_all(shapes)):
+        for ring in (part.exterior, *part.interiors):
+            points = np.asarray(ring.coords)[:-1]
+            points = points[np.hypot(*(points - np.roll(points, 1, axis=0)).T) > _SAME_PLACE_MM]
+            if len(points) >= 3:
+                start.append(points)
+                end.append(np.roll(points, -1, axis=0))
+    starts, ends = np.vstack(start), np.vstack(end)
+    middle = shapely.points((starts + ends) / 2)
+    on = np.array([shapely.distance(shape.boundary, middle) < _ON_EDGE_MM for shape in shapes])
+    own = np.array([[max(z[0], low_mm), min(z[1], high_mm)] for z in (item.z_mm for item in met)])
+    lowest = np.where(on, own[:, :1], np.inf).min(axis=0)
+    highest = np.where(on, own[:, 1:], -np.inf).max(axis=0)
+    # What rounding has put beside all of the sections' edges belongs to any.
+    lost = ~on.any(axis=0)
+    z_mm = np.column_stack([np.where(lost, low_mm, lowest), np.where(lost, high_mm, highest)])
+    return PartSection(starts, ends, placement.state.top_mm, z_mm)
 
 
 def rings_of(

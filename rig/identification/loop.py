@@ -196,9 +196,9 @@ class _Search:
         )
 
     @cached_property
-    def _discs(self) -> dict[float, Disc]:
-        """What fits into every state of the catalogue, at the fingers' heights."""
-        return discs_at(self._catalogue, {finger.height_mm for finger in self._rig.fingers})
+    def _discs(self) -> dict[tuple[float, float], Disc]:
+        """What fits into every state of the catalogue, beside the fingers' tips."""
+        return discs_at(self._catalogue, {finger.span_mm for finger in self._rig.fingers})
 
     def _last_verdict(self) -> IdentificationVerdict:
         """Verdict when no further grip may be made."""

@@ -79,7 +79,7 @@ class MotionBounds:
     @cached_property
     def supports(self) -> tuple[Support, ...]:
         """Of every state of the catalogue."""
-        height_mm = max(finger.height_mm for finger in self.rig.fingers)
+        height_mm = max(finger.span_mm[1] for finger in self.rig.fingers)
         return supports_of(self.catalogue, self.rig.search, height_mm)
 
     def holds_n(self, states: Ints) -> float | None:

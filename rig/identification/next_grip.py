@@ -14,6 +14,7 @@ from palpate.recognizer import (
     Catalogue,
     Confirmation,
     Contact,
+    Finger,
     Grip,
     PushLimits,
     Recognition,
@@ -253,8 +254,14 @@ def _check_fingers(rig: RigFile, contacts: Sequence[Contact]) -> None:
     own = list(dict.fromkeys(finger_of(finger) for finger in rig.fingers))
     for contact in contacts:
         if contact.finger not in own:
-            has = ", ".join(f"{item.tip_radius_mm:g} mm at {item.height_mm:g} mm" for item in own)
+            has = ", ".join(f"{item.tip_radius_mm:g} mm at {_height(item)}" for item in own)
             raise InputError(
                 f"finger {contact.name} has a tip of radius {contact.finger.tip_radius_mm:g} mm at height "
-                f'{contact.finger.height_mm:g} mm; rig "{rig.name}" has none like it, only: {has}'
+                f'{_height(contact.finger)}; rig "{rig.name}" has none like it, only: {has}'
             )
+
+
+def _height(finger: Finger) -> str:
+    """Of a tip, and its length if it has one."""
+    along = f" and {2 * finger.half_length_mm:g} mm long" if finger.half_length_mm else ""
+    return f"{finger.height_mm:g} mm{along}"

@@ -42,7 +42,8 @@ class Stability:
 
     `angle_rad`, `reach_mm` (n,): directions, in the object frame, and how far the base's hull reaches in each
     from below the centre of mass at least; 0 where that is not known. `height_mm`: of the highest finger that
-    touches it, 0 if none does. `why`: one line for an operator; empty for a state that slides.
+    touches it, of the upper end of its tip as far as the state is that high; 0 if none does. `why`: one line
+    for an operator; empty for a state that slides.
     """
 
     response: PushResponse
@@ -74,12 +75,14 @@ class Stability:
         return result
 
 
-def stability_of(state: State, tolerance_mm: float, heights_mm: Sequence[float]) -> Stability:
-    """Stability of a state against fingers at some heights; its outlines are within `tolerance_mm`.
+def stability_of(state: State, tolerance_mm: float, spans_mm: Sequence[tuple[float, float]]) -> Stability:
+    """Stability of a state against fingers whose tips' ends are at some heights (from, to).
+
+    Its outlines are within `tolerance_mm`.
 
     Of one material, as its sections are. Where it cannot be judged, it may tip.
     """
-    height = max((h for h in heights_mm if _is_touched(state, h)), default=0.0)
+    height = max((_highest_touch_mm(state, span) for span in spans_mm), default=0.0)
     base = _base_of(state, tolerance_mm)
     angle, reach = base.angle_rad, np.maximum(base.reach_mm, 0.0)
     worst = int(np.argmin(reach))
@@ -113,8 +116,11 @@ def _down(value: float) -> float:
     return math.floor(100 * value) / 100
 
 
-def _is_touched(state: State, height_mm: float) -> bool:
-    return bool(state.sections_at(height_mm)) or not state.known_at(height_mm)
+def _highest_touch_mm(state: State, span_mm: tuple[float, float]) -> float:
+    """How high at most a tip touches a state; 0 if it does not."""
+    if not state.known_within(span_mm):
+        return span_mm[1]
+    return max((min(section.z_mm[1], span_mm[1]) for section in state.sections_within(span_mm)), default=0.0)
 
 
 def _base_of(state: State, tolerance_mm: float) -> _Base:

@@ -91,7 +91,7 @@ class StabilityTable:
     def _of(self, state: int) -> tuple[Stability, Floats]:
         if state not in self._found:
             item = self.catalogue.states[state]
-            heights = [finger.height_mm for finger in self.rig.fingers]
-            stability = stability_of(item.state, item.tolerance_mm, heights)
+            spans = [finger.span_mm for finger in self.rig.fingers]
+            stability = stability_of(item.state, item.tolerance_mm, spans)
             self._found[state] = stability, stability.safe_heights_mm()
         return self._found[state]

@@ -21,10 +21,13 @@ __all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
 _DISC_TOLERANCE_MM = 0.1
 _CHORDS = 32  # in a quarter
 
+Span = tuple[float, float]
+"""Heights (from, to) of a tip's ends, mm."""
+
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc that fits inside the section, at one height, of each of these states (indices).
+    """A disc that fits inside of what one tip can meet of each of these states (indices).
 
     The radius is negative if a state is so thin that its tolerance leaves nothing for certain.
     """
@@ -33,43 +36,43 @@ class Disc:
     states: frozenset[int]
 
 
-def discs_at(catalogue: Catalogue, heights_mm: Iterable[float]) -> dict[float, Disc]:
-    """The largest such disc at each height; a height at which no state has a section is left out."""
+def discs_at(catalogue: Catalogue, spans_mm: Iterable[Span]) -> dict[Span, Disc]:
+    """The largest such disc beside each tip, by its ends' heights; without tips beside which nothing is."""
     found = {}
-    for height in set(heights_mm):
-        inscribed = [_inscribed_mm(item.state, height) for item in catalogue.states]
+    for span in set(spans_mm):
+        inscribed = [_inscribed_mm(item.state, span) for item in catalogue.states]
         met = [index for index, radius in enumerate(inscribed) if radius > 0]
         if met:
             least = min(inscribed[index] - catalogue.states[index].tolerance_mm for index in met)
-            found[height] = Disc(least, frozenset(met))
+            found[span] = Disc(least, frozenset(met))
     return found
 
 
 def places_left(
-    contacts: Sequence[Contact], discs: Mapping[float, Disc], workspace_radius_mm: float
-) -> dict[float, shapely.Geometry]:
-    """Where in W the centre of each height's disc may be after misses; everything else is certainly free."""
+    contacts: Sequence[Contact], discs: Mapping[Span, Disc], workspace_radius_mm: float
+) -> dict[Span, shapely.Geometry]:
+    """Where in W the centre of each tip's disc may be after misses; everything else is certainly free."""
     around = 1 / math.cos(math.pi / (4 * _CHORDS))  # chords of the workspace's rim must not cut it short
     left = {}
-    for height, disc in discs.items():
+    for span, disc in discs.items():
         room = shapely.Point(0, 0).buffer(max(workspace_radius_mm - disc.radius_mm, 0.0) * around, _CHORDS)
-        swept = [_corridor(contact, disc) for contact in contacts if contact.finger.height_mm == height]
-        left[height] = room.difference(shapely.union_all(swept))
+        swept = [_corridor(contact, disc) for contact in contacts if contact.finger.span_mm == span]
+        left[span] = room.difference(shapely.union_all(swept))
     return left
 
 
-def is_swept(left: Mapping[float, shapely.Geometry], discs: Mapping[float, Disc]) -> bool:
+def is_swept(left: Mapping[Span, shapely.Geometry], discs: Mapping[Span, Disc]) -> bool:
     """Whether no state that some finger can feel lies inside the workspace."""
     felt = frozenset().union(*(disc.states for disc in discs.values()))
-    excluded = frozenset().union(*(discs[height].states for height, place in left.items() if place.is_empty))
+    excluded = frozenset().union(*(discs[span].states for span, place in left.items() if place.is_empty))
     return bool(felt) and felt == excluded
 
 
 def sweeping_grip(
     reach: Reach,
     contacts: Sequence[Contact],
-    left: Mapping[float, shapely.Geometry],
-    discs: Mapping[float, Disc],
+    left: Mapping[Span, shapely.Geometry],
+    discs: Mapping[Span, Disc],
 ) -> list[FingerApproach]:
     """For each finger the unused approach that would free most of the places.
 
@@ -80,14 +83,14 @@ def sweeping_grip(
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
         approaches = [reach.approaches[index] for index in own if not used[index]]
-        if not approaches or approaches[0].finger.height_mm not in discs:
+        if not approaches or approaches[0].finger.span_mm not in discs:
             continue
-        height = approaches[0].finger.height_mm
-        corridors = np.array([_planned_corridor(item, discs[height]) for item in approaches])
-        freed = shapely.area(shapely.intersection(remaining[height], corridors))
+        span = approaches[0].finger.span_mm
+        corridors = np.array([_planned_corridor(item, discs[span]) for item in approaches])
+        freed = shapely.area(shapely.intersection(remaining[span], corridors))
         best = int(np.argmax(freed))
         if freed[best] > 0:
-            remaining[height] = remaining[height].difference(corridors[best])
+            remaining[span] = remaining[span].difference(corridors[best])
             grip.append(approaches[best])
     return grip
 
@@ -108,9 +111,9 @@ def _planned_corridor(approach: Approach, disc: Disc) -> shapely.Geometry:
     return _corridor(miss, disc)
 
 
-def _inscribed_mm(state: State, height_mm: float) -> float:
-    """Radius of a disc that fits inside the section at a height; 0 if there is none."""
-    polygons = [p for section in state.sections_at(height_mm) for p in section.polygons]
+def _inscribed_mm(state: State, span_mm: Span) -> float:
+    """Radius of a disc that fits inside of what a tip can meet; 0 if there is nothing."""
+    polygons = [p for section in state.sections_within(span_mm) for p in section.polygons]
     region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in polygons])
     if region.is_empty:
         return 0.0

@@ -49,7 +49,7 @@ def session_agreement(
     since = result.moved_before[-1] - 1 if result.moved_before else 0
     touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
     found = recognition.hypotheses[0]
-    outlines = [_edges_at(found, touch.contact.finger.height_mm) for touch in touches]
+    outlines = [_edges_met(found, touch.contact.finger.span_mm) for touch in touches]
     if not touches or any(not len(outline) for outline in outlines):
         return None
     return _agreement(touches, outlines, found, rig, uncertainties)
@@ -123,9 +123,9 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
     return (most - least) / 2 + deflection_mm(finger, patch.force_n)
 
 
-def _edges_at(found: Hypothesis, height_mm: float) -> Floats:
-    """Edges (m, 2, 2) of the object at a height: start and end, in its own frame; none where nothing is."""
-    rings = [ring for section in found.state.state.sections_at(height_mm) for ring in section.rings]
+def _edges_met(found: Hypothesis, span_mm: tuple[float, float]) -> Floats:
+    """Edges (m, 2, 2) of the object beside a tip: start and end, in its own frame; none where nothing is."""
+    rings = [ring for section in found.state.state.sections_within(span_mm) for ring in section.rings]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     return np.concatenate(edges) if edges else np.empty((0, 2, 2))
 

@@ -52,7 +52,8 @@ class PushingTouches:
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
         self._shapes = PlacedShapes(placement)
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
-        self._outlines = {at: outline_at(placement, at) for at in {item.height_mm for item in rig.fingers}}
+        spans = {item.span_mm: (item.height_mm, item.tip.half_length_mm) for item in rig.fingers}
+        self._outlines = {span: outline_at(placement, *at) for span, at in spans.items()}
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))
             for item in rig.fingers
@@ -96,7 +97,7 @@ class PushingTouches:
         spec = self._rig.fingers[index]
         unnoticed = undetected_dent_mm(spec, self._rig.closing)
         error = self._errors.draw(approach, unnoticed)
-        tip = DrivenTip(self._skins[index], spec.height_mm, self._outlines[spec.height_mm])
+        tip = DrivenTip(self._skins[index], spec.height_mm, self._outlines[spec.span_mm])
         gain, noise = self._gains[index], self._noise[index]
         return SimulatedFinger(self._rig, approach, tip, error, gain, noise, self._rng)
 
@@ -104,7 +105,7 @@ class PushingTouches:
         """As the part lies now; a way was free as far as nothing was noticed on it."""
         approach = finger.approach
         if finger.touched:
-            shape = self._shapes.at(approach.finger.height_mm)
+            shape = self._shapes.within(approach.finger.span_mm)
             contact = finger.error.contact(approach, shape, self._part.displacement, finger.travel_mm)
             if contact is not None:
                 return contact

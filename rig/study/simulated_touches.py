@@ -21,19 +21,19 @@ __all__ = ["PlacedShapes", "SimulatedTouches"]
 
 @dataclass(eq=False)
 class PlacedShapes:
-    """Shape of a part in W, as it was put, at every height that is asked for."""
+    """Shape of a part in W, as it was put, beside every tip that is asked for."""
 
     placement: Placement
-    _found: dict[float, shapely.Geometry] = field(default_factory=dict)
+    _found: dict[tuple[float, float], shapely.Geometry] = field(default_factory=dict)
 
-    def at(self, height_mm: float) -> shapely.Geometry:
-        """At a height (mm), prepared for distances."""
-        if height_mm not in self._found:
-            sections = self.placement.state.sections_at(height_mm)
+    def within(self, span_mm: tuple[float, float]) -> shapely.Geometry:
+        """Between a tip's ends at some heights (mm), prepared for distances."""
+        if span_mm not in self._found:
+            sections = self.placement.state.sections_within(span_mm)
             shape = shapely.union_all([shape_of(self.placement, item) for item in sections])
             shapely.prepare(shape)
-            self._found[height_mm] = shape
-        return self._found[height_mm]
+            self._found[span_mm] = shape
+        return self._found[span_mm]
 
 
 class SimulatedTouches:
@@ -55,6 +55,6 @@ class SimulatedTouches:
 
     def _touch(self, approach: FingerApproach) -> Touch:
         error = self._errors.draw(approach)
-        shape, far = self._shapes.at(approach.finger.height_mm), approach.travel_mm
+        shape, far = self._shapes.within(approach.finger.span_mm), approach.travel_mm
         contact = error.contact(approach, shape, IN_PLACE, far) or error.miss(approach, far)
         return Touch(approach.finger_index, contact, None, (math.nan, math.nan))

@@ -26,7 +26,9 @@ def test_places_are_the_nearest_ones_on_all_rings() -> None:
     catalogue = Catalogue([model])
     points = some_points(80, 1)
     origin = catalogue.origins_mm[0]
-    found = places_on_outlines(catalogue, np.array([0]), [10.0] * len(points), (points - origin)[None])
+    found = places_on_outlines(
+        catalogue, np.array([0]), [(10.0, 10.0)] * len(points), (points - origin)[None]
+    )
     shape = shapely.Polygon(FRAME.outer, FRAME.holes)
     rings = [shape.exterior, *shape.interiors]
     for k, point in enumerate(points):
@@ -50,7 +52,7 @@ def test_arc_lengths_between_places_are_those_along_the_ring() -> None:
         at = np.sort(np.random.default_rng(state).uniform(0, ring.length, 9))
         points = shapely.get_coordinates(shapely.line_interpolate_point(ring, at))
         own = (points - catalogue.origins_mm[state])[None]
-        found = places_on_outlines(catalogue, np.array([state]), [10.0] * 9, own)
+        found = places_on_outlines(catalogue, np.array([state]), [(10.0, 10.0)] * 9, own)
         steps = np.diff(found.along[0]) % ring.length
         if not ring.is_ccw:
             steps = -np.diff(found.along[0]) % ring.length

@@ -193,7 +193,12 @@ def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: SectionSymm
 
 def _radii(ranges_mm: Sequence[Range], fingers: RigFingers) -> list[float]:
     """Radii of the tips that are at heights within the ranges."""
-    return [at.tip_radius_mm for at in fingers.at for low, high in ranges_mm if low <= at.height_mm <= high]
+    return [
+        at.tip_radius_mm
+        for at in fingers.at
+        for low, high in ranges_mm
+        if low <= at.span_mm[1] and at.span_mm[0] <= high
+    ]
 
 
 def _heading(card: Card, left: float, top: float) -> str:

@@ -101,8 +101,8 @@ def _alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
 
 def _chosen(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
     """The lowest, the highest, those that fingers meet, and some evenly between."""
-    heights = [at.height_mm for at in fingers.at]
-    met = [k for k, level in enumerate(levels) if any(level.is_at(z) for z in heights)]
+    spans = [at.span_mm for at in fingers.at]
+    met = [k for k, level in enumerate(levels) if any(level.is_within(span) for span in spans)]
     met = met[: MOST_CONTOURS - 2]
     even = np.linspace(0, len(levels) - 1, min(len(levels), MOST_CONTOURS - len(met))).round().astype(int)
     return tuple(levels[k] for k in sorted({*even.tolist(), *met}))

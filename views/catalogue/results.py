@@ -53,7 +53,7 @@ def not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple
     """States that are not known at the height of some finger."""
     found = []
     for state in states:
-        heights = tuple(at.height_mm for at in fingers.at if not state.state.known_at(at.height_mm))
+        heights = tuple(at.height_mm for at in fingers.at if not state.state.known_within(at.span_mm))
         if heights:
             found.append(UnknownHeightOut(state=name_out(state), heights_mm=heights))
     return tuple(found)

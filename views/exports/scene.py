@@ -126,9 +126,10 @@ class _Drawn:
 
     def _rings(self, item: Mapping[str, Any], number: int | None) -> Iterator[Outline]:
         """Outlines of an object where fingers meet it."""
-        height = max(finger.height_mm for finger in self._fingers.values())
+        highest = max(self._fingers.values(), key=lambda finger: finger.height_mm)
+        height = highest.height_mm
         kind = "truth" if number is None else "hypothesis"
-        for k, points in enumerate(outlines_in_w(item, self._models, height)):
+        for k, points in enumerate(outlines_in_w(item, self._models, highest.span_mm)):
             name = f"{kind}-{number or 0}-{k}"
             yield Outline(name, kind, points, height, weight=float(item.get("weight") or 1.0))
 

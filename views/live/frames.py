@@ -201,11 +201,11 @@ def _approach(item: Mapping[str, Any]) -> dict[str, object]:
 
 def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object]:
     """What does not change during a run: fingers, workspace, outlines of states where fingers meet them."""
-    height = max(finger.height_mm for finger in rig.fingers)
+    span = max((finger.span_mm for finger in rig.fingers), key=lambda item: item[1])
     outlines: dict[str, list[list[list[float]]]] = {}
     for model in objects:
         for state in model.states:
-            sections = state.sections_at(height) or state.sections[:1]
+            sections = state.sections_within(span) or state.sections[:1]
             rings = [ring.round(3).tolist() for section in sections for ring in section.rings]
             outlines[f"{model.name}/{state.name}"] = rings
     fingers = [

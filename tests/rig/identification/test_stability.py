@@ -59,44 +59,44 @@ def test_a_lying_cylinder_and_a_ball_may_roll(pitch: float, at: float) -> None:
         lying = stacked(lambda z, r=radius: box(2 * half_chord(r, z), 60.0), 2 * radius, pitch, at)
         ball = stacked(lambda z, r=radius: disc(half_chord(r, z)), 2 * radius, pitch, at)
         for state in (lying, ball):
-            found = stability_of(state, 0.05, [HEIGHT])
+            found = stability_of(state, 0.05, [(HEIGHT, HEIGHT)])
             assert found.response is PushResponse.MAY_ROLL, (radius, found)
             assert found.why.startswith("may roll: its base reaches only")
-        along, across = stability_of(lying, 0.05, [HEIGHT]).safe_heights_mm()[[90, 0]]
+        along, across = stability_of(lying, 0.05, [(HEIGHT, HEIGHT)]).safe_heights_mm()[[90, 0]]
         assert across == 0.0
         assert along >= across
 
 
 def test_a_tall_narrow_block_may_tip_and_a_wide_plate_slides() -> None:
-    narrow = stability_of(prism(12.0, 60.0, 50.0), 0.1, [HEIGHT])
+    narrow = stability_of(prism(12.0, 60.0, 50.0), 0.1, [(HEIGHT, HEIGHT)])
     assert narrow.response is PushResponse.MAY_TIP
     assert narrow.margin_mm == pytest.approx(5.9)
     assert "5.9 mm" in narrow.why
     assert "friction is above 0.47" in narrow.why  # 5.9 / (1.25 · 10), rounded down
     for state in (prism(80.0, 60.0, 12.0), prism(25.0, 25.0, 60.0)):
-        slides = stability_of(state, 0.1, [HEIGHT])
+        slides = stability_of(state, 0.1, [(HEIGHT, HEIGHT)])
         assert (slides.response, slides.why) == (PushResponse.SLIDES, "")
         assert np.isinf(slides.safe_heights_mm()).all()
 
 
 def test_the_highest_finger_that_touches_decides() -> None:
     state = prism(40.0, 40.0, 30.0)
-    assert stability_of(state, 0.0, [10.0, 15.0]).response is PushResponse.SLIDES
-    assert stability_of(state, 0.0, [10.0, 28.0]).response is PushResponse.MAY_TIP
-    assert stability_of(state, 0.0, [10.0, 35.0]).response is PushResponse.SLIDES
-    assert stability_of(prism(4.0, 4.0, 5.0), 0.0, [10.0]).response is PushResponse.SLIDES
+    assert stability_of(state, 0.0, [(10.0, 10.0), (15.0, 15.0)]).response is PushResponse.SLIDES
+    assert stability_of(state, 0.0, [(10.0, 10.0), (28.0, 28.0)]).response is PushResponse.MAY_TIP
+    assert stability_of(state, 0.0, [(10.0, 10.0), (35.0, 35.0)]).response is PushResponse.SLIDES
+    assert stability_of(prism(4.0, 4.0, 5.0), 0.0, [(10.0, 10.0)]).response is PushResponse.SLIDES
 
 
 def test_feet_fillets_and_flanges_are_not_round_parts() -> None:
     fillet = stacked(lambda z: box(60 + 2 * half_chord(2.0, z), 60 + 2 * half_chord(2.0, z)), 2.0, 0.25)
     body = Section((2.0, 20.0), (box(64.0, 64.0),))
-    rounded = stability_of(State("f", (*fillet.sections, body)), 0.05, [HEIGHT])
+    rounded = stability_of(State("f", (*fillet.sections, body)), 0.05, [(HEIGHT, HEIGHT)])
     assert rounded.response is PushResponse.SLIDES
     assert rounded.margin_mm == pytest.approx(30.0, abs=0.6)
     flange = State("b", (Section((0.0, 15.0), (box(60.0, 60.0),)), Section((15.0, 30.0), (box(99.0, 99.0),))))
-    assert stability_of(flange, 0.0, [HEIGHT]).margin_mm == pytest.approx(30.0)
+    assert stability_of(flange, 0.0, [(HEIGHT, HEIGHT)]).margin_mm == pytest.approx(30.0)
     feet = State("t", (Section((0.0, 2.0), (box(6.0, 50.0, -25.0), box(6.0, 50.0, 25.0))), replace(body)))
-    assert stability_of(feet, 0.0, [HEIGHT]).response is PushResponse.SLIDES
+    assert stability_of(feet, 0.0, [(HEIGHT, HEIGHT)]).response is PushResponse.SLIDES
 
 
 def test_what_the_file_says_of_tipping_counts_too() -> None:
@@ -108,25 +108,33 @@ def test_what_the_file_says_of_tipping_counts_too() -> None:
         tipping_angle_rad=0.05,
     )
     sections = tuple(Section((s.z_mm[0] + 0.1, s.z_mm[1] + 0.1), s.polygons) for s in known.sections)
-    assert stability_of(replace(known, sections=sections), 0.08, [HEIGHT]).response is PushResponse.MAY_ROLL
+    assert (
+        stability_of(replace(known, sections=sections), 0.08, [(HEIGHT, HEIGHT)]).response
+        is PushResponse.MAY_ROLL
+    )
     block = prism(40.0, 40.0, 40.0)
-    assert stability_of(block, 0.0, [HEIGHT]).response is PushResponse.SLIDES
-    tips = stability_of(replace(block, tipping_angle_rad=0.2), 0.0, [HEIGHT])
+    assert stability_of(block, 0.0, [(HEIGHT, HEIGHT)]).response is PushResponse.SLIDES
+    tips = stability_of(replace(block, tipping_angle_rad=0.2), 0.0, [(HEIGHT, HEIGHT)])
     assert tips.margin_mm == pytest.approx(20 * math.tan(0.2))
 
 
 def test_a_base_that_is_not_known_is_not_taken_for_a_good_one() -> None:
     middle = State("s", (Section((9.5, 10.5), (box(40.0, 40.0),)),), None, None, 40.0, ((9.5, 10.5),))
-    found = stability_of(middle, 0.0, [HEIGHT])
+    found = stability_of(middle, 0.0, [(HEIGHT, HEIGHT)])
     assert (found.response, found.margin_mm) == (PushResponse.MAY_TIP, 0.0)
     assert "a lowest section at 9.5 mm" in found.why
     tilt = math.atan(20 / 20)  # as a cube of 40 mm has it
-    assert stability_of(replace(middle, tipping_angle_rad=tilt), 0.0, [HEIGHT]).margin_mm == pytest.approx(10)
-    assert stability_of(replace(middle, tipping_angle_rad=1.5), 0.0, [HEIGHT]).response is PushResponse.SLIDES
+    assert stability_of(
+        replace(middle, tipping_angle_rad=tilt), 0.0, [(HEIGHT, HEIGHT)]
+    ).margin_mm == pytest.approx(10)
+    assert (
+        stability_of(replace(middle, tipping_angle_rad=1.5), 0.0, [(HEIGHT, HEIGHT)]).response
+        is PushResponse.SLIDES
+    )
     beside = State(
         "s", (Section((0.0, 5.0), (box(20.0, 20.0),)), Section((5.0, 50.0), (box(20.0, 20.0, 15.0),)))
     )
-    assert stability_of(beside, 0.0, [HEIGHT]).margin_mm == 0.0
+    assert stability_of(beside, 0.0, [(HEIGHT, HEIGHT)]).margin_mm == 0.0
 
 
 POINTS = st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=4, max_size=12)
@@ -142,7 +150,7 @@ def test_a_prism_slides_as_far_as_its_hull_reaches(
     assume(hull.area > 20.0)
     outline = Polygon(shapely.get_coordinates(hull)[:-1])
     state = State("flat", (Section((0.0, 70.0), (outline,)),))
-    found = stability_of(state, tolerance, [height])
+    found = stability_of(state, tolerance, [(height, height)])
     edge = shapely.distance(hull.boundary, hull.centroid)
     assert found.margin_mm == pytest.approx(max(edge - tolerance, 0.0), abs=1e-6)
     assert (found.response is PushResponse.SLIDES) == (found.margin_mm >= height)
@@ -200,7 +208,7 @@ def test_mujoco_does_not_tip_what_slides_and_tips_what_may() -> None:
         rng = np.random.default_rng([77, number])
         blocks = drawn_stack(rng)
         height = float(rng.uniform(4, min(30.0, blocks[-1].z[1] - 1)))
-        if stability_of(state_of(blocks), 0.0, [height]).response is not PushResponse.SLIDES:
+        if stability_of(state_of(blocks), 0.0, [(height, height)]).response is not PushResponse.SLIDES:
             continue
         friction = float(rng.uniform(0.1, FRICTION_MOST))
         leans.append(worst_lean_rad(blocks, 0.15, friction, drawn_pushes(rng, blocks, height)))
@@ -210,5 +218,5 @@ def test_mujoco_does_not_tip_what_slides_and_tips_what_may() -> None:
     assert max(leans) < math.radians(0.5)
     pin = (Block((0.0, 0.0), (10.0, 40.0), (0.0, 50.0)),)
     push = [replace(drawn_pushes(rng, pin, 20.0)[0], axis=0, aside=0.0, friction=0.1)]
-    assert stability_of(state_of(pin), 0.0, [20.0]).response is PushResponse.MAY_TIP
+    assert stability_of(state_of(pin), 0.0, [(20.0, 20.0)]).response is PushResponse.MAY_TIP
     assert worst_lean_rad(pin, 0.15, 0.5, push) > math.radians(2.0)

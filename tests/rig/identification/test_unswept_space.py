@@ -27,6 +27,8 @@ REACH = reach_of(RIG)
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 SIX = outlines(SHIPPED_OBJECTS)
 TIP = Finger(5.0, 10.0)
+LOW, HIGH = (10.0, 10.0), (20.0, 20.0)
+"""Heights from which to which the tips of two fingers reach."""
 RADIUS_MM = RIG.workspace.radius_mm
 NOWHERE = Placed(SIX[0], 900.0, 900.0, 0.0)
 
@@ -93,7 +95,7 @@ def test_a_disc_that_no_tip_has_met_keeps_its_place(
     centre = shapely.Point(away * math.cos(at[1]), away * math.sin(at[1]))
     misses = [miss(way[:2], way[2:]) for way in ways]
     gaps = [centre.distance(shapely.LineString([item.start_mm, item.end_mm])) for item in misses]
-    (left,) = places_left(misses, {10.0: Disc(radius, frozenset({0}))}, RADIUS_MM).values()
+    (left,) = places_left(misses, {LOW: Disc(radius, frozenset({0}))}, RADIUS_MM).values()
     if all(gap >= 5.0 + radius for gap in gaps):
         assert left.distance(centre) < 1e-9
     if any(gap < (4.7 + radius) * 0.999 for gap in gaps):
@@ -103,17 +105,17 @@ def test_a_disc_that_no_tip_has_met_keeps_its_place(
 def test_discs_fit_inside_their_sections() -> None:
     notched = [(0, 0), (40, 0), (40, 10), (10, 10), (10, 30), (0, 30)]
     tolerant = ObjectModel("tolerant", flat("", notched).states, 1.0)
-    (disc,) = discs_at(Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {10.0}).values()
+    (disc,) = discs_at(Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {LOW}).values()
     assert 19.8 <= disc.radius_mm <= 20.0
-    (disc,) = discs_at(Catalogue([tolerant]), {10.0}).values()
+    (disc,) = discs_at(Catalogue([tolerant]), {LOW}).values()
     largest = 20 - 10 * math.sqrt(2)  # touches both outer sides and the inner corner
     assert largest - 1.2 <= disc.radius_mm <= largest - 1.0
-    assert discs_at(Catalogue([tolerant]), {25.0}) == {}, "nothing is there"
+    assert discs_at(Catalogue([tolerant]), {(25.0, 25.0)}) == {}, "nothing is there"
 
 
 def test_a_part_thinner_than_its_tolerance_is_not_ruled_out() -> None:
     sheet = ObjectModel("sheet", flat("", [(0, 0), (60, 0), (60, 1), (0, 1)]).states, 0.8)
-    (disc,) = discs_at(Catalogue([sheet, *SIX]), {10.0}).values()
+    (disc,) = discs_at(Catalogue([sheet, *SIX]), {LOW}).values()
     assert disc.states == frozenset(range(7))
     assert disc.radius_mm < 0
     result = searched(NOWHERE, [sheet, *SIX])
@@ -126,17 +128,17 @@ def test_states_at_other_heights_need_fingers_there() -> None:
     square = (Polygon(np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])),)
     low = ObjectModel("low", (State("s", (Section((0.0, 15.0), square),)),))
     high = ObjectModel("high", (State("s", (Section((15.5, 30.0), square),)),))
-    discs = discs_at(Catalogue([low, high]), {10.0, 20.0, 50.0})
-    assert {height: disc.states for height, disc in discs.items()} == {10.0: {0}, 20.0: {1}}
+    discs = discs_at(Catalogue([low, high]), {LOW, HIGH, (50.0, 50.0)})
+    assert {height: disc.states for height, disc in discs.items()} == {LOW: {0}, HIGH: {1}}
     nothing, room = shapely.Polygon(), shapely.Point(0, 0).buffer(50)
-    assert not is_swept({10.0: nothing, 20.0: room}, discs)
-    assert is_swept({10.0: nothing, 20.0: nothing}, discs)
+    assert not is_swept({LOW: nothing, HIGH: room}, discs)
+    assert is_swept({LOW: nothing, HIGH: nothing}, discs)
     assert not is_swept({}, {}), "nothing can be felt, so nothing is proven"
 
 
 def test_fingers_that_would_free_nothing_stay() -> None:
-    discs = {10.0: Disc(10.0, frozenset({0}))}
-    left = {10.0: shapely.Point(0, 60).buffer(5)}
+    discs = {LOW: Disc(10.0, frozenset({0}))}
+    left = {LOW: shapely.Point(0, 60).buffer(5)}
     grip = sweeping_grip(REACH, [], left, discs)
     assert len(grip) == 1, "one way is enough"
-    assert sweeping_grip(REACH, [], {10.0: shapely.Polygon()}, discs) == []
+    assert sweeping_grip(REACH, [], {LOW: shapely.Polygon()}, discs) == []

@@ -1,0 +1,77 @@
+"""Met sections: which of a state's polygons stand beside a tip, along all of its length.
+
+An upright rigid cylinder touches a part where it touches any of the cross sections between its ends, so the
+obstacle for its axis is the union of these sections, grown by a disc. Polygons that others are certain to
+cover, whatever the tolerance makes of them, cannot be touched and are left out: a wall that leans is cut into
+many sections, of which a few stand out.
+"""
+
+import numpy as np
+import shapely
+
+from palpate.geometry import Circle, Polygon, Section, State
+from palpate.recognizer.contact import Finger
+
+__all__ = ["met_section", "standing_out", "united_circles"]
+
+_CLEARLY_MM = 1e-6  # far above the rounding of distances
+
+
+def met_section(state: State, finger: Finger, tolerance_mm: float) -> Section | None:
+    """What a finger can meet of a state whose outlines are within a tolerance; None where nothing is.
+
+    Its polygons may overlap; where sections meet, the finger meets whichever stands out.
+    """
+    met = state.sections_within(finger.span_mm)
+    if not met:
+        return None
+    polygons = tuple(polygon for section in met for polygon in section.polygons)
+    if finger.half_length_mm > 0 and len(met) > 1:
+        polygons = standing_out(polygons, tolerance_mm)
+    return Section(finger.span_mm, polygons)
+
+
+def standing_out(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[Polygon, ...]:
+    """Those that no other one covers for certain: deeper than both may be off, or as exact as it.
+
+    Largest first is looked at, so that of equal ones one stays.
+    """
+    shapes = [shapely.Polygon(polygon.outer, polygon.holes) for polygon in polygons]
+    deep = 2 * tolerance_mm + _CLEARLY_MM if tolerance_mm > 0 else 0.0
+    kept: list[int] = []
+    for number in np.argsort([-shape.area for shape in shapes], kind="stable").tolist():
+        if not any(_is_covered(shapes[number], shapes[other], deep) for other in kept):
+            kept.append(number)
+    return tuple(polygons[number] for number in sorted(kept))
+
+
+def _is_covered(shape: shapely.Polygon, by: shapely.Polygon, deep_mm: float) -> bool:
+    """Whether all of a shape lies so deep inside of another one."""
+    if not by.covers(shape):
+        return False
+    return deep_mm == 0 or bool(shape.distance(by.boundary) > deep_mm)
+
+
+def united_circles(polygons: tuple[Polygon, ...]) -> tuple[bool, ...]:
+    """Which rings of polygons whose outlines are circles about one centre bound their union."""
+    reach = [_reach_mm(polygon) for polygon in polygons]
+    bounds = []
+    for number, (inner, outer) in enumerate(reach):
+        others = [item for k, item in enumerate(reach) if k != number]
+        before = reach[:number]  # of equal circles the first one counts
+        bounds.append(
+            not any(low <= outer < high for low, high in others)
+            and not any(low <= outer == high for low, high in before)
+        )
+        if len(polygons[number].rings) > 1:
+            bounds.append(
+                not any(low < inner <= high for low, high in others)
+                and not any(low == inner <= high for low, high in before)
+            )
+    return tuple(bounds)
+
+
+def _reach_mm(polygon: Polygon) -> tuple[float, float]:
+    """From which distance from the centre to which it is solid; from −1 on if it has no hole."""
+    radii = [curve.radius_mm for curve in polygon.curves if isinstance(curve, Circle)]
+    return (min(radii[1:]) if len(radii) > 1 else -1.0), radii[0]

@@ -1,0 +1,223 @@
+"""Tips of some length: what stops them beside stacks of prisms and frusta, judged by slices of meshes."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import shapely
+from sampling import sample
+from shapely import affinity
+from upright_tips import drawn_stack, first_touch, model_of, slices, stack_contacts
+
+from palpate.config.objects_file import checked_objects
+from palpate.config.objects_tables import ObjectsFileText
+from palpate.errors import InputError
+from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.recognizer import Catalogue, Finger, Hypothesis, recognise
+from palpate.recognizer.met_section import standing_out, united_circles
+
+_FACET_MM = 1e-3
+
+
+def drawn_finger(rng: np.random.Generator, top_mm: float) -> Finger:
+    """A tip whose lower end stands beside the stack."""
+    height = float(rng.uniform(2.0, top_mm))
+    half = float(rng.uniform(0.5, height))
+    return Finger(float(rng.choice([1.0, 4.0, 6.0, 9.0])), height, half)
+
+
+@pytest.mark.parametrize("seed", sample(range(60), range(12)))
+def test_the_grown_outline_stops_a_tip_where_the_solid_does(seed: int) -> None:
+    rng = np.random.default_rng([61, seed])
+    stack = drawn_stack(rng, leaning=False)
+    finger = drawn_finger(rng, stack.top_mm)
+    catalogue = Catalogue([model_of(stack)], facet_error_mm=_FACET_MM)
+    edges, origin = catalogue.outlines(finger), catalogue.origins_mm[0]
+    grown = shapely.MultiLineString(list(np.stack([edges.start + origin, edges.end + origin], axis=1)))
+    outlines = slices(stack, finger.span_mm)
+    for _ in range(12):
+        angle = float(rng.uniform(-math.pi, math.pi))
+        heading = np.array([math.cos(angle), math.sin(angle)])
+        start = rng.uniform(-20, 20, 2) - 110.0 * heading
+        travel = first_touch(outlines, start, heading, finger.tip_radius_mm)
+        end = start + min(travel, 220.0) * heading
+        if math.isfinite(travel):
+            assert grown.distance(shapely.Point(end)) <= _FACET_MM + 1e-6
+        for point in shapely.get_coordinates(shapely.LineString([start, end]).intersection(grown)):
+            assert outlines.distance(shapely.Point(point)) <= finger.tip_radius_mm + 1e-6
+
+
+def holds(found: list[Hypothesis], name: str, at: tuple[float, float, float]) -> bool:
+    """Whether some hypothesis of the object has the placement within its bounds."""
+    for item in found:
+        bounds = item.bounds
+        turn = (at[2] - bounds.theta_rad[0]) % (2 * math.pi) + bounds.theta_rad[0]
+        ends = ((at[0], bounds.x_mm), (at[1], bounds.y_mm), (turn, bounds.theta_rad))
+        if item.state.object_name == name and all(lo <= value <= hi for value, (lo, hi) in ends):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("leaning", [False, True])
+@pytest.mark.parametrize("seed", sample(range(40), range(8)))
+def test_the_truth_is_never_lost(seed: int, leaning: bool) -> None:
+    rng = np.random.default_rng([62, seed, leaning])
+    stacks = [drawn_stack(rng, leaning=leaning) for _ in range(2)]
+    models = [model_of(stack, name) for stack, name in zip(stacks, "ab", strict=True)]
+    finger = drawn_finger(rng, stacks[0].top_mm)
+    at = (*rng.uniform(-15, 15, 2).tolist(), float(rng.uniform(-math.pi, math.pi)))
+    contacts = stack_contacts(slices(stacks[0], finger.span_mm), finger, at, rng, count=5)
+    if not any(contact.touched for contact in contacts):
+        return
+    assert holds(list(recognise(Catalogue(models), contacts).hypotheses), "a", at)
+
+
+def test_a_disc_at_the_tips_middle_loses_the_truth() -> None:
+    """What a rig file without length_mm takes a tip of 12 mm for."""
+    wrong = 0
+    for seed in range(12):
+        rng = np.random.default_rng([63, seed])
+        stack = drawn_stack(rng, leaning=False)
+        finger = Finger(5.0, stack.blocks[0].z_mm[1] + 3.0, 6.0)
+        at = (3.0, -2.0, 0.4)
+        contacts = stack_contacts(slices(stack, finger.span_mm), finger, at, rng, count=5)
+        thin = [
+            type(item)(item.name, Finger(5.0, finger.height_mm), item.touched, item.start_mm, item.end_mm,
+                       item.position_bound_mm, item.normal)
+            for item in contacts
+        ]  # fmt: skip
+        catalogue = Catalogue([model_of(stack, "a")])
+        assert holds(list(recognise(catalogue, contacts).hypotheses), "a", at)
+        wrong += not holds(list(recognise(catalogue, thin).hypotheses), "a", at)
+    assert wrong >= 6
+
+
+def cone_model(tolerance_mm: float) -> ObjectModel:
+    """A cone of discs, 24 mm wide at its foot, 1 mm narrower each mm, with a bore."""
+    sections = [
+        {
+            "z": [z, z + 1],
+            "polygons": [
+                {
+                    "outer": {"circle": {"centre": [0, 0], "radius": 24 - z}},
+                    "holes": [{"circle": {"centre": [0, 0], "radius": 3}}],
+                }
+            ],
+        }
+        for z in range(12)
+    ]
+    states = [{"name": "standing", "sections": sections}]
+    table = {"name": "cone", "tolerance": tolerance_mm, "states": states}
+    text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
+    return checked_objects(ObjectsFileText.model_validate_json(json.dumps(text)), "here").objects[0]
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.5])
+def test_of_a_cone_the_widest_circle_along_the_tip_counts(tolerance: float) -> None:
+    catalogue = Catalogue([cone_model(tolerance)])
+    assert catalogue.states[0].state.is_round
+    edges = catalogue.outlines(Finger(5.0, 8.5, 4.0))
+    near = np.hypot(*((edges.start + edges.end) / 2).T)
+    # From 4.5 mm on: the section from 4 to 5 mm, of radius 20. Into the bore no tip goes.
+    radius = 20 + 5 - catalogue.states[0].tolerance_mm
+    assert near.max() <= radius + 1e-9
+    assert near.min() >= radius * math.cos(math.pi / 24) - 1e-9
+    touchable = catalogue.edges(Finger(5.0, 8.5, 4.0))
+    outer = {int(feature) for feature in touchable.feature}
+    assert len(outer) == (1 if tolerance == 0 else 2), "a section within both tolerances may stand out, too"
+    assert catalogue.edges(Finger(5.0, 30.0, 10.0)).count[0] == 0, "it ends 8 mm above the cone"
+
+
+@pytest.mark.parametrize("seed", sample(range(30), range(8)))
+def test_circles_that_bound_a_union(seed: int) -> None:
+    """Against shapely: a circle bounds the union if points just beside it are in it on one side only."""
+    rng = np.random.default_rng([64, seed])
+    polygons = []
+    for _ in range(int(rng.integers(1, 6))):
+        inner, outer = np.sort(rng.choice(np.arange(1, 12), 2, replace=False)).astype(float)
+        rings = [{"circle": {"centre": [0, 0], "radius": float(outer)}}]
+        table = {"outer": rings[0]} | ({} if rng.uniform() < 0.4 else {
+            "holes": [{"circle": {"centre": [0, 0], "radius": float(inner)}}]})  # fmt: skip
+        polygons.append(table)
+    tables = [
+        {"name": f"p{k}", "states": [{"name": "s", "sections": [{"z": [0, 1], "polygons": [item]}]}]}
+        for k, item in enumerate(polygons)
+    ]
+    text = {"format": "palpate/objects@1", "units": "mm", "objects": tables}
+    read = checked_objects(ObjectsFileText.model_validate(text), "here").objects
+    rings = tuple(item.states[0].sections[0].polygons[0] for item in read)
+    found = united_circles(rings)
+    radii = [curve.radius_mm for item in rings for curve in item.curves]
+
+    def solid(radius: float) -> bool:
+        return any(
+            (item.curves[1].radius_mm if len(item.curves) > 1 else -1.0) < radius < item.curves[0].radius_mm
+            for item in rings
+        )
+
+    bounding = {radius for radius in radii if solid(radius - 0.01) != solid(radius + 0.01)}
+    kept = [radius for radius, is_bound in zip(radii, found, strict=True) if is_bound]
+    assert sorted(kept) == sorted(bounding), "each once"
+
+
+def square(half: float) -> Polygon:
+    return Polygon(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
+
+
+def test_only_what_is_covered_for_certain_is_left_out() -> None:
+    small, middle, large = square(9.0), square(9.9), square(10.0)
+    assert standing_out((small, middle, large), 0.0) == (large,)
+    assert standing_out((small, large, middle), 0.1) == (large, middle), "0.1 mm may be twice the tolerance"
+    assert standing_out((large, large), 0.0) == (large,)
+    ring = Polygon(square(10.0).outer, (square(5.0).outer,))
+    assert standing_out((square(4.0), ring), 0.0) == (square(4.0), ring), "it stands in the hole"
+
+
+def test_known_along_the_tip() -> None:
+    section = Section((0.0, 20.0), (square(10.0),))
+    state = State("s", (section,), height_mm=20.0, heights_mm=((2.0, 8.0), (8.0, 12.0), (15.0, 20.0)))
+    assert state.known_within((3.0, 11.0)), "what is known goes on"
+    assert not state.known_within((3.0, 13.0))
+    assert not state.known_within((11.0, 16.0))
+    assert state.known_within((16.0, 30.0)), "above it nothing is"
+    assert state.known_within((21.0, 30.0))
+    assert not state.known_within((0.0, 3.0))
+    assert [state.known_at(z) for z in (1.0, 2.0, 12.0, 13.0, 25.0)] == [False, True, True, False, True]
+
+
+def test_outlines_of_a_turned_model_are_as_long() -> None:
+    rng = np.random.default_rng(65)
+    stack = drawn_stack(rng, leaning=False)
+    model = model_of(stack)
+    turned = ObjectModel(
+        "turned",
+        (
+            State(
+                "standing",
+                tuple(
+                    Section(
+                        part.z_mm,
+                        tuple(
+                            Polygon(
+                                shapely.get_coordinates(
+                                    affinity.rotate(shapely.Polygon(item.outer), 90, origin=(0, 0))
+                                )[:-1]
+                            )
+                            for item in part.polygons
+                        ),
+                    )
+                    for part in model.states[0].sections
+                ),
+            ),
+        ),
+    )
+    finger = Finger(5.0, 8.0, 6.0)
+    lengths = [Catalogue([item]).outlines(finger).length.sum() for item in (model, turned)]
+    assert lengths[0] == pytest.approx(lengths[1], abs=1e-6)
+
+
+@pytest.mark.parametrize("half", [-1.0, math.nan, math.inf])
+def test_lengths_that_are_none(half: float) -> None:
+    with pytest.raises(InputError, match="half the length"):
+        Finger(5.0, 10.0, half)

@@ -1,0 +1,180 @@
+"""Upright cylinders against drawn solids: where a tip of some length stops, by slices of meshes.
+
+Solids are stacks of prisms and of frusta, as meshes made by trimesh. A tip touches one where the slices
+between its ends come as near to its axis as its radius: no section that the code under test has is looked at.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+import trimesh
+from shapely import affinity
+from shapely_contacts import first_contact
+from solids import prism
+
+from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.recognizer import Contact, Finger, NormalRange
+
+__all__ = [
+    "Block",
+    "Stack",
+    "drawn_stack",
+    "first_touch",
+    "model_of",
+    "slices",
+    "stack_contacts",
+]
+
+REACH_MM = 300.0
+_EVENLY = 60  # slices, beside those where a mesh has corners
+_JUST_MM = 1e-9  # beside a height at which blocks begin or end
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """An outline from z_mm[0] to z_mm[1], scaled about its own centroid from 1 at its foot to `top_share`."""
+
+    outline: shapely.Polygon
+    z_mm: tuple[float, float]
+    top_share: float = 1.0
+
+    def at(self, z_mm: float) -> shapely.Polygon:
+        """Its exact section at a height."""
+        low, high = self.z_mm
+        share = 1 + (self.top_share - 1) * (z_mm - low) / (high - low)
+        return affinity.scale(self.outline, share, share, origin=self.outline.centroid)
+
+    def mesh(self) -> trimesh.Trimesh:
+        """The solid."""
+        low, high = self.z_mm
+        mesh = prism(self.outline, high - low)
+        points = mesh.vertices.copy()
+        top = points[:, 2] > (high - low) / 2
+        middle = np.asarray(self.outline.centroid.coords)[0]
+        points[top, :2] = middle + self.top_share * (points[top, :2] - middle)
+        points[:, 2] += low
+        return trimesh.Trimesh(points, mesh.faces, process=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Blocks on each other."""
+
+    blocks: tuple[Block, ...]
+
+    @property
+    def top_mm(self) -> float:
+        return max(block.z_mm[1] for block in self.blocks)
+
+
+def drawn_stack(rng: np.random.Generator, *, leaning: bool) -> Stack:
+    """Two to four blocks; of `leaning` ones, some are frusta."""
+    blocks, z = [], 0.0
+    for _ in range(int(rng.integers(2, 5))):
+        high = z + float(rng.uniform(3.0, 12.0))
+        share = float(rng.uniform(0.5, 1.3)) if leaning and rng.uniform() < 0.7 else 1.0
+        blocks.append(Block(_outline(rng), (z, high), share))
+        z = high
+    return Stack(tuple(blocks))
+
+
+def _outline(rng: np.random.Generator) -> shapely.Polygon:
+    """A polygon about some middle, now and then with notches."""
+    count = int(rng.integers(3, 9))
+    angle = np.sort(rng.uniform(0, 2 * math.pi / count, count)) + 2 * math.pi * np.arange(count) / count
+    radius = rng.uniform(10.0, 28.0, count)
+    points = rng.uniform(-4.0, 4.0, 2) + radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    found = shapely.Polygon(points)
+    return found if found.is_valid else found.convex_hull
+
+
+def model_of(stack: Stack, name: str = "stack", step_mm: float = 0.4) -> ObjectModel:
+    """The stack as an object model: a section for a prism; of a frustum slabs, and by how much they are off."""
+    sections, off = [], 0.0
+    for block in stack.blocks:
+        low, high = block.z_mm
+        count = 1 if block.top_share == 1.0 else math.ceil((high - low) / step_mm)
+        ends = np.linspace(low, high, count + 1).tolist()
+        for begin, end in zip(ends[:-1], ends[1:], strict=True):
+            middle = shapely.get_coordinates(block.at((begin + end) / 2).exterior)[:-1]
+            foot = shapely.get_coordinates(block.at(begin).exterior)[:-1]
+            off = max(off, float(np.hypot(*(foot - middle).T).max()))
+            sections.append(Section((begin, end), (Polygon(middle),)))
+    off = off + 1e-9 if off > 0 else 0.0
+    return ObjectModel(name, (State("standing", tuple(sections)),), tolerance_mm=off)
+
+
+def slices(stack: Stack, span_mm: tuple[float, float]) -> shapely.Geometry:
+    """Outlines of the stack's meshes at many heights of a span, as lines."""
+    low, high = span_mm
+    heights = {*np.linspace(low, high, _EVENLY).tolist()}
+    for z in (end for block in stack.blocks for end in block.z_mm):
+        heights |= {each for each in (z - _JUST_MM, z + _JUST_MM) if low <= each <= high}
+    lines = []
+    for block in stack.blocks:
+        mesh = block.mesh()
+        for z in sorted(heights):
+            if block.z_mm[0] < z < block.z_mm[1]:
+                cut = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, z])
+                lines += list(shapely.linestrings(cut[:, :, :2]))
+    return shapely.MultiLineString(lines)
+
+
+def first_touch(outlines: shapely.Geometry, start: Floats, heading: Floats, radius_mm: float) -> float:
+    """Travel at which a tip's axis stops; infinite if it passes by."""
+    if outlines.is_empty:
+        return math.inf
+    return first_contact(outlines, start, heading, radius_mm, REACH_MM)
+
+
+def stack_contacts(
+    outlines: shapely.Geometry,
+    finger: Finger,
+    at: tuple[float, float, float],
+    rng: np.random.Generator,
+    *,
+    count: int,
+    bound_mm: float = 0.1,
+    half_rad: float = 0.15,
+) -> list[Contact]:
+    """Contacts and misses of the stack put at (x, y, θ), their places and normals off within their bounds."""
+    x, y, theta = at
+    there = affinity.translate(affinity.rotate(outlines, theta, (0, 0), use_radians=True), x, y)
+    found = []
+    for number in range(count):
+        angle = float(rng.uniform(-math.pi, math.pi))
+        heading = np.array([math.cos(angle), math.sin(angle)])
+        aim = np.array([x, y]) + rng.uniform(-14.0, 14.0, 2)
+        start = aim - 110.0 * heading
+        travel = first_touch(there, start, heading, finger.tip_radius_mm)
+        touched = travel < 200.0
+        end = start + min(travel, 200.0) * heading
+        normal = None
+        if touched:
+            foot = shapely.get_coordinates(shapely.shortest_line(there, shapely.Point(end)))[0]
+            out = math.atan2(*(end - foot)[::-1]) + half_rad * float(rng.uniform(-1, 1))
+            normal = NormalRange(out - half_rad, out + half_rad)
+        off = bound_mm * math.sqrt(rng.uniform()) * _unit(float(rng.uniform(-math.pi, math.pi)))
+        found.append(
+            Contact(
+                f"f{number}",
+                finger,
+                touched,
+                _pair(start + off),
+                _pair(end + off),
+                bound_mm + 1e-6,
+                normal,
+            )
+        )
+    return found
+
+
+def _unit(angle_rad: float) -> Floats:
+    return np.array([math.cos(angle_rad), math.sin(angle_rad)])
+
+
+def _pair(point: Floats | Sequence[float]) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
