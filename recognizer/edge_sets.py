@@ -123,9 +123,10 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
         return _NOTHING
     band = ToleranceBand(item.tolerance_mm, item.normal_bound_rad)
     if item.state.is_round:
-        found = round_touchable(section, finger.tip_radius_mm, band)
+        found = round_touchable(section, finger.tip_radius_mm, band, united=finger.half_length_mm > 0)
     else:
-        found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm)
+        along = finger.half_length_mm > 0
+        found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm, united=along)
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),

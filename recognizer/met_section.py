@@ -6,13 +6,15 @@ cover, whatever the tolerance makes of them, cannot be touched and are left out:
 many sections, of which a few stand out.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 
-from palpate.geometry import Circle, Polygon, Section, State
+from palpate.geometry import Circle, Floats, Polygon, Section, State
 from palpate.recognizer.contact import Finger
 
-__all__ = ["met_section", "standing_out", "united_circles"]
+__all__ = ["first_of_equal", "met_section", "standing_out", "uncertain_circles", "united_circles"]
 
 _CLEARLY_MM = 1e-6  # far above the rounding of distances
 
@@ -40,7 +42,10 @@ def standing_out(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[Po
     deep = 2 * tolerance_mm + _CLEARLY_MM if tolerance_mm > 0 else 0.0
     kept: list[int] = []
     for number in np.argsort([-shape.area for shape in shapes], kind="stable").tolist():
-        if not any(_is_covered(shapes[number], shapes[other], deep) for other in kept):
+        if not any(
+            polygons[number] == polygons[other] or _is_covered(shapes[number], shapes[other], deep)
+            for other in kept
+        ):
             kept.append(number)
     return tuple(polygons[number] for number in sorted(kept))
 
@@ -50,6 +55,37 @@ def _is_covered(shape: shapely.Polygon, by: shapely.Polygon, deep_mm: float) -> 
     if not by.covers(shape):
         return False
     return deep_mm == 0 or bool(shape.distance(by.boundary) > deep_mm)
+
+
+def first_of_equal(rings: Sequence[Floats]) -> tuple[bool, ...]:
+    """Which rings (n, 2) are the first of their kind: walls that go up through several sections."""
+    seen: set[bytes] = set()
+    found = []
+    for ring in rings:
+        key = np.ascontiguousarray(ring).tobytes()
+        found.append(key not in seen)
+        seen.add(key)
+    return tuple(found)
+
+
+def uncertain_circles(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[bool, ...]:
+    """Which rings, circles about one centre, no other polygon is certain to cover; of equal ones the first.
+
+    Unlike `standing_out` one by one: of rings round a common bore the outer circles differ.
+    """
+    reach, deep = [_reach_mm(polygon) for polygon in polygons], 2 * tolerance_mm + _CLEARLY_MM
+    fresh = first_of_equal([ring for polygon in polygons for ring in polygon.rings])
+    bare = (
+        not any(
+            (low < 0 or low + deep < curve.radius_mm) and curve.radius_mm < high - deep
+            for k, (low, high) in enumerate(reach)
+            if k != number
+        )
+        for number, polygon in enumerate(polygons)
+        for curve in polygon.curves
+        if isinstance(curve, Circle)
+    )
+    return tuple(first and uncovered for first, uncovered in zip(fresh, bare, strict=True))
 
 
 def united_circles(polygons: tuple[Polygon, ...]) -> tuple[bool, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from palpate.geometry import Bools, Circle, Floats, Section
-from palpate.recognizer.met_section import united_circles
+from palpate.recognizer.met_section import uncertain_circles, united_circles
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.tolerance_band import ToleranceBand, Touchable
@@ -50,14 +50,20 @@ def round_outlines(section: Section, radius_mm: float, *, united: bool = False) 
     return GrownSection.joined(parts)
 
 
-def round_touchable(section: Section, radius_mm: float, band: ToleranceBand) -> Touchable:
-    """Places of a tip's centre that touches the section's circles; a hole that it does not enter has none."""
+def round_touchable(
+    section: Section, radius_mm: float, band: ToleranceBand, *, united: bool = False
+) -> Touchable:
+    """Places of a tip's centre that touches the section's circles; a hole that it does not enter has none.
+
+    Of polygons that overlap (`united`) those circles have none either that others are certain to cover.
+    """
     solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
     rings = [ring for polygon in section.polygons for ring in polygon.rings]
+    bare = uncertain_circles(section.polygons, band.off_mm) if united else (True,) * len(rings)
     parts = [
         _touchable(solid, ring, circle, sign, number, radius_mm, band)
         for number, (ring, (circle, sign)) in enumerate(zip(rings, _circles(section), strict=True))
-        if circle.radius_mm + sign * radius_mm + band.off_mm > 0
+        if bare[number] and circle.radius_mm + sign * radius_mm + band.off_mm > 0
     ]
     return Touchable.joined(parts)
 

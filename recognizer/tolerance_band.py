@@ -26,6 +26,7 @@ from scipy.spatial import cKDTree
 
 from palpate.geometry import Bools, Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
+from palpate.recognizer.met_section import first_of_equal
 from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
 from palpate.recognizer.offset_rings import facet_turn
 from palpate.recognizer.simplification import merge_runs, simplify_outline
@@ -67,15 +68,18 @@ class Touchable(Table):
 
 
 def touchable_edges(
-    section: Section, radius_mm: float, band: ToleranceBand, facet_error_mm: float
+    section: Section, radius_mm: float, band: ToleranceBand, facet_error_mm: float, *, united: bool = False
 ) -> Touchable:
     """Places of a tip's centre at every feature, except for those that the object is certain to cover.
 
-    The centre is never nearer to the nominal section than r − δ.
+    The centre is never nearer to the nominal section than r − δ. Of polygons of several sections (`united`)
+    those walls are looked at once that are the same in several.
     """
     parts = []
     solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
-    for ring in oriented_rings(section):
+    rings = oriented_rings(section)
+    fresh = first_of_equal([ring.points for ring in rings]) if united else (True,) * len(rings)
+    for ring in (ring for ring, first in zip(rings, fresh, strict=True) if first):
         sides = _uncertain_edges(solid, ring, radius_mm, band, facet_error_mm)
         parts.append(_along_edges(solid, sides, radius_mm, band.off_mm))
         if radius_mm > 0:

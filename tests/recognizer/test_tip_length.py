@@ -125,7 +125,7 @@ def test_of_a_cone_the_widest_circle_along_the_tip_counts(tolerance: float) -> N
     assert near.min() >= radius * math.cos(math.pi / 24) - 1e-9
     touchable = catalogue.edges(Finger(5.0, 8.5, 4.0))
     outer = {int(feature) for feature in touchable.feature}
-    assert len(outer) == (1 if tolerance == 0 else 2), "a section within both tolerances may stand out, too"
+    assert len(outer) == (1 if tolerance == 0 else 2), "another one within both tolerances may stand out"
     assert catalogue.edges(Finger(5.0, 30.0, 10.0)).count[0] == 0, "it ends 8 mm above the cone"
 
 
@@ -170,6 +170,7 @@ def test_only_what_is_covered_for_certain_is_left_out() -> None:
     assert standing_out((small, middle, large), 0.0) == (large,)
     assert standing_out((small, large, middle), 0.1) == (large, middle), "0.1 mm may be twice the tolerance"
     assert standing_out((large, large), 0.0) == (large,)
+    assert standing_out((large, large), 0.3) == (large,), "what is true of the one is true of the other"
     ring = Polygon(square(10.0).outer, (square(5.0).outer,))
     assert standing_out((square(4.0), ring), 0.0) == (square(4.0), ring), "it stands in the hole"
 

@@ -7,6 +7,7 @@ between its ends come as near to its axis as its radius: no section that the cod
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -92,13 +93,13 @@ def _outline(rng: np.random.Generator) -> shapely.Polygon:
 
 
 def model_of(stack: Stack, name: str = "stack", step_mm: float = 0.4) -> ObjectModel:
-    """The stack as an object model: a section for a prism; of a frustum slabs, and by how much they are off."""
+    """The stack as an object model: a section for a prism, slabs for a frustum, and how far these are off."""
     sections, off = [], 0.0
     for block in stack.blocks:
         low, high = block.z_mm
         count = 1 if block.top_share == 1.0 else math.ceil((high - low) / step_mm)
         ends = np.linspace(low, high, count + 1).tolist()
-        for begin, end in zip(ends[:-1], ends[1:], strict=True):
+        for begin, end in pairwise(ends):
             middle = shapely.get_coordinates(block.at((begin + end) / 2).exterior)[:-1]
             foot = shapely.get_coordinates(block.at(begin).exterior)[:-1]
             off = max(off, float(np.hypot(*(foot - middle).T).max()))
