@@ -82,6 +82,8 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
     wanted = ",".join(map(span_text, sorted({item.span_mm for item in fingers})))
     near = _known_near([state for item in models for state in item.states], finger)
     other = "" if near is None else f", or set the finger to {near:g} mm, where all states are known"
+    if finger.span_mm[0] < finger.span_mm[1] and near is None:
+        other = ", with a greater tolerance if nearly level walls leave gaps there"
     raise InputError(
         f'object "{model.name}", state "{state.name}" is known at heights '
         f"{heights_in_words(state.heights_mm or ())} only; finger {finger.name} is at "

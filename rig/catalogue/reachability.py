@@ -16,12 +16,10 @@ from palpate.geometry import ObjectModel, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.section_stack import region_within
 
-__all__ = ["HOPELESS", "OF_SECTION", "TIP_REACHES_MM", "Finding", "Trouble", "findings_of"]
+__all__ = ["HOPELESS", "OF_SECTION", "Finding", "Trouble", "findings_of"]
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
-TIP_REACHES_MM = 5.0
-"""How far above and below its middle a real tip may well touch, where the rig file does not say it."""
 
 
 class Trouble(Enum):
@@ -33,7 +31,6 @@ class Trouble(Enum):
     STICKS_OUT = "does not fit into the workspace in any pose"
     TINY = "smaller than two contacts may be off by"
     SOME_FINGERS = "nothing at the heights of some fingers"
-    JUTS_OUT = "juts out just above or below a finger's height"
 
 
 HOPELESS = frozenset({Trouble.MISSED, Trouble.LINKS, Trouble.OVERSIZED})
@@ -96,20 +93,19 @@ class _Lying:
     def __init__(self, bench: _Bench, state: State, scale: float = 1.0) -> None:
         self._bench, self._scale = bench, scale
         self._top_mm = scale * state.top_mm
-        self._state = state
         spans = {span: (span[0] / scale, span[1] / scale) for _, span in bench.fingers}
-        self._regions = {span: region_within(state, scaled) for span, scaled in spans.items()}
+        regions = {span: region_within(state, scaled) for span, scaled in spans.items()}
         self._fingers = tuple(
             name
             for name, span in bench.fingers
-            if not self._regions[span].is_empty or not state.known_within(spans[span])
+            if not regions[span].is_empty or not state.known_within(spans[span])
         )
-        self._met = shapely.union_all(list(self._regions.values()))
+        self._met = shapely.union_all(list(regions.values()))
         self._across_mm = 2 * scale * float(shapely.minimum_bounding_radius(self._met))
 
     @property
     def is_usable(self) -> bool:
-        return self.trouble in (None, Trouble.SOME_FINGERS, Trouble.JUTS_OUT)
+        return self.trouble in (None, Trouble.SOME_FINGERS)
 
     @cached_property
     def trouble(self) -> Trouble | None:
@@ -121,9 +117,7 @@ class _Lying:
             return Trouble.OVERSIZED if self._holds_disc(self._bench.across) else Trouble.STICKS_OUT
         if not self._met.is_empty and self._across_mm < self._bench.unsure:
             return Trouble.TINY
-        if len(self._fingers) < len(self._bench.fingers):
-            return Trouble.SOME_FINGERS
-        return Trouble.JUTS_OUT if any(self._juts_out(span) for span in self._regions) else None
+        return Trouble.SOME_FINGERS if len(self._fingers) < len(self._bench.fingers) else None
 
     @property
     def size_mm(self) -> float:
@@ -132,21 +126,6 @@ class _Lying:
     @property
     def fingers(self) -> tuple[str, ...]:
         return self._fingers
-
-    def _juts_out(self, span_mm: tuple[float, float]) -> bool:
-        """Whether a section near a tip of no stated length sticks out by more than contacts may be off."""
-        here, allowed, at = self._regions[span_mm], self._bench.unsure / 2 / self._scale, span_mm[0]
-        if here.is_empty or span_mm[1] > at:
-            return False
-        around = ((at - TIP_REACHES_MM) / self._scale, (at + TIP_REACHES_MM) / self._scale)
-        near = [
-            part for part in self._state.sections if part.z_mm[0] < around[1] and part.z_mm[1] > around[0]
-        ]
-        if near == list(self._state.sections_at(at / self._scale)):
-            return False
-        heights = {min(max(at / self._scale, part.z_mm[0]), part.z_mm[1]) for part in near}
-        wide = here.buffer(allowed)
-        return any(not wide.contains(region_within(self._state, (z, z))) for z in heights)
 
     def _holds_disc(self, across_mm: float) -> bool:
         return not self._met.buffer(-across_mm / 2 / self._scale).is_empty

@@ -7,14 +7,8 @@ from palpate.config import RigFile
 from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, heights_in_words
-from palpate.rig.catalogue.reachability import (
-    HOPELESS,
-    OF_SECTION,
-    TIP_REACHES_MM,
-    Finding,
-    Trouble,
-    findings_of,
-)
+from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
+from palpate.rig.catalogue.tip_lengths import overhang_lines
 
 __all__ = ["finding_lines", "untouched_lines", "workspace_words"]
 
@@ -30,14 +24,15 @@ _UNITS = {
 def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> list[str]:
     """What the operator should know of the objects of the file `name` before a run on a rig.
 
-    Empty if all states can be felt by all fingers. Raises InputError if none can be by any.
+    Empty if all states can be felt by all fingers, and as what they are. Raises InputError if none can be by
+    any.
     """
     found = findings_of(rig, models)
     lines = [_line(rig, group) for group in _groups(found)]
     states = sum(len(model.states) for model in models)
     if sum(finding.trouble in HOPELESS for finding in found) == states:
         raise InputError(f'{name}: rig "{rig.name}" cannot identify anything in it: {"; ".join(lines)}')
-    return [f"{name}: {line}" for line in lines]
+    return [f"{name}: {line}" for line in (*lines, *overhang_lines(rig, models))]
 
 
 def untouched_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
@@ -82,9 +77,12 @@ def _names(group: Sequence[Finding]) -> str:
 
 
 def _reason(rig: RigFile, finding: Finding) -> str:
+    heights = heights_in_words(at_heights(rig))
     match finding.trouble:
-        case Trouble.MISSED | Trouble.SOME_FINGERS | Trouble.JUTS_OUT:
-            return _heights_reason(finding, heights_in_words(at_heights(rig)))
+        case Trouble.MISSED:
+            return f"nothing at the height of any finger, {heights}"
+        case Trouble.SOME_FINGERS:
+            return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
         case Trouble.LINKS:
             return "too high for the arms' links to pass above (links_height_mm)"
         case Trouble.OVERSIZED:
@@ -94,15 +92,3 @@ def _reason(rig: RigFile, finding: Finding) -> str:
         case Trouble.TINY:
             off_mm = 2 * (contact_bound_mm(rig) or 0.0)
             return f"smaller than {off_mm:.2g} mm, by which two touches may be off"
-
-
-def _heights_reason(finding: Finding, heights: str) -> str:
-    """Of a trouble with the heights of fingers."""
-    if finding.trouble is Trouble.MISSED:
-        return f"nothing at the height of any finger, {heights}"
-    if finding.trouble is Trouble.SOME_FINGERS:
-        return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
-    return (
-        f"juts out within {TIP_REACHES_MM:g} mm above or below a finger's height ({heights}); "
-        "tips are taken to touch at that height only: say how long they are (tip.length_mm)"
-    )

@@ -355,6 +355,28 @@ def test_the_heights_of_the_shipped_rig_are_the_default(
         assert not state.known_at(17.0)
 
 
+def test_heights_all_along_the_tips_of_a_rig(
+    angle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    text = shipped_rig().read_text()
+    rig.write_text(text.replace("stiffness_n_per_mm", "length_mm = 12.0\nstiffness_n_per_mm"))
+    for options in (("--rig", rig), ("--heights", "4-16")):
+        out = tmp_path / "along.json"
+        asked = ["objects", "import", angle, *AS_IS, *options, "--out", out]
+        assert run_here(asked, monkeypatch, capsys).code == 0
+        (state,) = only(out).states
+        assert state.known_within((4.0, 16.0))
+        assert not state.known_at(17.0)
+        out.unlink()
+    for wrong in ("16-4", "4-", "1-2-3", "-4"):
+        refused = run_here(
+            ["objects", "import", angle, *AS_IS, f"--heights={wrong}", "--out", out], monkeypatch, capsys
+        )
+        assert refused.code == 2
+        assert "is no height in mm; write them as 5,12 or, from to, 5-15" in refused.err
+
+
 def test_heights_are_asked_for_in_one_way(angle: Path, ask: Ask) -> None:
     ended = ask(angle, "--heights", "5", "--all-heights")
     assert ended.code == 2

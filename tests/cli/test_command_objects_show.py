@@ -55,7 +55,7 @@ def rig_with(*heights: float) -> Path:
 def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Ask) -> None:
     ended = ask("check", PARTS)
     assert (ended.code, ended.err.count("\n")) == (1, 1)
-    assert "juts out within 5 mm above or below a finger's height" in ended.err
+    assert "walls are not upright beside the tips" in ended.err
     assert re.search(
         r"^6 states, 15 pairs:\n +13 distinguished\n +1 never .*\n +1 may or may not", ended.out, re.M
     )

@@ -115,6 +115,24 @@ bound_deg = 0.02
 
 CASES = [
     (
+        changed(BENCH, "stiffness_n_per_mm", "length_mm = 20.5\nstiffness_n_per_mm"),
+        'fingers[0].tip.length_mm ("f1"): is 20.5: half of that is more than height_mm (10), so the tip '
+        "would reach below the support plane",
+    ),
+    (
+        changed(BENCH, "stiffness_n_per_mm", "length_mm = 0.0\nstiffness_n_per_mm"),
+        'fingers[0].tip.length_mm ("f1"): is 0',
+    ),
+    (
+        changed(
+            changed(ARMS, "height_mm = 10.0", "height_mm = 20.0"),
+            "stiffness_n_per_mm",
+            "length_mm = 24.0\nstiffness_n_per_mm",
+        ),
+        'fingers[0].links.links_height_mm ("a1"): is 30, below the tip\'s upper end (32): half of length_mm '
+        "above height_mm",
+    ),
+    (
         changed(BENCH, "dxl_id = 22", "dxl_id = 12"),
         'fingers[1].slide.dxl_id ("f2"): 12 is the id of finger "f1" (slide) already; every servo',
     ),

@@ -67,6 +67,16 @@ def test_a_height_that_would_do_is_named(tmp_path: Path) -> None:
     assert "set the finger" not in str(caught.value)
 
 
+def test_all_along_a_tip_the_state_must_be_known(tmp_path: Path) -> None:
+    objects = load_objects(write(tmp_path, [[4.5, 14.0]])).objects
+    check_known(objects, [FingerAtHeight("f1", 9.0, 4.0)])
+    words = r"4\.5–14 mm only; finger f1 is at 10 mm \(its tip from 4 to 16 mm\): .* for heights 4-16, with"
+    with pytest.raises(InputError, match=words):
+        check_known(objects, [FingerAtHeight("f1", 10.0, 6.0)])
+    with pytest.raises(InputError, match=r"or set the finger to 9\.5 mm"):
+        check_known(objects, [FingerAtHeight("f1", 10.0, 4.5)])
+
+
 def test_objects_without_heights_are_known(tmp_path: Path) -> None:
     check_known(load_objects(write(tmp_path, None)).objects, [FingerAtHeight("f1", 10.0)])
 
