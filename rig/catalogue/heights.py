@@ -92,7 +92,7 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
 
 
 def span_text(span_mm: tuple[float, float]) -> str:
-    """A height, or a span of heights, as `--heights` takes it: "12" or "5-15"."""
+    """A height, or a span of heights, as an import is asked for it: "12" or "5-15"."""
     low, high = span_mm
     return f"{low:g}" if low == high else f"{low:g}-{high:g}"
 
