@@ -320,6 +320,7 @@ def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
             page = until_served(port, process)
             until(lambda: len((page.json("/frame?t=1e9") or {"tips": ()})["tips"]) == 3)
             until(lambda: any(page.json("/frame?t=1e9")["torque"].values()))
+            until(lambda: len(page.json("/frame?t=1e9")["arrays"]) == 3)
             frame = page.json("/frame?t=1e9")
             assert page.json("/setting")["outlines"] == {}
             assert (set(frame["arrays"]), frame["hypotheses"]) == ({"f1", "f2", "f3"}, [])
