@@ -169,7 +169,7 @@ def identify_stacks(seed: int, runs: int) -> int:
         found = Counter(run(seed, number, length) for number in range(runs))
         if length is not None:
             wrong = found["false"] + found["called unknown"] + found["not resolved, truth lost"]
-        print(f"{words}, {runs} runs in {time.perf_counter() - begin:.0f} s: ", end="")
+        print(f"{words}, {runs} runs in {time.perf_counter() - begin:.0f} s: ", end="", flush=True)
         print(", ".join(f"{count} {word}" for word, count in found.most_common()))
     return 1 if wrong else 0
 
