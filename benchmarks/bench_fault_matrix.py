@@ -28,7 +28,7 @@ from fault_rows import FAULTS, LOOKED
 
 from palpate.drivers.dynamixel import bus, control_table, servo, state, torque
 from palpate.drivers.transport import record
-from palpate.rig.motion import array_guard, finger_movers, hand
+from palpate.rig.motion import array_guard, finger_movers, hand, switching_off
 from palpate.rig.session import log
 
 Result = tuple[Cell, Outcome, list[str]]
@@ -113,12 +113,12 @@ def without_shield() -> None:
 
 def without_sure_off() -> None:
     """Torque is switched off once, whatever interrupts it."""
-    replace_guard(hand.Hand, "_switch_off_despite_interruptions", hand.Hand._switch_off)
+    replace_guard(hand, "despite_interruptions", lambda switch_off: switch_off())
 
 
 def without_reconnecting() -> None:
     """An adapter that comes back is not waited for."""
-    replace_guard(hand.Hand, "_switch_off_after_reconnect", lambda _, failed: failed)
+    replace_guard(switching_off, "_REPLUG_S", 0.0)
 
 
 def without_asking_again() -> None:

@@ -10,7 +10,10 @@ A stopped servo brakes with the largest torque that max_force_n lets it have and
 rotor's inertia behind the gear. One that nobody stops, because the host or its bus is gone, presses until its
 current limit and its inertia m, as a mass at the tip, are used up:
 
-    peak = max_force_n + friction_a as a force + approach speed · √(stiffness · m)
+    peak = max_force_n + friction_a as a force + speed · √(stiffness · m)
+
+Its speed is up to twice that of its profile: a servo that friction has held back falls behind its trajectory
+at the profile's speed and, without losses, comes back to it as fast. None is faster than without a load.
 """
 
 import math
@@ -24,6 +27,7 @@ from palpate.rig.bus_latency import array_latency_s, bus_latency_s
 __all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm", "unstopped_peak_n"]
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
+_CATCHES_UP = 2.0  # times the profile's speed, at most, while a servo catches up with its trajectory
 
 
 def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
@@ -37,20 +41,23 @@ def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
 
 
 def unstopped_peak_n(rig: RigFile) -> float:
-    """Peak force (N) of the hardest finger that runs into something firm and is told nothing any more."""
+    """Bound on the force (N) of any finger that runs into something firm and is told nothing any more."""
+    closing = rig.closing
     return max(
-        rig.closing.max_force_n
+        closing.max_force_n
         + _friction_allowance_n(finger)
-        + rig.closing.approach_speed_mm_s / abs(lever_mm) * _root_n_m(finger, model)
+        + _inertial_n(finger, model, closing.approach_speed_mm_s / abs(lever_mm))
         for finger in rig.fingers
         for model, lever_mm in _levers(finger)
     )
 
 
-def _root_n_m(finger: FingerConfig, model: str) -> float:
-    """√(stiffness · inertia) of the tip at its stiffest: force (N) for each rad/s of the servo."""
+def _inertial_n(finger: FingerConfig, model: str, profile_rad_s: float) -> float:
+    """Force (N) with which the tip, at its stiffest, stops a servo: speed · √(stiffness · inertia)."""
+    motor = specification(model).motor
+    fastest_rad_s = min(_CATCHES_UP * profile_rad_s, motor.no_load_rad_s)
     stiffest_n_per_m = 1e3 * finger.tip.stiffness_n_per_mm * (1 + finger.tip.stiffness_spread)
-    return math.sqrt(stiffest_n_per_m * specification(model).motor.inertia_kg_m2)
+    return fastest_rad_s * math.sqrt(stiffest_n_per_m * motor.inertia_kg_m2)
 
 
 def _friction_allowance_n(finger: FingerConfig) -> float:

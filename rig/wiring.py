@@ -1,4 +1,7 @@
-"""Drives of a rig: the servos of each finger on the bus, limited to its ranges, and how they are moved."""
+"""Drives of a rig: the servos of each finger on the bus, limited to its ranges, and how they are moved.
+
+Also why a finger must not move from where it stands when it is switched on.
+"""
 
 import math
 
@@ -13,10 +16,7 @@ from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm,
 
 __all__ = ["drive_of", "start_problem"]
 
-
 _START_MM = 15.0  # an arm's tip may stand this far from where tips wait when it is switched on
-
-
 _JOINT_SLACK_DEG = 0.1  # an encoder step of a joint that stands at its end
 
 

@@ -15,27 +15,20 @@ from serial.serialutil import SerialBase
 
 from palpate.config import FingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import (
-    DamagedAnswer,
-    NotAnswering,
-    PortFailed,
-    Restarted,
-    WatchdogTripped,
-)
+from palpate.drivers.dynamixel.errors import Restarted, WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, ArraySilent, TactileFrame
+from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.plugged_ports import renamed
 from palpate.drivers.transport.reopened_port import ReopenedPort
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.arrays import array_of, extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
-from palpate.rig.drives import AIM_TOLERANCE_RAD, Drive
+from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.motion.homing import (
@@ -48,8 +41,13 @@ from palpate.rig.motion.homing import (
     recall_turn,
 )
 from palpate.rig.motion.load_meter import LoadMeter
-from palpate.rig.motion.standby import come_to_standby
-from palpate.rig.reach.free_space import stage_range_rad
+from palpate.rig.motion.standby import come_to_standby, stage_problem
+from palpate.rig.motion.switching_off import (
+    despite_interruptions,
+    note_other_causes,
+    note_what_is_on,
+    switch_off,
+)
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
@@ -66,15 +64,9 @@ SPEAK_S = WATCHDOG_S / 3
 _TARE_FRAMES = 64
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
-_REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
-_REPLUG_POLL_S = 0.25
+_ARRAY_POLL_S = 0.25
 _ARRAY_BACK_S = 4.0  # how long to wait for an array that was lost, with fingers stopped and torque on
 _MOST_TAKEN_UP = 3  # arrays in a run; more often, something is wrong that needs a person
-_OFF_TRIES = 3  # whatever interrupts switching off, it is done again
-
-_OTHERS = (
-    "another program, such as ModemManager after plugging in, may have the port, too: palpate doctor names it"
-)
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -108,7 +100,6 @@ class Hand:
         self._ports: list[SerialBase] = []
         self._array_ports: dict[str, ReopenedPort] = {}
         self._taken_up = 0
-        self._renamed = ""
         self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
@@ -118,8 +109,8 @@ class Hand:
         try:
             self._connect(open_port)
         except BaseException as error:
-            _warn(error, self.close())
-            _hint(error)
+            note_what_is_on(error, self.close())
+            note_other_causes(error)
             raise
 
     def __repr__(self) -> str:
@@ -131,23 +122,24 @@ class Hand:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        before = self.bus.port_name
         failed = self.close()
         if error is not None:
-            _warn(error, failed)
-            _hint(error)
-            if self._renamed:
-                error.add_note(self._renamed)
+            note_what_is_on(error, failed)
+            note_other_causes(error)
+            if self.bus.port_name != before:
+                error.add_note(renamed(before, self.bus.port_name))
             if not isinstance(error, Exception) and not failed:
                 error.add_note("torque is off")
         elif failed:
-            _warn(failed[0], failed)
+            note_what_is_on(failed[0], failed)
             raise failed[0]
 
     def close(self) -> list[DeviceError]:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
         self._driven = False
         try:
-            return self._switch_off_despite_interruptions()
+            return despite_interruptions(self._switch_off)
         finally:
             for port in self._ports:
                 with suppress(Exception):  # torque is what matters, and the next port
@@ -159,52 +151,11 @@ class Hand:
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._arrays, self._ports, self._array_ports = [], [], [], {}
 
-    def _switch_off_despite_interruptions(self) -> list[DeviceError]:
-        """Switch off; what interrupts it, such as a signal or lack of memory, is raised once it is done."""
-        interruption: BaseException | None = None
-        for _ in range(_OFF_TRIES):
-            try:
-                failed = self._switch_off()
-            except BaseException as error:
-                interruption = interruption or error
-                continue
-            if interruption is None:
-                return failed
-            _warn(interruption, failed)
-            break
-        else:
-            assert interruption is not None
-            interruption.add_note("warning: torque may be on; cut the power before you reach in")
-        raise interruption
-
     def _switch_off(self) -> list[DeviceError]:
-        failed = disable_torque(self.bus, self._servos) if self._servos else []
-        if any(isinstance(error, PortFailed) for error in failed):
-            failed = self._switch_off_after_reconnect(failed)
+        failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
         for array in self._arrays:
             with suppress(Exception):
                 array.stop()  # an array that is gone moves nothing
-        return failed
-
-    def _switch_off_after_reconnect(self, failed: list[DeviceError]) -> list[DeviceError]:
-        """Wait for the bus's adapter and switch torque off then; returns what could not be switched off."""
-        self.notice(
-            f"{self.bus.port_name} is gone and torque may be on: plug it in again within {_REPLUG_S:g} s, "
-            "or cut the servos' power"
-        )
-        before = self.bus.port_name
-        deadline = self.clock.now() + _REPLUG_S
-        while self.clock.now() < deadline:
-            self.clock.sleep(_REPLUG_POLL_S)
-            try:
-                self.bus.reconnect()
-            except DeviceError:
-                continue
-            failed = disable_torque(self.bus, self._servos)
-            if not any(isinstance(error, PortFailed) for error in failed):
-                break
-        if self.bus.port_name != before:
-            self._renamed = renamed(before, self.bus.port_name)
         return failed
 
     def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
@@ -218,7 +169,10 @@ class Hand:
         self._reader.arrange()
         if self.stage is not None:
             self.stage.prepare()
-            self._check_stage(self.stage)
+            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
+            wrong = stage_problem(self.stage, self.rig, at)
+            if wrong is not None:
+                raise DeviceError(wrong)
         unknown = []
         for finger in self.fingers:
             recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
@@ -414,7 +368,7 @@ class Hand:
             try:
                 return finger.array.connect()
             except ArrayLost:
-                self.clock.sleep(_REPLUG_POLL_S)
+                self.clock.sleep(_ARRAY_POLL_S)
             except DeviceError:
                 continue
             with suppress(DeviceError):
@@ -468,22 +422,6 @@ class Hand:
             return "push its finger back by hand until it is retracted, then start again"
         return "then start again"
 
-    def _check_stage(self, stage: HostStage) -> None:
-        """Raise DeviceError for a stage outside of its range, or with an obstacle between it and angle 0."""
-        at = self.states([stage.servo])[stage.servo.dxl_id].position_rad
-        wrong = stage.start_problem(at)
-        if wrong is None and self.rig.obstacles:
-            angle, slack = stage.turn(at).angle_rad, stage.turn(at).angle_bound_rad + AIM_TOLERANCE_RAD
-            lo, hi = stage_range_rad(self.rig)
-            if not lo - slack <= angle <= hi + slack:
-                wrong = (
-                    f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(angle):.1f}°, and "
-                    "between there and 0 a finger would meet an obstacle; with torque off, turn it by hand "
-                    "to about 0, then start again"
-                )
-        if wrong is not None:
-            raise DeviceError(wrong)
-
     def _check_start(self, finger: HostFinger, *, is_homed: bool) -> None:
         """Raise DeviceError if a finger stands where it must not start."""
         states = self.states(finger.drive.servos)
@@ -495,19 +433,3 @@ class Hand:
 
 def _is_slide(finger: HostFinger) -> bool:
     return isinstance(finger.spec, SlideFingerConfig)
-
-
-def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:
-    """Add to what ends the run that some torque may still be on."""
-    if failed:
-        servos = "one servo" if len(failed) == 1 else f"{len(failed)} servos"
-        error.add_note(
-            f"warning: {servos} did not confirm that torque is off ({failed[0]}); "
-            "cut the power before you reach in"
-        )
-
-
-def _hint(error: BaseException) -> None:
-    """Add to a device's silence what else it may be due to."""
-    if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent | ArrayLost):
-        error.add_note(_OTHERS)

@@ -26,9 +26,11 @@ from palpate.rig.arm_drive import ArmDrive
 from palpate.rig.drives import AIM_TOLERANCE_RAD, ARM_AIM_SPEED_MM_S
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayReading
+from palpate.rig.reach.free_space import stage_range_rad
 from palpate.rig.reach.standby_ways import Standby, StandbyWay, standby_of
+from palpate.rig.turning_stage import HostStage
 
-__all__ = ["come_to_standby"]
+__all__ = ["come_to_standby", "stage_problem"]
 
 _TRIES = 10  # ways of a finger, after which it is a person's turn
 _FELT_N = 0.8  # what currents must show beyond friction; cogging and the steps of Present Current are less
@@ -73,6 +75,26 @@ class _Hand(Protocol):
     def tare(self) -> None: ...
 
     def stop_arrays(self) -> None: ...
+
+
+def stage_problem(stage: HostStage, rig: RigFile, angle_rad: float) -> str | None:
+    """Why the stage must not turn from its servo's angle; None if it may.
+
+    It must be in its range, and no obstacle between there and angle 0.
+    """
+    wrong = stage.start_problem(angle_rad)
+    if wrong is not None or not rig.obstacles:
+        return wrong
+    turn = stage.turn(angle_rad)
+    slack = turn.angle_bound_rad + AIM_TOLERANCE_RAD
+    lo, hi = stage_range_rad(rig)
+    if lo - slack <= turn.angle_rad <= hi + slack:
+        return None
+    return (
+        f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(turn.angle_rad):.1f}°, and between "
+        "there and 0 a finger would meet an obstacle; with torque off, turn it by hand to about 0, then "
+        "start again"
+    )
 
 
 def come_to_standby(hand: _Hand) -> None:

@@ -9,7 +9,7 @@ import pytest
 import shapely
 from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
 from firm_rig import firm_rig
-from quick_rig import small, small_objects
+from quick_rig import STAGE, small, small_objects
 from shapely import affinity
 from touch_check import check_touch
 
@@ -21,17 +21,6 @@ from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict
-
-STAGE = {
-    "centre_mm": [3.0, -2.0],
-    "dxl_id": 1,
-    "model": "XM430-W350",
-    "gear_ratio": 5.0,
-    "range_deg": [-30.0, 30.0],
-    "backlash_deg": 0.02,
-    "zero_deg": 180.0,
-    "bound_deg": 0.02,
-}
 
 
 def staged(text: str | None = None, **changes: Any) -> RigFile:

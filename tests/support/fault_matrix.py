@@ -136,7 +136,7 @@ COMMANDS: dict[str, tuple[Callable[[bool], Host], Callable[[Host, Path], None]]]
 """Makes the host, on the small bench or on the whole one, and what it carries out."""
 
 PHASES: Sequence[tuple[str, str]] = (
-    ("_switch_off_despite_interruptions", "torque off"),
+    ("despite_interruptions", "torque off"),
     ("_connect", "connect"),
     ("prepare", "limits and torque on"),
     ("retract_all", "retract"),

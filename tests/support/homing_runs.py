@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 from emulated_session import EmulatedSession, emulated_session
-from quick_rig import small_objects, small_rig
+from quick_rig import STAGE, small_objects, small_rig
 from repository import EXAMPLES
 
 from palpate.config import RigFile, load_rig, shipped_rig
@@ -43,16 +43,6 @@ class Outcome:
 RIGS = ("slides", "arms", "stage")
 """Benches that `anywhere_rig` knows."""
 
-_STAGE = {
-    "centre_mm": [3.0, -2.0],
-    "dxl_id": 1,
-    "model": "XM430-W350",
-    "gear_ratio": 5.0,
-    "range_deg": [-30.0, 30.0],
-    "backlash_deg": 0.02,
-    "zero_deg": 180.0,
-    "bound_deg": 0.02,
-}
 _PART = {"engine": "quasi-static", "mass_kg": [1.5, 3.0]}
 
 
@@ -70,7 +60,7 @@ def anywhere_rig(kind: str = "slides") -> RigFile:
         data["emulation"] |= {"part": _PART}
         data["search"] |= {"part_holds_n": 4.0, "part_support_mm": 20.0}
     if kind == "stage":
-        data["stage"] = _STAGE
+        data["stage"] = STAGE
         data["emulation"] |= {"stage_backlash_deg": 0.02, "stage_error_deg": 0.02}
     return RigFile.model_validate(data)
 

@@ -31,6 +31,18 @@ SMALL_PARTS = {
     "tee": [[0, 0], [55, 0], [55, 18], [38, 18], [38, 52], [20, 52], [20, 18], [0, 18]],
 }
 
+STAGE = {
+    "centre_mm": [3.0, -2.0],
+    "dxl_id": 1,
+    "model": "XM430-W350",
+    "gear_ratio": 5.0,
+    "range_deg": [-30.0, 30.0],
+    "backlash_deg": 0.02,
+    "zero_deg": 180.0,
+    "bound_deg": 0.02,
+}
+"""A turning stage, as in a rig file."""
+
 
 def small(path: Path) -> str:
     """A rig file's text with slides on a smaller circle round a smaller table; nothing else is changed.
