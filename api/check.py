@@ -80,7 +80,7 @@ def check_rig_and_touch(
     permit()
     with BackgroundCall("the display", progress) as show:
         found = _touched(on_bench, shapes, seed, table, show)
-    return CheckAnswer(with_touch(out, found), show.late_failure)
+    return CheckAnswer(with_touch(out, found, on_bench.rig), show.late_failure)
 
 
 def check_rig_and_hold(

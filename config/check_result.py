@@ -111,11 +111,13 @@ class FingerTouchOut(Out):
     """A finger's part of a re-touch. `offset_mm`: its touches' mean along the normal, outward positive.
 
     One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    `friction_a`: current that its slide needs to move freely; null if it was not measured.
     """
 
     finger: str
     touches: int
     offset_mm: Rounded
+    friction_a: Rounded | None = None
 
 
 class TouchCheckOut(Out):

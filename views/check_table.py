@@ -146,8 +146,13 @@ def _touch(found: TouchCheckOut) -> str:
     verdict = "agrees" if found.agrees else "[red]does not agree[/]"
     return (
         f"{verdict} with {counted(found.touches, 'touch', 'touches')} ({fingers} mm; "
-        f"{found.residual_rms_mm:.3f} mm rms, {found.expected_rms_mm:.3f} expected)"
+        f"{found.residual_rms_mm:.3f} mm rms, {found.expected_rms_mm:.3f} expected){_friction(found)}"
     )
+
+
+def _friction(found: TouchCheckOut) -> str:
+    known = [f"{item.friction_a:.3f}" for item in found.fingers if item.friction_a is not None]
+    return f"; slides need {', '.join(known)} A to move freely" if known else ""
 
 
 def _loop(loop: LoopOut) -> str:

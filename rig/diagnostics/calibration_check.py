@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from datetime import datetime
 
-from palpate.config import CalibrationFile
-from palpate.config.check_result import CalibrationCheckOut, CheckOut, TouchCheckOut
+from palpate.config import CalibrationFile, RigFile
+from palpate.config.check_result import CalibrationCheckOut, CheckOut, FingerTouchOut, TouchCheckOut
 from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.diagnostics.friction_check import friction_warnings
 from palpate.rig.diagnostics.retouch import Retouch
 from palpate.rig.motion.calibrated_devices import other_device
 
@@ -43,8 +44,8 @@ def with_calibration(out: CheckOut, on_bench: RigOnBench, now: datetime) -> Chec
     )
 
 
-def with_touch(out: CheckOut, found: Retouch) -> CheckOut:
-    """A check's result, which tells of a calibration, with that of a re-touch."""
+def with_touch(out: CheckOut, found: Retouch, rig: RigFile) -> CheckOut:
+    """A check's result, which tells of a calibration, with that of a re-touch of the `rig` it was put on."""
     assert out.calibration is not None, "there is nothing to compare touches with"
     agreement = found.agreement
     touch = TouchCheckOut(
@@ -52,7 +53,7 @@ def with_touch(out: CheckOut, found: Retouch) -> CheckOut:
         touches=len(agreement.residual_mm),
         residual_rms_mm=agreement.rms_mm,
         expected_rms_mm=agreement.expected_rms_mm,
-        fingers=found.fingers,
+        fingers=tuple(_with_friction(item, found) for item in found.fingers),
     )
     problems = [] if touch.agrees else [_disagreement(touch)]
     return out.model_copy(
@@ -60,8 +61,13 @@ def with_touch(out: CheckOut, found: Retouch) -> CheckOut:
             "calibration": out.calibration.model_copy(update={"touch": touch}),
             "well": out.well and not problems,
             "problems": (*out.problems, *problems),
+            "warnings": (*out.warnings, *friction_warnings(rig, found.friction_a)),
         }
     )
+
+
+def _with_friction(item: FingerTouchOut, found: Retouch) -> FingerTouchOut:
+    return item.model_copy(update={"friction_a": found.friction_a.get(item.finger)})
 
 
 def _disagreement(touch: TouchCheckOut) -> str:

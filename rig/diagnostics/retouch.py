@@ -5,8 +5,8 @@ says; only the disc's place is fitted.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,6 +41,7 @@ from palpate.config import RigFile, SlideFingerConfig
 from palpate.config.check_result import FingerTouchOut
 from palpate.errors import InputError
 from palpate.rig.conversion import deflection_mm
+from palpate.rig.diagnostics.friction_check import measure_friction
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 
 __all__ = ["Retouch", "compare_retouch", "retouch"]
@@ -51,10 +52,14 @@ _CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 
 @dataclass(frozen=True, eq=False)
 class Retouch:
-    """What came of a re-touch: how all touches agree with the calibration, and every finger's mean."""
+    """What came of a re-touch: how all touches agree with the calibration, and every finger's mean.
+
+    `friction_a`: current that slides need to move freely, by fingers' names, as far as it was measured.
+    """
 
     agreement: Agreement
     fingers: tuple[FingerTouchOut, ...]
+    friction_a: Mapping[str, float] = field(default_factory=dict)
 
 
 def retouch(
@@ -65,6 +70,8 @@ def retouch(
     tell: Callable[[str], None] = lambda _: None,
 ) -> Retouch:
     """Have a disc put in the middle, touch it with every finger from several sides, and compare.
+
+    In the end every finger presses on it once, on a way whose begin shows its slide's friction.
 
     `rig`: with its calibration, all its fingers slides; `uncertainties`: of every finger. Raises InputError
     if the disc is not found, or a finger never meets it.
@@ -77,13 +84,15 @@ def retouch(
     tell("looking for it")
     found = locate_reference(prober, models, placings, [], specs)
     touched = [*found.touched, *_touched_round(found, prober, models, tell)]
+    tell("friction")
+    friction_a = measure_friction(prober, models, found)
     prober.clear()
     missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
     if missing:
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    return compare_retouch(rig, disc, uncertainties, touched)
+    return replace(compare_retouch(rig, disc, uncertainties, touched), friction_a=friction_a)
 
 
 def compare_retouch(

@@ -144,7 +144,9 @@ def test_check_touches_a_disc(here: Here, tmp_path: Path) -> None:
     assert touch["agrees"]
     assert [item["touches"] for item in touch["fingers"]] == [5, 5]
     assert touch["residual_rms_mm"] < 0.03
+    assert [0.02 < item["friction_a"] < 0.04 for item in touch["fingers"]] == [True, True]
     assert "agrees with 10 touches (f1 " in done.err
+    assert "; slides need 0.0" in done.err
 
 
 def test_nobody_moves_fingers_unasked(here: Here, tmp_path: Path) -> None:
@@ -156,7 +158,7 @@ def test_nobody_moves_fingers_unasked(here: Here, tmp_path: Path) -> None:
 
 
 def test_a_rig_that_does_not_agree_is_not_well(capsys: pytest.CaptureFixture[str]) -> None:
-    out = with_touch(CHECKED, touched(0, {"f2": (1.0, 0.0)}))
+    out = with_touch(CHECKED, touched(0, {"f2": (1.0, 0.0)}), RIG)
     assert not out.well
     (problem,) = out.problems
     assert problem.startswith("touches of the disc differ by 0.")
@@ -164,4 +166,4 @@ def test_a_rig_that_does_not_agree_is_not_well(capsys: pytest.CaptureFixture[str
     assert "calibrate again, unless the disc moved or is not as given" in problem
     show(out, Console(width=200, soft_wrap=True))
     assert "does not agree with 15 touches (f1 " in capsys.readouterr().out
-    assert with_touch(CHECKED, touched(0)).well
+    assert with_touch(CHECKED, touched(0), RIG).well
