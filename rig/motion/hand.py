@@ -267,7 +267,8 @@ class Hand:
         held = [mover for mover, end in ends.items() if end is not End.REACHED]
         if held:
             servo = held[0].driven[0]
-            at = self.states([servo])[servo.dxl_id].position_rad
+            at_rad = self.states([servo])[servo.dxl_id].position_rad
+            position = round(at_rad / servo.model.rad_per_tick) + servo.zero_tick
             closing = {own for finger in self.fingers for own in finger.drive.closing_servos}
             remedy = (
                 "its friction is more than max_force_n lets it overcome: raise that"
@@ -275,9 +276,19 @@ class Hand:
                 else "its friction is more than its position loop overcomes: loosen what it turns"
             )
             raise DeviceError(
-                f"servo {servo.dxl_id} on {self.bus.port_name} did not reach its goal in free space: it has "
-                f"stopped at {at:.3f} rad; check what holds it; if nothing does, {remedy}"
+                f"servo {servo.dxl_id} on {self.bus.port_name} ({self._owner(servo)}) did not reach its goal "
+                f"in free space: its Present Position stays at {position}; check what holds it; if nothing "
+                f"does, {remedy}"
             )
+
+    def _owner(self, servo: Servo) -> str:
+        """What the rig file calls a servo."""
+        names = {
+            own: f"finger {finger.name}, {joint}"
+            for finger in self.fingers
+            for joint, own in zip(finger.spec.servos, finger.drive.servos, strict=True)
+        }
+        return names.get(servo, "the stage")
 
     def tare(self) -> None:
         """Start every array and take its baseline; nothing may touch the tips."""

@@ -295,7 +295,9 @@ def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
     session.bench.fingers[0].servos[0].hold(lambda rad, rad_s: -80.0 * rad - 0.5 * rad_s)
     reach = reach_of(session.rig)
     own = reach.of_finger(0)
-    with pytest.raises(DeviceError, match=r"servo 11 .* did not reach .* it has stopped at"):
+    with pytest.raises(
+        DeviceError, match=r"servo 11 .* \(finger f1, aim\) did not reach .* its Present Position stays at"
+    ):
         session.run_grip(tmp_path, [reach.approaches[own[0]].up_to(10.0)])
     assert session.stages == [GripPhase.AIMING]
     assert session.clock.now() < 4.0
