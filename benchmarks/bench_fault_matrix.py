@@ -141,7 +141,7 @@ GUARDS: dict[str, tuple[Callable[[], None], str]] = {
     "log beside the thread": (without_shield, "log's disk is full"),
     "torque off, surely": (without_sure_off, "and again"),
     "adapter that comes back": (without_reconnecting, "unplugged for 3 s"),
-    "asking again": (without_asking_again, "a third of"),
+    "asking again": (without_asking_again, "one in a hundred of"),
 }
 """Guards: how each is removed, and words of the rows whose cells name it."""
 

@@ -245,6 +245,12 @@ FAULTS: tuple[Fault, ...] = (
         r"servo|port",
     ),
     Fault(
+        "one in a hundred of the bus's packets is lost",
+        lambda h: _rates(h, FaultRates(lost=0.01)),
+        "requests and writes are repeated",
+        "nothing",
+    ),
+    Fault(
         "a third of the bus's packets are lost",
         lambda h: _rates(h, FaultRates(lost=0.33)),
         "requests and writes are repeated; where three tries fail, torque off",
