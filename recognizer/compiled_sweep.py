@@ -11,7 +11,7 @@ from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.region import Cells
 
-__all__ = ["cells_left_free", "stops"]
+__all__ = ["cells_left_free", "path_rows", "stops"]
 
 
 def stops(
@@ -41,13 +41,8 @@ def cells_left_free(
     return np.frombuffer(found, dtype=bool)
 
 
-def _arguments(
-    outlines: Sequence[EdgeSet],
-    cells: Cells,
-    anchor_mm: Floats,
-    paths: Sequence[Approach],
-    skipped: Bools | None,
-) -> tuple[object, ...]:
+def path_rows(paths: Sequence[Approach], anchor_mm: Floats) -> Floats:
+    """Approaches (m, 6) as the kernel takes them: start from the anchor, heading, bound, travel; mm."""
     x, y = anchor_mm.tolist()
     rows = [
         (
@@ -60,9 +55,19 @@ def _arguments(
         )
         for path in paths
     ]
+    return np.array(rows, dtype=np.float64)
+
+
+def _arguments(
+    outlines: Sequence[EdgeSet],
+    cells: Cells,
+    anchor_mm: Floats,
+    paths: Sequence[Approach],
+    skipped: Bools | None,
+) -> tuple[object, ...]:
     return (
         tuple(item.prepared for item in outlines),
-        np.array(rows, dtype=np.float64),
+        path_rows(paths, anchor_mm),
         np.ascontiguousarray(cells.state),
         np.ascontiguousarray(cells.lo),
         np.ascontiguousarray(cells.hi),

@@ -15,9 +15,9 @@ from palpate.recognizer.edges import EdgeSet
 
 __all__ = [
     "Children",
-    "cut_polygons",
     "further_children",
     "narrowed",
+    "placed_tip",
     "second_level_children",
     "third_level_children",
 ]
@@ -106,37 +106,15 @@ def narrowed(
     anchor_mm: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Intervals of θ, narrowed by the model test of two or three contacts on edges `paired` (n, 2 or 3)."""
-    tips = tuple(_place(contact, anchor_mm) for contact in contacts)
+    tips = tuple(placed_tip(contact, anchor_mm) for contact in contacts)
     arrays = tuple(item.prepared for item in sets)
     arguments = [np.ascontiguousarray(item) for item in (paired, lo, hi)]
     data = kernel.narrow(arrays, tips, *arguments, len(lo))
     return np.frombuffer(data[0]), np.frombuffer(data[1])
 
 
-def cut_polygons(
-    kernel: ModuleType,
-    sets: Sequence[EdgeSet],
-    contacts: Sequence[Contact],
-    anchor_mm: Floats,
-    paired: Ints,
-    node: Ints,
-    lo: Floats,
-    hi: Floats,
-) -> tuple[Ints, Floats]:
-    """Polygons (k, v, 2) of positions that intervals [lo, hi] (n,) of interpretations `node` (n,) leave.
-
-    `paired` (i, m): edges of all interpretations. Returned first: which intervals are not empty, (k,).
-    """
-    tips = tuple(_place(contact, anchor_mm) for contact in contacts)
-    arrays = tuple(item.prepared for item in sets)
-    intervals = [np.ascontiguousarray(item) for item in (node, lo, hi)]
-    most, rows, points = kernel.cut_cells(
-        arrays, tips, np.ascontiguousarray(paired), len(paired), *intervals, len(node)
-    )
-    return np.frombuffer(rows, np.int64), np.frombuffer(points).reshape(-1, most, 2)
-
-
-def _place(contact: Contact, anchor_mm: Floats | None) -> tuple[float, float, float]:
+def placed_tip(contact: Contact, anchor_mm: Floats | None) -> tuple[float, float, float]:
+    """Where a contact is, seen from the anchor, and its bound: x, y, bound (mm)."""
     x, y = contact.end_mm
     if anchor_mm is not None:
         x, y = x - float(anchor_mm[0]), y - float(anchor_mm[1])
@@ -146,4 +124,4 @@ def _place(contact: Contact, anchor_mm: Floats | None) -> tuple[float, float, fl
 def _tip(
     contact: Contact, normals: NormalRange, anchor_mm: Floats | None = None
 ) -> tuple[float, float, float, float, float]:
-    return *_place(contact, anchor_mm), normals.lo_rad, normals.hi_rad
+    return *placed_tip(contact, anchor_mm), normals.lo_rad, normals.hi_rad

@@ -9,12 +9,15 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_cells import FreePaths, Pairings, pairings_of
+from palpate.recognizer.compiled_regions import RegionRules
+from palpate.recognizer.compiled_sweep import path_rows
 from palpate.recognizer.compiled_verification import Evidence, evidence_of
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells
-from palpate.recognizer.sweep import free_path_test, path_outside_outline
+from palpate.recognizer.sweep import free_path_test, free_paths_of, path_outside_outline
 from palpate.recognizer.tree import Interpretations
 
 __all__ = ["Constraints"]
@@ -47,6 +50,39 @@ class Constraints:
     def compiled_evidence(self) -> Evidence:
         """The evidence as the compiled kernel takes it for verification."""
         return evidence_of(self.catalogue, self.evidence, self.anchor_mm)
+
+    @cached_property
+    def compiled_pairings(self) -> Pairings:
+        """The interpretations as the compiled kernel takes them."""
+        sets = [self.catalogue.edges(contact.finger) for contact in self.touched]
+        return pairings_of(sets, self.touched, self.anchor_mm, self.nodes.edges, self.nodes.state)
+
+    @cached_property
+    def compiled_paths(self) -> FreePaths:
+        """The free paths of the evidence as the compiled kernel takes them."""
+        return FreePaths(
+            tuple(self.catalogue.outlines(contact.finger).prepared for contact in self.evidence),
+            path_rows(free_paths_of(self.evidence), self.anchor_mm),
+            self._null_evidence,
+        )
+
+    @cached_property
+    def compiled_rules(self) -> RegionRules:
+        """What regions have to agree with, as the compiled kernel takes it."""
+        null = self._null_evidence
+        return RegionRules(
+            self.catalogue.symmetry_orders,
+            self.anchor_mm,
+            None if null is None else self.nodes.edges < 0,
+            null,
+            (len(self.nodes), len(self.touched)),
+            self.has_unpaired,
+            self.budget.pieces,
+        )
+
+    @cached_property
+    def _null_evidence(self) -> Bools | None:
+        return null_mask(self.nodes, np.arange(len(self.nodes)), self.evidence)
 
     @cached_property
     def has_unpaired(self) -> bool:

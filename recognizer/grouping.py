@@ -14,9 +14,10 @@ from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_shapes import grouped
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["Boxes", "connected"]
+__all__ = ["FEW", "Boxes", "connected"]
 
-_FEW = 160  # boxes compared each with each
+FEW = 160
+"""Boxes that are compared each with each."""
 _PAIRS_AT_ONCE = 2_000_000
 _FIRST_NEIGHBOURS = 32
 _STRETCH_RAD = 32.0  # of keys for each state: more than three turns
@@ -59,7 +60,7 @@ def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
     Where more than `most_pairs` would have to be compared, boxes that are a little apart may be joined, too.
     """
     count = len(boxes.state)
-    if count > _FEW:
+    if count > FEW:
         return _connected_by_order(boxes, most_pairs)
     if KERNEL is not None:
         everything = np.arange(count)

@@ -16,8 +16,8 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_cells import Pairings, cut_polygons, divided, narrowed_parts, pairings_of
 from palpate.recognizer.compiled_shapes import clipped_polygons, shapes_of
-from palpate.recognizer.compiled_tree import cut_polygons
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
@@ -36,6 +36,7 @@ __all__ = [
     "divide_longest",
     "divide_orientations",
     "probe_cells",
+    "probed_intervals",
     "refine_intervals",
 ]
 
@@ -195,6 +196,12 @@ def refine_intervals(
     and narrow cells say nearly as much.
     """
     count = np.broadcast_to(parts, len(cells))
+    if KERNEL is not None:
+        pairings = _pairings(catalogue, nodes, contacts, anchor_mm)
+        rows = (cells.node, cells.lo, cells.hi)
+        triples = len(contacts) <= _TRIPLED
+        owner, lo, hi = narrowed_parts(KERNEL, pairings, rows, count, triples=triples)
+        return Intervals(cells.node[owner], lo, hi), owner
     owner, part = expand_ranges(np.zeros(len(cells), np.int64), count)
     width = (cells.hi - cells.lo)[owner] / count[owner]
     lo = cells.lo[owner] + part * width
@@ -221,6 +228,11 @@ def divide_longest(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, In
 
     Also returned: which cell each is of, (m,).
     """
+    if KERNEL is not None:
+        found = divided(KERNEL, cells.lo, cells.hi, cells.polygon, lever_mm, parts)
+        owner = found.row
+        fine = Cells(cells.node[owner], cells.state[owner], found.lo, found.hi, found.polygon)
+        return fine, owner
     leg = cells.polygon - cells.centre[:, None]
     away = np.hypot(leg[..., 0], leg[..., 1])
     end = leg[np.arange(len(cells)), np.argmax(away, axis=1)]
@@ -258,9 +270,7 @@ def probe_cells(
     """
     count = len(intervals.node)
     middle = (intervals.lo + intervals.hi) / 2
-    tried = np.arange(count)
-    if count > _ALL_PROBED:
-        tried = _middles(intervals.node)
+    tried = probed_intervals(intervals)
     found, alive = cut_cells(
         catalogue,
         nodes,
@@ -273,6 +283,13 @@ def probe_cells(
     place[alive[whole]] = np.arange(int(whole.sum()))
     # A cell that is not empty in its middle is not empty.
     return ProbedCells(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
+
+
+def probed_intervals(intervals: Intervals) -> Ints:
+    """Which intervals are looked at in their middle: all, or where there are many some of each node."""
+    if len(intervals) <= _ALL_PROBED:
+        return np.arange(len(intervals))
+    return _middles(intervals.node)
 
 
 def _middles(node: Ints) -> Ints:
@@ -299,16 +316,8 @@ def cut_cells(
     """
     node, lo, hi = intervals.node, intervals.lo, intervals.hi
     if KERNEL is not None:
-        alive, polygon = cut_polygons(
-            KERNEL,
-            [catalogue.edges(contact.finger) for contact in contacts],
-            contacts,
-            anchor_mm,
-            nodes.edges,
-            node,
-            lo,
-            hi,
-        )
+        pairings = _pairings(catalogue, nodes, contacts, anchor_mm)
+        alive, polygon = cut_polygons(KERNEL, pairings, node, lo, hi)
         node = node[alive]
         return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
@@ -327,6 +336,13 @@ def cut_cells(
             alive, g, limit = alive[kept], g[kept], limit[kept]
     node = node[alive]
     return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
+
+
+def _pairings(
+    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
+) -> Pairings:
+    sets = [catalogue.edges(contact.finger) for contact in contacts]
+    return pairings_of(sets, contacts, anchor_mm, nodes.edges)
 
 
 def _rectangle(g: Floats, limit: Floats) -> Floats:

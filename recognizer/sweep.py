@@ -22,7 +22,7 @@ from palpate.recognizer.region import Cells
 from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.swept_edges import capsules_of
 
-__all__ = ["StopIntervals", "free_path_test", "path_outside_outline", "sweep"]
+__all__ = ["StopIntervals", "free_path_test", "free_paths_of", "path_outside_outline", "sweep"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,18 @@ def free_path_test(
     A cell goes only if every configuration in it would have stopped a finger before the end of its path.
     `skipped` (k, m): paths that are no evidence for a cell, or that are known to leave it.
     """
-    paths = [
+    paths = free_paths_of(contacts)
+    if KERNEL is not None:
+        outlines = [catalogue.outlines(path.finger) for path in paths]
+        return cells_left_free(KERNEL, outlines, cells, anchor_mm, paths, skipped)
+    travel = np.array([path.travel_mm for path in paths])
+    result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths, skipped).latest >= travel, axis=1)
+    return result
+
+
+def free_paths_of(contacts: Sequence[Contact]) -> list[Approach]:
+    """Paths of contacts, and of misses, that were free."""
+    return [
         Approach(
             contact.finger,
             contact.start_mm,
@@ -88,12 +99,6 @@ def free_path_test(
         )
         for contact in contacts
     ]
-    if KERNEL is not None:
-        outlines = [catalogue.outlines(path.finger) for path in paths]
-        return cells_left_free(KERNEL, outlines, cells, anchor_mm, paths, skipped)
-    travel = np.array([path.travel_mm for path in paths])
-    result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths, skipped).latest >= travel, axis=1)
-    return result
 
 
 def path_outside_outline(

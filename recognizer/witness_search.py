@@ -13,10 +13,20 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, sifted_parts
+from palpate.recognizer.compiled_regions import found_regions
 from palpate.recognizer.compiled_shapes import furthest_along_axes
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, Intervals, corners, divide_longest, probe_cells, refine_intervals
+from palpate.recognizer.grouping import FEW, Boxes, connected
+from palpate.recognizer.region import (
+    Cells,
+    Intervals,
+    corners,
+    divide_longest,
+    probe_cells,
+    probed_intervals,
+    refine_intervals,
+)
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
@@ -95,10 +105,22 @@ def find_witnesses(
     What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
     `corners`, places towards their corners as well.
     """
+    if KERNEL is not None:
+        tried = probed_intervals(intervals)
+        asked = None if len(tried) == len(intervals) else np.bincount(tried, minlength=len(intervals)) > 0
+        rows = (intervals.node, intervals.lo, intervals.hi)
+        pairings, paths = constraints.compiled_pairings, constraints.compiled_paths
+        sifted = sifted_intervals(KERNEL, pairings, paths, rows, asked, corners=corners)
+        return _of_arrays(constraints, intervals.node[sifted.row], sifted)
     found = probe_cells(
         constraints.catalogue, constraints.nodes, constraints.touched, constraints.anchor_mm, intervals
     )
     return _witnessed(constraints, found.cells, found.tried, found.section, corners=corners)
+
+
+def _of_arrays(constraints: Constraints, node: Ints, sifted: SiftedArrays) -> WitnessedCells:
+    cells = Cells(node, constraints.nodes.state[node], sifted.lo, sifted.hi, sifted.polygon)
+    return WitnessedCells(cells, sifted.spot, sifted.holds)
 
 
 def _witnessed(
@@ -134,6 +156,38 @@ def connected_regions(
     constraints: Constraints, found: WitnessedCells, refinements: int = _REFINEMENTS
 ) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
+    if KERNEL is not None:
+        regions, again = _compiled_round(constraints, found, refinable=refinements > 0)
+    else:
+        regions, again = _round(constraints, found, refinable=refinements > 0)
+    if not len(again):
+        return regions
+    finer = _cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
+    return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+
+
+def _compiled_round(
+    constraints: Constraints, found: WitnessedCells, *, refinable: bool
+) -> tuple[Regions, Cells]:
+    """The same as `_round`, by the compiled kernel."""
+    assert KERNEL is not None
+    cells = found.cells
+    rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
+    component = connected(_boxes(constraints, cells)) if len(cells) > FEW else None
+    evidence, rules, room = (
+        constraints.compiled_evidence,
+        constraints.compiled_rules,
+        constraints.budget.refined,
+    )
+    of = found_regions(KERNEL, evidence, rules, rows, component, room, refinable=refinable)
+    unturned = cells.select(of.row)
+    turned = replace(unturned, lo=of.lo, hi=of.hi, polygon=of.polygon)
+    regions = Regions(turned, unturned, of.first, of.theta, of.position, of.verified, of.node)
+    return regions, cells.select(of.again)
+
+
+def _round(constraints: Constraints, found: WitnessedCells, *, refinable: bool) -> tuple[Regions, Cells]:
+    """Regions that are done, and the cells of those that are to be cut finer."""
     label = connected(_boxes(constraints, found.cells))
     # By what they are, not by how they were found: which are tried must not depend on that.
     x, y = found.cells.centre.T.round(6)
@@ -143,23 +197,18 @@ def connected_regions(
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     room = constraints.budget.refined
-    refinable = (np.diff(first) * _PARTS <= room // _OF_ONE) & (refinements > 0)
+    may_be_cut = (np.diff(first) * _PARTS <= room // _OF_ONE) & refinable
     regions, kept = _with_witnesses(
         constraints,
         found,
         first,
         label,
         branch,
-        _witness_priority(constraints, found, first, label, refinable),
+        _witness_priority(constraints, found, first, label, may_be_cut),
     )
-    size = np.bincount(label[kept], minlength=len(refinable))
-    doubtful = _some(refinable & ~regions.verified, size * max(len(constraints.touched), 1), room)
-    again = cells.select(kept & doubtful[label])
-    regions = regions.with_cells(kept & ~doubtful[label])
-    if not len(again):
-        return regions
-    finer = _cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
-    return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+    size = np.bincount(label[kept], minlength=len(may_be_cut))
+    doubtful = _some(may_be_cut & ~regions.verified, size * max(len(constraints.touched), 1), room)
+    return regions.with_cells(kept & ~doubtful[label]), cells.select(kept & doubtful[label])
 
 
 def _some(wanted: Bools, size: Ints, room: int) -> Bools:
@@ -182,6 +231,11 @@ def _cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> Wit
             _PARTS,
         )
         return find_witnesses(constraints, finer, corners=True)
+    if KERNEL is not None:
+        rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon)
+        nodes = len(constraints.nodes)
+        sifted = sifted_parts(KERNEL, rows, _LEVER_MM, _PARTS, constraints.compiled_paths, nodes)
+        return _of_arrays(constraints, cells.node[sifted.row], sifted)
     parts, _ = divide_longest(cells, _LEVER_MM, _PARTS)
     return _witnessed(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
 

@@ -2,18 +2,9 @@
    their largest over the interval, leave. The same as `palpate.recognizer.region.cut_cells` by whole arrays. */
 
 #include "calls.h"
-#include "edges.h"
+#include "cells.h"
 
 #define ANYWHERE_MM 1e5 /* limit of a half-plane that constrains nothing */
-
-typedef struct {
-    double x, y;
-} point;
-
-/* g·s ≤ limit, at the largest limit over the interval. */
-typedef struct {
-    double gx, gy, limit;
-} half_plane;
 
 typedef struct {
     double lo, hi, cos_lo, sin_lo, cos_hi, sin_hi;
@@ -58,8 +49,7 @@ static int rectangle(const half_plane side[4], point corner[4])
     return 4;
 }
 
-/* Clip a convex polygon by a half-plane into `clipped`; number of vertices left. */
-static int clip(const point *polygon, int size, const half_plane *side, point *left)
+int clip(const point *polygon, int size, const half_plane *side, point *left)
 {
     int count = 0;
     for (int k = 0; k < size; k++) {
@@ -85,31 +75,67 @@ static int sticks_out(const point *polygon, int size, const half_plane *side)
     return 0;
 }
 
-/* The polygon of one interval, in either of two buffers; its size, 0 if nothing is left. */
-static int cut(const edge_set *const *sets, const tip *tips, Py_ssize_t contacts, const int64_t *edge, const span *at,
-               point *buffer[2], int *which)
+int cut(const pairings *all, const int64_t *edge, double lo, double hi, point *room, const point **polygon)
 {
+    const span at = {lo, hi, cos(lo), sin(lo), cos(hi), sin(hi)};
     half_plane side[4];
-    half_planes(sets[0], edge[0], &tips[0], at, side);
-    int size = rectangle(side, buffer[0]);
-    *which = 0;
-    for (Py_ssize_t k = 1; k < contacts && size; k++) {
-        half_planes(sets[k], edge[k], &tips[k], at, side);
+    point *now = room, *next = room + ROOM_FOR(all->contacts) / 2;
+    half_planes(all->sets[0], edge[0], &all->tips[0], &at, side);
+    int size = rectangle(side, now);
+    for (Py_ssize_t k = 1; k < all->contacts && size; k++) {
+        half_planes(all->sets[k], edge[k], &all->tips[k], &at, side);
         for (int j = 0; j < 4 && size; j++)
-            if (sticks_out(buffer[*which], size, &side[j])) {
-                size = clip(buffer[*which], size, &side[j], buffer[1 - *which]);
-                *which = 1 - *which;
+            if (sticks_out(now, size, &side[j])) {
+                size = clip(now, size, &side[j], next);
+                point *before = now;
+                now = next;
+                next = before;
             }
     }
+    *polygon = now;
     return size;
 }
 
-typedef struct {
-    int64_t row, first, size; /* of an interval: which, and where its polygon is among all points */
-} cell;
+int take_pairings(buffers *all, PyObject *in, pairings *taken)
+{
+    PyObject *sets, *tips, *edges, *states;
+    memset(taken, 0, sizeof(pairings));
+    if (!PyArg_ParseTuple(in, "O!O!OOn", &PyTuple_Type, &sets, &PyTuple_Type, &tips, &edges, &states, &taken->nodes))
+        return 0;
+    const Py_ssize_t contacts = taken->contacts = PyTuple_GET_SIZE(sets), row = taken->nodes * 8;
+    if (contacts < 1 || PyTuple_GET_SIZE(tips) != contacts) {
+        PyErr_SetString(PyExc_ValueError, "a set of edges is needed for every contact");
+        return 0;
+    }
+    taken->sets = malloc((size_t)contacts * sizeof(edge_set *));
+    taken->tips = malloc((size_t)contacts * sizeof(tip));
+    if (!taken->sets || !taken->tips) {
+        PyErr_NoMemory();
+        return 0;
+    }
+    if (!take_sets(sets, taken->sets) || !take_tips(tips, taken->tips) ||
+        !(taken->edges = borrow(all, edges, contacts * row)))
+        return 0;
+    return states == Py_None || (taken->states = borrow(all, states, row)) != NULL;
+}
 
-/* Polygons side by side, padded with their first vertex to the most vertices; as a bytearray. */
-static PyObject *padded(const list *cells, const list *points, int64_t most)
+void end_pairings(pairings *taken)
+{
+    free(taken->sets);
+    free(taken->tips);
+}
+
+int nodes_exist(const pairings *all, const int64_t *node, Py_ssize_t count)
+{
+    for (Py_ssize_t k = 0; k < count; k++)
+        if (node[k] < 0 || node[k] >= all->nodes) {
+            PyErr_SetString(PyExc_IndexError, "there is no such interpretation");
+            return 0;
+        }
+    return 1;
+}
+
+PyObject *padded(const list *cells, const list *points, int64_t most)
 {
     PyObject *found = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells->size * (size_t)most * sizeof(point)));
     if (!found)
@@ -124,8 +150,7 @@ static PyObject *padded(const list *cells, const list *points, int64_t most)
     return found;
 }
 
-/* Add the polygon of a row; 0 with an exception set if memory is out. */
-static int add_cell(list *cells, list *points, int64_t row, const point *polygon, int size)
+int add_cell(list *cells, list *points, int64_t row, const point *polygon, int size)
 {
     cell *one = list_add(cells);
     if (one) {
@@ -161,48 +186,38 @@ static PyObject *cells_found(buffers *all, list *cells, list *points, int64_t mo
     return Py_BuildValue("LNN", (long long)most, rows, polygons);
 }
 
-/* cut_cells(edge sets of m contacts, (x, y, bound) of each, edges of interpretations (n × m), n, interpretation of
-   each interval, lo, hi, number of intervals): vertices of the largest polygon, rows of intervals that are not
+/* cut_cells(pairings, interpretation of each interval, lo, hi, number of intervals): vertices of the largest polygon, rows of intervals that are not
    empty, and their polygons. */
 PyObject *cut_cells(PyObject *self, PyObject *arguments)
 {
-    PyObject *sets_in, *tips_in, *edges_in, *node_in, *lo_in, *hi_in;
-    Py_ssize_t nodes, count;
+    PyObject *pairings_in, *node_in, *lo_in, *hi_in;
+    Py_ssize_t count;
     buffers all = {.count = 0};
+    pairings from;
     list cells = new_list(sizeof(cell)), points = new_list(sizeof(point));
     (void)self;
-    if (!PyArg_ParseTuple(arguments, "O!O!OnOOOn", &PyTuple_Type, &sets_in, &PyTuple_Type, &tips_in, &edges_in, &nodes,
-                          &node_in, &lo_in, &hi_in, &count))
+    if (!PyArg_ParseTuple(arguments, "O!OOOn", &PyTuple_Type, &pairings_in, &node_in, &lo_in, &hi_in, &count))
         return NULL;
-    Py_ssize_t contacts = PyTuple_GET_SIZE(sets_in), row = count * (Py_ssize_t)sizeof(double);
-    if (contacts < 1 || PyTuple_GET_SIZE(tips_in) != contacts) {
-        PyErr_SetString(PyExc_ValueError, "a set of edges is needed for every contact");
-        return NULL;
-    }
-    point *room = malloc((size_t)(8 * contacts + 8) * sizeof(point));
-    const edge_set **sets = malloc((size_t)contacts * sizeof(edge_set *));
-    tip *tips = malloc((size_t)contacts * sizeof(tip));
-    const int64_t *edges = NULL, *node = NULL;
+    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    const int64_t *node = NULL;
     const double *lo = NULL, *hi = NULL;
-    int fine = room && sets && tips;
-    if (!fine)
+    int fine = take_pairings(&all, pairings_in, &from) && (node = borrow(&all, node_in, row)) &&
+               (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row)) && nodes_exist(&from, node, count);
+    point *room = malloc((size_t)ROOM_FOR(from.contacts) * sizeof(point));
+    if (fine && !room)
         PyErr_NoMemory();
-    fine = fine && take_sets(sets_in, sets) && take_tips(tips_in, tips);
-    fine = fine && (edges = borrow(&all, edges_in, nodes * contacts * (Py_ssize_t)sizeof(int64_t))) &&
-           (node = borrow(&all, node_in, row)) && (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
+    fine = fine && room;
     int64_t most = 4;
     for (Py_ssize_t k = 0; fine && k < count; k++) {
-        span at = {lo[k], hi[k], cos(lo[k]), sin(lo[k]), cos(hi[k]), sin(hi[k])};
-        point *buffer[2] = {room, room + 4 * contacts + 4};
-        int which, size = cut(sets, tips, contacts, edges + contacts * node[k], &at, buffer, &which);
+        const point *polygon;
+        int size = cut(&from, from.edges + from.contacts * node[k], lo[k], hi[k], room, &polygon);
         if (!size)
             continue;
-        fine = add_cell(&cells, &points, k, buffer[which], size);
+        fine = add_cell(&cells, &points, k, polygon, size);
         most = size > most ? size : most;
     }
     free(room);
-    free(sets);
-    free(tips);
+    end_pairings(&from);
     return cells_found(&all, &cells, &points, most, fine);
 }
 

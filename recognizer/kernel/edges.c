@@ -59,8 +59,11 @@ static int fill(prepared *held, PyObject *arrays)
     int fits = found.states >= 0 && bytes[18] == found.states * 8 && bytes[19] == bytes[18] && bytes[20] == 8;
     for (int k = 1; k < 18; k++)
         fits &= bytes[k] == found.edges * width[k];
-    for (Py_ssize_t k = 0; fits && k < found.states; k++)
-        fits = found.first[k] <= found.first[k + 1] && found.first[k] >= 0;
+    for (Py_ssize_t k = 0; fits && k < found.states; k++) {
+        const int64_t count = found.first[k + 1] - found.first[k];
+        fits = count >= 0 && found.first[k] >= 0;
+        found.most_edges = count > found.most_edges ? count : found.most_edges;
+    }
     if (!fits || found.first[found.states] != found.edges) {
         PyErr_SetString(PyExc_ValueError, "arrays of edges do not fit together");
         return 0;

@@ -19,6 +19,7 @@ typedef struct {
     const double *centre_x, *centre_y; /* of the edge itself */
     const double *state_reach, *state_slack; /* states */
     double most_span;
+    int64_t most_edges; /* of a state */
 } edge_set;
 
 /* The edge set that `prepared_edges` made; NULL with an exception set if it is something else. */

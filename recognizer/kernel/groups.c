@@ -1,13 +1,9 @@
 /* Groups of cells: connected components of boxes in (x, y, θ), as `palpate.recognizer.grouping` has them. */
 
 #include "calls.h"
+#include "groups.h"
 
 #define TOUCHING_RAD 1e-9
-
-typedef struct {
-    double x0, y0, x1, y1, middle, half, turn;
-    int64_t state;
-} box;
 
 static int meet(const box *one, const box *two)
 {
@@ -34,6 +30,28 @@ static void join(int64_t *parent, int64_t one, int64_t two)
         parent[two] = one;
     else
         parent[one] = two;
+}
+
+/* Components by their roots, numbered in the order of their first boxes; how many. */
+static int64_t numbered(int64_t *parent, Py_ssize_t count, int64_t *label)
+{
+    int64_t found = 0;
+    for (Py_ssize_t k = 0; k < count; k++) {
+        int64_t root = root_of(parent, k);
+        label[k] = root == k ? found++ : label[root];
+    }
+    return found;
+}
+
+int64_t components_of_few(const box *boxes, Py_ssize_t count, int64_t *parent, int64_t *label)
+{
+    for (Py_ssize_t k = 0; k < count; k++)
+        parent[k] = k;
+    for (Py_ssize_t one = 0; one < count; one++)
+        for (Py_ssize_t two = one + 1; two < count; two++)
+            if (boxes[one].state == boxes[two].state && meet(&boxes[one], &boxes[two]))
+                join(parent, one, two);
+    return numbered(parent, count, label);
 }
 
 /* groups(states, middles, half widths, turns, lo (k × 2), hi (k × 2), k, order (m), m, ones (n), begins (n), ends (n),
@@ -79,11 +97,8 @@ PyObject *groups(PyObject *self, PyObject *arguments)
         }
     }
     out = fine ? PyByteArray_FromStringAndSize(NULL, row) : NULL;
-    int64_t *label = out ? (int64_t *)PyByteArray_AS_STRING(out) : NULL, found = 0;
-    for (Py_ssize_t k = 0; label && k < count; k++) {
-        int64_t root = root_of(parent, k);
-        label[k] = root == k ? found++ : label[root];
-    }
+    if (out)
+        numbered(parent, count, (int64_t *)PyByteArray_AS_STRING(out));
     release(&all);
     free(boxes);
     free(parent);

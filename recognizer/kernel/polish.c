@@ -1,7 +1,7 @@
 /* Witness polishing: the same as `witness_polish.polish`, pose by pose. */
 
-#include "verify.h"
 #include "calls.h"
+#include "polish.h"
 
 /* Settings of `witness_polish`. */
 #define STEPS 6
@@ -15,20 +15,6 @@
 #define EXACT_MM 1e-3
 #define IN_CELL_MM2 1e-9
 #define IN_CELL_RAD 1e-12
-
-/* Cells of regions, those of region i from `first`[i] on; `null` (nodes × touched): spurious contacts, or NULL. */
-typedef struct {
-    Py_ssize_t count, vertices, regions, nodes, touched;
-    const int64_t *node, *first;
-    const double *lo, *hi;
-    const vector *polygon; /* count × vertices */
-    const char *null;
-} region_cells;
-
-/* An equation of the least squares: −towards · shift + turning · turn = right. */
-typedef struct {
-    double of[3], right;
-} equation;
 
 /* The damped solution of `count` equations in their first `unknowns`, 2 or 3: normal equations, solved with
    row exchanges. `witness_polish._least_squares`. */
@@ -131,9 +117,8 @@ static int in_region(const region_cells *cells, int64_t region, int64_t node, co
     return 0;
 }
 
-/* Move a pose, a candidate in `cell`, until it holds; whether it does. */
-static int polish_pose(evidence *by, const region_cells *cells, int64_t region, int64_t cell, const char *skipped,
-                       equation *rows, pose *at)
+int polish_pose(evidence *by, const region_cells *cells, int64_t region, int64_t cell, const char *skipped,
+                equation *rows, pose *at)
 {
     double middle = (cells->lo[cell] + cells->hi[cell]) / 2, inner = INNER * ((cells->hi[cell] - cells->lo[cell]) / 2);
     double worst = INFINITY;

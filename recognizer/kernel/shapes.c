@@ -3,10 +3,7 @@
    Sums are taken in numpy's order, so that which of two equal cells is the larger does not depend on who added. */
 
 #include "calls.h"
-
-typedef struct {
-    double x, y;
-} point;
+#include "shapes.h"
 
 /* Sum as numpy adds up a row of fewer than 128. */
 static double row_sum(const double *item, int64_t count)
@@ -25,6 +22,44 @@ static double row_sum(const double *item, int64_t count)
     for (; k < count; k++)
         sum += item[k];
     return sum;
+}
+
+shape shape_of(const point *p, Py_ssize_t vertices, double *term)
+{
+    point least = p[0], most = p[0];
+    for (Py_ssize_t j = 0; j < vertices; j++) {
+        const point *next = p + (j + 1 < vertices ? j + 1 : 0);
+        least.x = smaller(least.x, p[j].x);
+        least.y = smaller(least.y, p[j].y);
+        most.x = larger(most.x, p[j].x);
+        most.y = larger(most.y, p[j].y);
+        term[j] = p[j].x * next->y - p[j].y * next->x;
+    }
+    shape found = {{(least.x + most.x) / 2, (least.y + most.y) / 2}, 0.0, fabs(row_sum(term, vertices)) / 2};
+    double away = 0;
+    for (Py_ssize_t j = 0; j < vertices; j++) {
+        const double x = p[j].x - found.centre.x, y = p[j].y - found.centre.y;
+        away = larger(away, x * x + y * y);
+    }
+    found.radius = sqrt(away);
+    return found;
+}
+
+void furthest_of(const point *polygon, Py_ssize_t vertices, point origin, double lo, double hi, double most[4])
+{
+    const double c0 = cos(lo), s0 = sin(lo), c1 = cos(hi), s1 = sin(hi);
+    const int wide = hi - lo >= PI;
+    for (int axis = 0; axis < 4; axis++)
+        most[axis] = -INFINITY;
+    for (Py_ssize_t j = 0; j < vertices; j++) {
+        const double x = polygon[j].x - origin.x, y = polygon[j].y - origin.y;
+        const double a[4] = {x, y, -x, -y}, b[4] = {-y, x, y, -x};
+        for (int axis = 0; axis < 4; axis++) {
+            int crest = wide || (b[axis] * c0 > a[axis] * s0 && b[axis] * c1 < a[axis] * s1);
+            double far = crest ? sqrt(x * x + y * y) : larger(a[axis] * c0 + b[axis] * s0, a[axis] * c1 + b[axis] * s1);
+            most[axis] = larger(most[axis], far);
+        }
+    }
 }
 
 static double *filled(Py_ssize_t count, PyObject **bytes)
@@ -50,22 +85,11 @@ PyObject *shapes(PyObject *self, PyObject *arguments)
     if (polygon && !term)
         PyErr_NoMemory();
     for (Py_ssize_t k = 0; area && k < count; k++) {
-        const point *p = polygon + k * vertices;
-        point least = p[0], most = p[0];
-        for (Py_ssize_t j = 0; j < vertices; j++) {
-            const point *next = p + (j + 1 < vertices ? j + 1 : 0);
-            least.x = smaller(least.x, p[j].x);
-            least.y = smaller(least.y, p[j].y);
-            most.x = larger(most.x, p[j].x);
-            most.y = larger(most.y, p[j].y);
-            term[j] = p[j].x * next->y - p[j].y * next->x;
-        }
-        double x = centre[2 * k] = (least.x + most.x) / 2, y = centre[2 * k + 1] = (least.y + most.y) / 2;
-        double away = 0;
-        for (Py_ssize_t j = 0; j < vertices; j++)
-            away = larger(away, (p[j].x - x) * (p[j].x - x) + (p[j].y - y) * (p[j].y - y));
-        radius[k] = sqrt(away);
-        area[k] = fabs(row_sum(term, vertices)) / 2;
+        const shape found = shape_of(polygon + k * vertices, vertices, term);
+        centre[2 * k] = found.centre.x;
+        centre[2 * k + 1] = found.centre.y;
+        radius[k] = found.radius;
+        area[k] = found.area;
     }
     free(term);
     release(&all);
@@ -93,22 +117,8 @@ PyObject *furthest(PyObject *self, PyObject *arguments)
     int fine = polygon && (origin = borrow(&all, origin_in, 2 * row)) && (lo = borrow(&all, lo_in, row)) &&
                (hi = borrow(&all, hi_in, row));
     double *found = fine ? filled(4 * count, &out) : NULL;
-    for (Py_ssize_t k = 0; found && k < count; k++) {
-        const double c0 = cos(lo[k]), s0 = sin(lo[k]), c1 = cos(hi[k]), s1 = sin(hi[k]);
-        const int wide = hi[k] - lo[k] >= PI;
-        double most[4] = {-INFINITY, -INFINITY, -INFINITY, -INFINITY};
-        for (Py_ssize_t j = 0; j < vertices; j++) {
-            const double x = polygon[k * vertices + j].x - origin[k].x, y = polygon[k * vertices + j].y - origin[k].y;
-            const double a[4] = {x, y, -x, -y}, b[4] = {-y, x, y, -x};
-            for (int axis = 0; axis < 4; axis++) {
-                int crest = wide || (b[axis] * c0 > a[axis] * s0 && b[axis] * c1 < a[axis] * s1);
-                double far = crest ? sqrt(x * x + y * y)
-                                   : larger(a[axis] * c0 + b[axis] * s0, a[axis] * c1 + b[axis] * s1);
-                most[axis] = larger(most[axis], far);
-            }
-        }
-        memcpy(found + 4 * k, most, sizeof most);
-    }
+    for (Py_ssize_t k = 0; found && k < count; k++)
+        furthest_of(polygon + k * vertices, vertices, origin[k], lo[k], hi[k], found + 4 * k);
     release(&all);
     return out;
 }

@@ -2,25 +2,14 @@
    `palpate.recognizer.sweep`, `rays` and `swept_edges` work out with whole arrays. */
 
 #include "calls.h"
-#include "edges.h"
+#include "sweep.h"
 
 #define STILL 1e-15
 #define BLOCK 256
 
-/* A straight path of a tip's centre: its start from the anchor, its heading in W, the bound on both. */
-typedef struct {
-    double x, y, u, v, bound, travel;
-} approach;
-
 typedef struct {
     double x, y, u, v, rho; /* in the frame of the object in the cell's middle configuration */
 } ray;
-
-typedef struct {
-    double enter, leave;
-    int crossing;
-    int64_t edge;
-} capsule;
 
 typedef struct {
     double earliest, latest;
@@ -226,79 +215,83 @@ static ray ray_of(const edge_set *edges, int64_t state, const body *part, const 
     return found;
 }
 
-typedef struct {
-    Py_ssize_t paths, cells, vertices;
-    const edge_set **sets;
-    const approach *path;
-    const int64_t *state;
-    const double *lo, *hi, *polygon;
-    const char *skipped;
-    capsule *room;
-} sweeping;
-
-static int take_sweeping(buffers *all, sweeping *job, PyObject *arguments)
+int take_paths(buffers *all, PyObject *sets_in, PyObject *paths_in, paths *taken)
 {
-    PyObject *sets_in, *paths_in, *state_in, *lo_in, *hi_in, *polygon_in, *skipped_in;
-    if (!PyArg_ParseTuple(arguments, "O!OOOOOnnO", &PyTuple_Type, &sets_in, &paths_in, &state_in, &lo_in, &hi_in,
-                          &polygon_in, &job->cells, &job->vertices, &skipped_in))
-        return 0;
-    job->paths = PyTuple_GET_SIZE(sets_in);
-    job->sets = malloc((size_t)(job->paths + 1) * sizeof(edge_set *));
-    if (!job->sets) {
+    memset(taken, 0, sizeof(paths));
+    taken->count = PyTuple_GET_SIZE(sets_in);
+    if (!(taken->sets = malloc((size_t)(taken->count + 1) * sizeof(edge_set *)))) {
         PyErr_NoMemory();
         return 0;
     }
-    Py_ssize_t row = job->cells * (Py_ssize_t)sizeof(double);
-    if (!take_sets(sets_in, job->sets) ||
-        !(job->path = borrow(all, paths_in, job->paths * (Py_ssize_t)sizeof(approach))) ||
-        !(job->state = borrow(all, state_in, row)) || !(job->lo = borrow(all, lo_in, row)) ||
-        !(job->hi = borrow(all, hi_in, row)) || !(job->polygon = borrow(all, polygon_in, 2 * job->vertices * row)))
-        return 0;
-    job->skipped = NULL;
-    if (skipped_in != Py_None && !(job->skipped = borrow(all, skipped_in, job->cells * job->paths)))
+    if (!take_sets(sets_in, taken->sets) ||
+        !(taken->path = borrow(all, paths_in, taken->count * (Py_ssize_t)sizeof(approach))))
         return 0;
     int64_t most = 1;
-    for (Py_ssize_t k = 0; k < job->paths; k++)
-        for (Py_ssize_t state = 0; state < job->sets[k]->states; state++) {
-            int64_t count = job->sets[k]->first[state + 1] - job->sets[k]->first[state];
-            most = count > most ? count : most;
-        }
-    if (!(job->room = malloc((size_t)most * sizeof(capsule)))) {
+    for (Py_ssize_t k = 0; k < taken->count; k++)
+        most = taken->sets[k]->most_edges > most ? taken->sets[k]->most_edges : most;
+    if (!(taken->room = malloc((size_t)most * sizeof(capsule)))) {
         PyErr_NoMemory();
         return 0;
     }
     return 1;
 }
 
+void end_paths(paths *taken)
+{
+    free(taken->sets);
+    free(taken->room);
+}
+
+int paths_are_free(const paths *of, int64_t state, double lo, double hi, const double *polygon, Py_ssize_t vertices,
+                   const char *skipped)
+{
+    const body part = body_of(lo, hi, polygon, vertices);
+    for (Py_ssize_t k = 0; k < of->count; k++) {
+        if (skipped && skipped[k])
+            continue;
+        ray way = ray_of(of->sets[k], state, &part, &of->path[k]);
+        if (!may_travel(of->sets[k], state, &way, of->path[k].travel, of->room))
+            return 0;
+    }
+    return 1;
+}
+
+typedef struct {
+    paths of;
+    Py_ssize_t cells, vertices;
+    const int64_t *state;
+    const double *lo, *hi, *polygon;
+    const char *skipped;
+} sweeping;
+
+static int take_sweeping(buffers *all, sweeping *job, PyObject *arguments)
+{
+    PyObject *sets_in, *paths_in, *state_in, *lo_in, *hi_in, *polygon_in, *skipped_in;
+    memset(job, 0, sizeof(sweeping));
+    if (!PyArg_ParseTuple(arguments, "O!OOOOOnnO", &PyTuple_Type, &sets_in, &paths_in, &state_in, &lo_in, &hi_in,
+                          &polygon_in, &job->cells, &job->vertices, &skipped_in))
+        return 0;
+    Py_ssize_t row = job->cells * (Py_ssize_t)sizeof(double);
+    return take_paths(all, sets_in, paths_in, &job->of) && (job->state = borrow(all, state_in, row)) &&
+           (job->lo = borrow(all, lo_in, row)) && (job->hi = borrow(all, hi_in, row)) &&
+           (job->polygon = borrow(all, polygon_in, 2 * job->vertices * row)) &&
+           (skipped_in == Py_None || (job->skipped = borrow(all, skipped_in, job->cells * job->of.count)));
+}
+
 static void end_sweeping(buffers *all, sweeping *job)
 {
     release(all);
-    free(job->sets);
-    free(job->room);
+    end_paths(&job->of);
 }
 
-static int is_skipped(const sweeping *job, Py_ssize_t cell, Py_ssize_t path)
+static const char *skipped_of(const sweeping *job, Py_ssize_t cell)
 {
-    return job->skipped && job->skipped[cell * job->paths + path];
+    return job->skipped ? job->skipped + cell * job->of.count : NULL;
 }
 
-static stop stop_in(const sweeping *job, Py_ssize_t cell, Py_ssize_t path, const body *part)
+static const double *polygon_of(const sweeping *job, Py_ssize_t cell)
 {
-    int64_t state = job->state[cell];
-    ray way = ray_of(job->sets[path], state, part, &job->path[path]);
-    return stop_of(job->sets[path], state, &way, job->room);
-}
-
-static int is_free(const sweeping *job, Py_ssize_t cell, Py_ssize_t path, const body *part)
-{
-    int64_t state = job->state[cell];
-    ray way = ray_of(job->sets[path], state, part, &job->path[path]);
-    return may_travel(job->sets[path], state, &way, job->path[path].travel, job->room);
-}
-
-static body body_in(const sweeping *job, Py_ssize_t cell)
-{
-    return body_of(job->lo[cell], job->hi[cell], job->polygon + 2 * job->vertices * cell, job->vertices);
+    return job->polygon + 2 * job->vertices * cell;
 }
 
 /* sweep(outlines of m approaches, approaches (m × 6), states, lo, hi, polygons (k × v × 2), k, v, skipped (k × m) or
@@ -306,11 +299,11 @@ static body body_in(const sweeping *job, Py_ssize_t cell)
 PyObject *sweep(PyObject *self, PyObject *arguments)
 {
     buffers all = {.count = 0};
-    sweeping job = {.paths = 0};
+    sweeping job;
     PyObject *earliest = NULL, *latest = NULL;
     (void)self;
     if (take_sweeping(&all, &job, arguments)) {
-        Py_ssize_t bytes = job.cells * job.paths * (Py_ssize_t)sizeof(double);
+        Py_ssize_t bytes = job.cells * job.of.count * (Py_ssize_t)sizeof(double);
         earliest = PyByteArray_FromStringAndSize(NULL, bytes);
         latest = PyByteArray_FromStringAndSize(NULL, bytes);
     }
@@ -322,11 +315,15 @@ PyObject *sweep(PyObject *self, PyObject *arguments)
     }
     double *first = (double *)PyByteArray_AS_STRING(earliest), *last = (double *)PyByteArray_AS_STRING(latest);
     for (Py_ssize_t cell = 0; cell < job.cells; cell++) {
-        body part = body_in(&job, cell);
-        for (Py_ssize_t path = 0; path < job.paths; path++) {
+        const body part = body_of(job.lo[cell], job.hi[cell], polygon_of(&job, cell), job.vertices);
+        const char *skipped = skipped_of(&job, cell);
+        for (Py_ssize_t path = 0; path < job.of.count; path++) {
             stop found = {INFINITY, INFINITY};
-            if (!is_skipped(&job, cell, path))
-                found = stop_in(&job, cell, path, &part);
+            if (!(skipped && skipped[path])) {
+                const edge_set *edges = job.of.sets[path];
+                ray way = ray_of(edges, job.state[cell], &part, &job.of.path[path]);
+                found = stop_of(edges, job.state[cell], &way, job.of.room);
+            }
             *first++ = found.earliest;
             *last++ = found.latest;
         }
@@ -339,18 +336,15 @@ PyObject *sweep(PyObject *self, PyObject *arguments)
 PyObject *free_paths(PyObject *self, PyObject *arguments)
 {
     buffers all = {.count = 0};
-    sweeping job = {.paths = 0};
+    sweeping job;
     PyObject *found = NULL;
     (void)self;
     if (take_sweeping(&all, &job, arguments))
         found = PyByteArray_FromStringAndSize(NULL, job.cells);
-    for (Py_ssize_t cell = 0; found && cell < job.cells; cell++) {
-        body part = body_in(&job, cell);
-        char free_of_all = 1;
-        for (Py_ssize_t path = 0; path < job.paths && free_of_all; path++)
-            free_of_all = is_skipped(&job, cell, path) || is_free(&job, cell, path, &part);
-        PyByteArray_AS_STRING(found)[cell] = free_of_all;
-    }
+    for (Py_ssize_t cell = 0; found && cell < job.cells; cell++)
+        PyByteArray_AS_STRING(found)[cell] =
+            (char)paths_are_free(&job.of, job.state[cell], job.lo[cell], job.hi[cell], polygon_of(&job, cell),
+                                 job.vertices, skipped_of(&job, cell));
     end_sweeping(&all, &job);
     return found;
 }

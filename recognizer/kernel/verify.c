@@ -159,16 +159,6 @@ PyObject *verify(PyObject *self, PyObject *arguments)
     return NULL;
 }
 
-/* Cells of poses, turned by at most `turn` and shifted by at most `shift`. */
-typedef struct {
-    const int64_t *states;
-    const double *theta;
-    const vector *positions;
-    const double *turn, *shift;
-    const char *skipped;
-    Py_ssize_t count;
-} pose_cells;
-
 /* A contact of a pose, which may be off by `bound`. */
 typedef struct {
     double bound;
@@ -280,6 +270,21 @@ static int rule_out_by(const evidence *by, const pose_cells *cells, Py_ssize_t k
     return fine;
 }
 
+int rule_out_all(const evidence *by, const pose_cells *cells, int64_t most, char *left)
+{
+    memset(left, 1, (size_t)cells->count);
+    for (Py_ssize_t kind = 0; kind < by->count; kind++) {
+        Py_ssize_t earlier = 0;
+        while (by->on[earlier] != by->on[kind])
+            earlier++;
+        if (earlier == kind && !rule_out_by(by, cells, kind, most, left)) {
+            PyErr_NoMemory();
+            return 0;
+        }
+    }
+    return 1;
+}
+
 /* may_fit(evidence, states, θ, positions, turns, shifts, n, skipped or None, most or −1): which poses may. */
 PyObject *may_fit(PyObject *self, PyObject *arguments)
 {
@@ -302,17 +307,8 @@ PyObject *may_fit(PyObject *self, PyObject *arguments)
            (skipped_in == Py_None || (cells.skipped = borrow(&all, skipped_in, n * m))) &&
            states_exist(&by, cells.states, n);
     PyObject *out = fine ? array_of(n, 1) : NULL;
-    if (out)
-        memset(AS(char, out), 1, (size_t)n);
-    for (Py_ssize_t kind = 0; out && kind < m; kind++) {
-        Py_ssize_t earlier = 0;
-        while (by.on[earlier] != by.on[kind])
-            earlier++;
-        if (earlier == kind && !rule_out_by(&by, &cells, kind, most, AS(char, out))) {
-            PyErr_NoMemory();
-            Py_CLEAR(out);
-        }
-    }
+    if (out && !rule_out_all(&by, &cells, most, AS(char, out)))
+        Py_CLEAR(out);
     end_evidence(&by);
     release(&all);
     return out;

@@ -41,6 +41,20 @@ int states_exist(const evidence *by, const int64_t *state, Py_ssize_t count);
    Unless it is `thorough`, the rest is left out where a contact has no place near by. */
 int judge(evidence *by, const pose *at, const char *skipped, int thorough);
 
+/* Cells of poses, turned by at most `turn` and shifted by at most `shift`. */
+typedef struct {
+    const int64_t *states;
+    const double *theta;
+    const vector *positions;
+    const double *turn, *shift;
+    const char *skipped;
+    Py_ssize_t count;
+} pose_cells;
+
+/* Which cells may hold a pose that satisfies all contacts, as `verification.may_fit` says; `most` or −1 as there.
+   Whether there was memory, with an exception if not. */
+int rule_out_all(const evidence *by, const pose_cells *cells, int64_t most, char *left);
+
 /* Where a point of the table, seen from the anchor, is in the object's frame. */
 static inline vector seen_from(const pose *at, double cosine, double sine, vector point)
 {
