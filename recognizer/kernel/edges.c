@@ -15,12 +15,73 @@ typedef struct {
     edge_set edges;
 } prepared;
 
+static void discard(prepared *held)
+{
+    if (held) {
+        release(&held->arrays);
+        free(held->edges.around);
+        free(held->edges.blocks);
+        free(held->edges.first_block);
+    }
+    free(held);
+}
+
 static void end_prepared(PyObject *capsule)
 {
-    prepared *held = PyCapsule_GetPointer(capsule, EDGES);
-    if (held)
-        release(&held->arrays);
-    free(held);
+    discard(PyCapsule_GetPointer(capsule, EDGES));
+}
+
+static int by_angle(const void *a, const void *b)
+{
+    const struct round_edge *one = a, *two = b;
+    if (one->angle != two->angle)
+        return one->angle < two->angle ? -1 : 1;
+    return (one->edge > two->edge) - (one->edge < two->edge);
+}
+
+/* The circle about the box of so many edges' midpoints that holds all of the edges. */
+static struct edge_block block_of(const struct round_edge *edges, int64_t count)
+{
+    double least[2] = {INFINITY, INFINITY}, most[2] = {-INFINITY, -INFINITY};
+    for (int64_t k = 0; k < count; k++) {
+        least[0] = smaller(least[0], edges[k].x);
+        least[1] = smaller(least[1], edges[k].y);
+        most[0] = larger(most[0], edges[k].x);
+        most[1] = larger(most[1], edges[k].y);
+    }
+    struct edge_block found = {(least[0] + most[0]) / 2, (least[1] + most[1]) / 2, 0};
+    for (int64_t k = 0; k < count; k++)
+        found.reach = larger(found.reach, hypot(edges[k].x - found.x, edges[k].y - found.y) + edges[k].half);
+    found.reach += 1e-9;
+    return found;
+}
+
+/* Arrange each state's edges round about, in blocks; whether there was memory. */
+static int arrange(edge_set *all)
+{
+    int64_t blocks = 0;
+    all->around = malloc((size_t)(all->edges + 1) * sizeof(struct round_edge));
+    all->blocks = malloc((size_t)(all->edges / BLOCK_EDGES + all->states + 1) * sizeof(struct edge_block));
+    all->first_block = malloc((size_t)(all->states + 1) * sizeof(int64_t));
+    if (!all->around || !all->blocks || !all->first_block) {
+        PyErr_NoMemory();
+        return 0;
+    }
+    for (Py_ssize_t k = 0; k < all->edges; k++) {
+        struct round_edge one = {all->centre_x[k], all->centre_y[k], all->length[k] / 2,
+                                 atan2(all->centre_y[k], all->centre_x[k]), k};
+        all->around[k] = one;
+    }
+    for (Py_ssize_t state = 0; state < all->states; state++) {
+        const int64_t begin = all->first[state], end = all->first[state + 1];
+        all->first_block[state] = blocks;
+        if (end > begin)
+            qsort(all->around + begin, (size_t)(end - begin), sizeof(struct round_edge), by_angle);
+        for (int64_t from = begin; from < end; from += BLOCK_EDGES)
+            all->blocks[blocks++] = block_of(all->around + from, end - from < BLOCK_EDGES ? end - from : BLOCK_EDGES);
+    }
+    all->first_block[all->states] = blocks;
+    return 1;
 }
 
 static int fill(prepared *held, PyObject *arrays)
@@ -69,7 +130,7 @@ static int fill(prepared *held, PyObject *arrays)
         return 0;
     }
     held->edges = found;
-    return 1;
+    return arrange(&held->edges);
 }
 
 /* prepared_edges(arrays of an edge set): the set as all other calls take it. */
@@ -80,10 +141,8 @@ PyObject *prepared_edges(PyObject *self, PyObject *arrays)
     if (!held)
         return PyErr_NoMemory();
     PyObject *capsule = fill(held, arrays) ? PyCapsule_New(held, EDGES, end_prepared) : NULL;
-    if (!capsule) {
-        release(&held->arrays);
-        free(held);
-    }
+    if (!capsule)
+        discard(held);
     return capsule;
 }
 

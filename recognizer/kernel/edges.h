@@ -20,7 +20,24 @@ typedef struct {
     const double *state_reach, *state_slack; /* states */
     double most_span;
     int64_t most_edges; /* of a state */
+    /* Edges of each state in the order in which they lie round its centroid, and circles about BLOCK_EDGES of these:
+       blocks of a state are those from `first_block` on, the last of them may have fewer. */
+    struct round_edge *around;
+    struct edge_block *blocks;
+    int64_t *first_block; /* states + 1 */
 } edge_set;
+
+#define BLOCK_EDGES 16
+
+/* An edge's midpoint and half length, and which one it is. */
+struct round_edge {
+    double x, y, half, angle;
+    int64_t edge;
+};
+
+struct edge_block {
+    double x, y, reach;
+};
 
 /* The edge set that `prepared_edges` made; NULL with an exception set if it is something else. */
 const edge_set *edges_of(PyObject *prepared);

@@ -138,6 +138,8 @@ typedef struct {
     const claim *of;
     int64_t state, near;
     int judged, fits;
+    vector first, last; /* the contact's normals at either end, if `has_ends` */
+    int has_ends;
     double away[2], gap[2], steps[2];
     nearest best[2];
 } search;
@@ -176,14 +178,21 @@ static void look_at_piece(search *job, const piece *on, double base, double widt
     if (after_lo < 0)
         after_lo += TURN;
     double after_piece = after_lo > 0 ? TURN - after_lo : 0.0;
+    if (after_lo > width && after_piece > on->turn)
+        return;
+    if (!job->has_ends) {
+        job->first = turned(base);
+        job->last = turned(base + width);
+        job->has_ends = 1;
+    }
     if (after_lo <= width) {
         int whole = on->turn <= width - after_lo;
-        arc range = {on->first, whole ? on->last : turned(base + width), whole ? on->turn : width - after_lo};
+        arc range = {on->first, whole ? on->last : job->last, whole ? on->turn : width - after_lo};
         look_at(job, on, &range, 0);
     }
     if (after_piece <= on->turn) {
         int whole = width <= on->turn - after_piece;
-        arc range = {turned(base), whole ? turned(base + width) : on->last, whole ? width : on->turn - after_piece};
+        arc range = {job->first, whole ? job->last : on->last, whole ? width : on->turn - after_piece};
         look_at(job, on, &range, 1);
     }
 }

@@ -5,7 +5,6 @@
 #include "sweep.h"
 
 #define STILL 1e-15
-#define BLOCK 256
 
 typedef struct {
     double x, y, u, v, rho; /* in the frame of the object in the cell's middle configuration */
@@ -89,42 +88,42 @@ static void sort_by_enter(capsule *near, int count)
     }
 }
 
-/* Edges of [from, to) that may come within ρ of the ray's line before `travel`: a loop without branches, which
-   compilers vectorise. */
-VECTORISED static int beside_line(const edge_set *edges, int64_t from, int64_t to, const ray *path, double travel,
-                                  int32_t *near)
+/* Edges of a state that may come within ρ of the ray's line before `travel`, into `near`; how many. */
+static int beside_line(const edge_set *edges, int64_t state, const ray *path, double travel, int64_t *near)
 {
-    unsigned char is_near[BLOCK];
-    const double *restrict x = edges->centre_x + from, *restrict y = edges->centre_y + from;
-    const double *restrict length = edges->length + from;
     const double u = path->u, v = path->v, offset = path->y * u - path->x * v, reach = path->rho + 1e-9;
-    const double end = path->x * u + path->y * v + travel;
-    const int size = (int)(to - from);
-    for (int k = 0; k < size; k++) {
-        double wide = length[k] / 2 + reach;
-        is_near[k] = (fabs(y[k] * u - x[k] * v - offset) <= wide) & (x[k] * u + y[k] * v - end <= wide);
+    const double stop = path->x * u + path->y * v + travel;
+    const int64_t begin = edges->first[state], end = edges->first[state + 1];
+    const struct edge_block *block = edges->blocks + edges->first_block[state];
+    int count = 0;
+    for (int64_t from = begin; from < end; from += BLOCK_EDGES, block++) {
+        const double most = block->reach + reach;
+        if (fabs(block->y * u - block->x * v - offset) > most || block->x * u + block->y * v - stop > most)
+            continue;
+        for (int64_t k = from; k < end && k < from + BLOCK_EDGES; k++) {
+            const struct round_edge *one = &edges->around[k];
+            const double wide = one->half + reach;
+            near[count] = one->edge;
+            count += (fabs(one->y * u - one->x * v - offset) <= wide) & (one->x * u + one->y * v - stop <= wide);
+        }
     }
-    return indices_of(is_near, size, near);
+    return count;
 }
 
 /* No stop comes before `earliest`; the ray cannot pass `latest`, where it is first inside of the outline and in no
    capsule. `room`: for as many capsules as the state has edges. */
-static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsule *room)
+static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsule *room, int64_t *near)
 {
     stop found = {INFINITY, INFINITY};
+    const int some = beside_line(edges, state, path, INFINITY, near);
     int count = 0;
-    for (int64_t from = edges->first[state]; from < edges->first[state + 1]; from += BLOCK) {
-        int64_t to = from + BLOCK < edges->first[state + 1] ? from + BLOCK : edges->first[state + 1];
-        int32_t near[BLOCK];
-        int some = beside_line(edges, from, to, path, INFINITY, near);
-        for (int k = 0; k < some; k++) {
-            capsule one = capsule_of(edges, from + near[k], path);
-            if (one.enter == INFINITY)
-                continue;
-            if (one.leave >= 0 && one.enter <= one.leave)
-                found.earliest = smaller(found.earliest, larger(one.enter, 0.0));
-            room[count++] = one;
-        }
+    for (int k = 0; k < some; k++) {
+        capsule one = capsule_of(edges, near[k], path);
+        if (one.enter == INFINITY)
+            continue;
+        if (one.leave >= 0 && one.enter <= one.leave)
+            found.earliest = smaller(found.earliest, larger(one.enter, 0.0));
+        room[count++] = one;
     }
     sort_by_enter(room, count);
     double covered = -INFINITY;
@@ -141,23 +140,20 @@ static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsu
 
 /* Whether the latest stop, as `stop_of` has it, is not before `travel`. A place where it is first inside of the outline
    comes after it has crossed an edge and left that edge's capsule: mostly a look at the edges crossed is enough. */
-static int may_travel(const edge_set *edges, int64_t state, const ray *path, double travel, capsule *room)
+static int may_travel(const edge_set *edges, int64_t state, const ray *path, double travel, capsule *room,
+                      int64_t *near)
 {
-    int32_t near[BLOCK];
     capsule first = {INFINITY, INFINITY, 1, 0};
-    int count = 0, inside = 0;
+    int inside = 0;
     /* What is met after the end of the travel opens no place before it. */
-    for (int64_t from = edges->first[state]; from < edges->first[state + 1]; from += BLOCK) {
-        int64_t to = from + BLOCK < edges->first[state + 1] ? from + BLOCK : edges->first[state + 1];
-        int some = beside_line(edges, from, to, path, travel, near);
-        for (int k = 0; k < some; k++) {
-            room[count].edge = from + near[k];
-            room[count].crossing = is_crossed(edges, from + near[k], path);
-            if (room[count++].crossing) {
-                capsule one = capsule_of(edges, from + near[k], path);
-                if (one.enter < first.enter)
-                    first = one;
-            }
+    const int count = beside_line(edges, state, path, travel, near);
+    for (int k = 0; k < count; k++) {
+        room[k].edge = near[k];
+        room[k].crossing = is_crossed(edges, near[k], path);
+        if (room[k].crossing) {
+            capsule one = capsule_of(edges, near[k], path);
+            if (one.enter < first.enter)
+                first = one;
         }
     }
     if (first.leave >= travel)
@@ -229,7 +225,9 @@ int take_paths(buffers *all, PyObject *sets_in, PyObject *paths_in, paths *taken
     int64_t most = 1;
     for (Py_ssize_t k = 0; k < taken->count; k++)
         most = taken->sets[k]->most_edges > most ? taken->sets[k]->most_edges : most;
-    if (!(taken->room = malloc((size_t)most * sizeof(capsule)))) {
+    taken->room = malloc((size_t)most * sizeof(capsule));
+    taken->near = malloc((size_t)(most + 1) * sizeof(int64_t));
+    if (!taken->room || !taken->near) {
         PyErr_NoMemory();
         return 0;
     }
@@ -240,6 +238,7 @@ void end_paths(paths *taken)
 {
     free(taken->sets);
     free(taken->room);
+    free(taken->near);
 }
 
 int paths_are_free(const paths *of, int64_t state, double lo, double hi, const double *polygon, Py_ssize_t vertices,
@@ -250,7 +249,7 @@ int paths_are_free(const paths *of, int64_t state, double lo, double hi, const d
         if (skipped && skipped[k])
             continue;
         ray way = ray_of(of->sets[k], state, &part, &of->path[k]);
-        if (!may_travel(of->sets[k], state, &way, of->path[k].travel, of->room))
+        if (!may_travel(of->sets[k], state, &way, of->path[k].travel, of->room, of->near))
             return 0;
     }
     return 1;
@@ -322,7 +321,7 @@ PyObject *sweep(PyObject *self, PyObject *arguments)
             if (!(skipped && skipped[path])) {
                 const edge_set *edges = job.of.sets[path];
                 ray way = ray_of(edges, job.state[cell], &part, &job.of.path[path]);
-                found = stop_of(edges, job.state[cell], &way, job.of.room);
+                found = stop_of(edges, job.state[cell], &way, job.of.room, job.of.near);
             }
             *first++ = found.earliest;
             *last++ = found.latest;

@@ -16,12 +16,13 @@ typedef struct {
     int64_t edge;
 } capsule;
 
-/* Paths, and the outlines that may be in their way; `room` for as many capsules as a state has edges. */
+/* Paths, and the outlines that may be in their way; `room` and `near`: for as many as a state has edges, and one. */
 typedef struct {
     Py_ssize_t count;
     const edge_set **sets;
     const approach *path;
     capsule *room;
+    int64_t *near;
 } paths;
 
 /* Fill in from outlines of m paths, and the paths (m × 6); whether that went well. To be ended in any case. */
