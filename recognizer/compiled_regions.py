@@ -14,9 +14,11 @@ __all__ = ["FoundRegions", "RegionRules", "found_regions"]
 
 @dataclass(frozen=True, eq=False)
 class RegionRules:
-    """What holds for all rounds: symmetry `orders` (S,) of states, the `anchor_mm` (2,), contacts that are
-    spurious in interpretations, among those `paired` with edges (n, p) and among `all` (n, m), or None; whether
-    something was touched that is `unpaired`, and how many `pieces` of the boundary are looked at, at most.
+    """What holds for all rounds: symmetry `orders` (S,) of states, and the `anchor_mm` (2,).
+
+    Contacts that are spurious in interpretations: among those `paired` with edges (n, p), and among `all`
+    (n, m); None if none is. `shape` (n, p). Whether something was touched that is `unpaired`. `pieces` of the
+    boundary that are looked at, at most.
     """
 
     orders: Ints
@@ -33,7 +35,8 @@ class FoundRegions:
     """h regions that are done, and the cells to be cut finer, `again`, by their rows.
 
     Of their cells (k): `row`, and on the region's branch of the symmetry `lo`, `hi` (k,), `polygon`
-    (k, v, 2). `first` (h + 1,): where regions begin; `theta` (h,), `position` (h, 2), `verified` and `node` (h,).
+    (k, v, 2). `first` (h + 1,): where regions begin; `theta` (h,), `position` (h, 2), `verified` (h,) and
+    `node` (h,).
     """
 
     row: Ints

@@ -32,7 +32,15 @@ from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
 from palpate.recognizer.witness_polish import can_be_verified, polish
 
-__all__ = ["Regions", "connected_regions", "find_witnesses", "position_boxes"]
+__all__ = [
+    "Regions",
+    "WitnessedCells",
+    "connected_regions",
+    "cut_finer",
+    "find_witnesses",
+    "position_boxes",
+    "search_round",
+]
 
 _REFINEMENTS, _PARTS = 4, 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
@@ -156,38 +164,19 @@ def connected_regions(
     constraints: Constraints, found: WitnessedCells, refinements: int = _REFINEMENTS
 ) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
-    if KERNEL is not None:
-        regions, again = _compiled_round(constraints, found, refinable=refinements > 0)
-    else:
-        regions, again = _round(constraints, found, refinable=refinements > 0)
+    regions, again = search_round(constraints, found, refinable=refinements > 0)
     if not len(again):
         return regions
-    finer = _cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
+    finer = cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
     return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
 
 
-def _compiled_round(
+def search_round(
     constraints: Constraints, found: WitnessedCells, *, refinable: bool
 ) -> tuple[Regions, Cells]:
-    """The same as `_round`, by the compiled kernel."""
-    assert KERNEL is not None
-    cells = found.cells
-    rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
-    component = connected(_boxes(constraints, cells)) if len(cells) > FEW else None
-    evidence, rules, room = (
-        constraints.compiled_evidence,
-        constraints.compiled_rules,
-        constraints.budget.refined,
-    )
-    of = found_regions(KERNEL, evidence, rules, rows, component, room, refinable=refinable)
-    unturned = cells.select(of.row)
-    turned = replace(unturned, lo=of.lo, hi=of.hi, polygon=of.polygon)
-    regions = Regions(turned, unturned, of.first, of.theta, of.position, of.verified, of.node)
-    return regions, cells.select(of.again)
-
-
-def _round(constraints: Constraints, found: WitnessedCells, *, refinable: bool) -> tuple[Regions, Cells]:
-    """Regions that are done, and the cells of those that are to be cut finer."""
+    """Regions that are done, and the cells of those that are to be cut finer: none unless `refinable`."""
+    if KERNEL is not None:
+        return _compiled_round(constraints, found, refinable=refinable)
     label = connected(_boxes(constraints, found.cells))
     # By what they are, not by how they were found: which are tried must not depend on that.
     x, y = found.cells.centre.T.round(6)
@@ -211,6 +200,25 @@ def _round(constraints: Constraints, found: WitnessedCells, *, refinable: bool) 
     return regions.with_cells(kept & ~doubtful[label]), cells.select(kept & doubtful[label])
 
 
+def _compiled_round(
+    constraints: Constraints, found: WitnessedCells, *, refinable: bool
+) -> tuple[Regions, Cells]:
+    assert KERNEL is not None
+    cells = found.cells
+    rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
+    component = connected(_boxes(constraints, cells)) if len(cells) > FEW else None
+    evidence, rules, room = (
+        constraints.compiled_evidence,
+        constraints.compiled_rules,
+        constraints.budget.refined,
+    )
+    of = found_regions(KERNEL, evidence, rules, rows, component, room, refinable=refinable)
+    unturned = cells.select(of.row)
+    turned = replace(unturned, lo=of.lo, hi=of.hi, polygon=of.polygon)
+    regions = Regions(turned, unturned, of.first, of.theta, of.position, of.verified, of.node)
+    return regions, cells.select(of.again)
+
+
 def _some(wanted: Bools, size: Ints, room: int) -> Bools:
     """Those of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
     order = np.argsort(np.where(wanted, size, np.iinfo(np.int64).max), kind="stable")
@@ -219,7 +227,7 @@ def _some(wanted: Bools, size: Ints, room: int) -> Bools:
     return result
 
 
-def _cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
+def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
     """Cells in parts: at first by orientation and cut anew, then by whichever of their sides is longest."""
     if at_first:
         finer, _ = refine_intervals(
