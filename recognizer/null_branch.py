@@ -72,6 +72,8 @@ def grow_branches(
         counts.append(count)
         if new - len(branch.paired) < max_spurious:
             found.append(branch)
+    if len(counts) == 1:
+        return found, replace(counts[0], level=len(touched))
     columns = zip(*(astuple(count)[1:] for count in counts), strict=True)
     return found, LevelCount(len(touched), *(sum(column) for column in columns))
 
