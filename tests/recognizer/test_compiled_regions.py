@@ -31,8 +31,8 @@ FEW = 10
 CASES = sample(range(0, 20 * FEW, FEW), range(0, 2 * FEW, FEW))
 SOURCES = ("memo", "own", "loose")
 ROUNDS = 5
-# All but `constraints`: without a kernel, that lets paths pass unseen that come from outside, and keeps cells that
-# the sweep would drop.
+# All but `constraints`: without a kernel, that lets paths pass unseen that come from outside, and keeps cells
+# that the sweep would drop.
 PARTS = (
     "grouping",
     "region",
@@ -88,7 +88,7 @@ def assert_same_candidates(found: WitnessedCells, expected: WitnessedCells) -> N
 
 
 def assert_same_regions(constraints: Constraints, found: Regions, expected: Regions) -> None:
-    """Of two interpretations that are in one place either may be taken, if they have the same null contacts."""
+    """Of two interpretations in one place either may be taken, if they have the same null contacts."""
     assert np.array_equal(found.first, expected.first)
     assert np.array_equal(found.verified, expected.verified)
     assert_same_cells(found.cells, expected.cells)
