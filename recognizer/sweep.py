@@ -107,8 +107,9 @@ def path_outside_outline(
     """Cells in which paths of contacts on their edges, `paired` (k, m), are outside of the outline: (k, m).
 
     A path is, if it comes from within its edge's open cone whatever the orientation, and does not end beyond
-    an end of the edge at which the outline may rise again. Then it is never deeper in the outline than its
-    end may be, and `free_path_test` would keep the cell.
+    an end of the edge at which the outline may rise again. Then it is never deeper in the outline of that
+    edge than its end may be. `free_path_test`, which looks at all edges, may drop some of these cells:
+    to keep them is coarser, and loses no answer.
     """
     clear = np.zeros(paired.shape, dtype=bool)
     for finger in dict.fromkeys(contact.finger for contact in contacts):
