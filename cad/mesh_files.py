@@ -56,11 +56,11 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     kind = path.suffix.lower()[1:]
     if kind == "3mf":
         return _read_3mf(path, units)
-    if units is None:
-        raise InputError(f"{path}: {kind.upper()} files have no units: give their units: mm, inch or m")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": ply_problem}[kind](data):
         raise InputError(f"{path}: {problem}")
+    if units is None:
+        raise InputError(f"{path}: {kind.upper()} files have no units: give their units: mm, inch or m")
     if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
         data = _as_utf8(data)
     if kind == "obj":

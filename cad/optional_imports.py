@@ -1,12 +1,16 @@
 """Packages that only some file formats need: imported when such a file is read, named if they are missing."""
 
 import importlib
+import json
 import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 from palpate.errors import InputError
 
@@ -29,11 +33,26 @@ def needed(module: str, extra: str, purpose: str) -> Any:
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra where this interpreter finds palpate."""
-    python = Path(sys.executable)
+    """What installs an extra where this interpreter finds palpate: from its checkout, if it is in one."""
+    checkout = _checkout()
+    what = "palpate" if checkout is None else _from_here(checkout)
+    how = "" if checkout is None else "-e "
+    return f"{shlex.quote(_from_here(Path(sys.executable)))} -m pip install {how}'{what}[{extra}]'"
+
+
+def _checkout() -> Path | None:
+    """Folder from which palpate is installed as it stands there; None for a wheel (PEP 610)."""
+    try:
+        told = json.loads(distribution("palpate").read_text("direct_url.json") or "{}")
+    except (PackageNotFoundError, ValueError):
+        return None
+    editable = told.get("dir_info", {}).get("editable", False)
+    return Path(url2pathname(urlsplit(told["url"]).path)) if editable else None
+
+
+def _from_here(path: Path) -> str:
     here = Path.cwd()
-    shown = python.relative_to(here) if python.is_relative_to(here) else python
-    return f"{shlex.quote(str(shown))} -m pip install 'palpate[{extra}]'"
+    return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 @contextmanager

@@ -174,7 +174,9 @@ def check_emulation(
     for port, place in _ports(fingers, bus):
         if not port.startswith(_MOCK):
             raise problem(
-                f'"{port}" is not an emulated port (mock://…), but there is an [emulation] table', *place
+                f'"{port}" is not an emulated port (mock://…), but there is an [emulation] table: remove '
+                "that for a real rig, with the tables below it, or keep mock:// ports",
+                *place,
             )
     if drawn.placement_radius_mm >= workspace_mm:
         raise problem(

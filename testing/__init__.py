@@ -4,7 +4,10 @@ Needs pytest: `pip install palpate[testing]`. `docs/adding-a-device.md` says how
 tests use it too.
 """
 
-import pytest
+try:
+    import pytest
+except ImportError:
+    raise ImportError("palpate.testing needs pytest: install the extra `testing`") from None
 
 pytest.register_assert_rewrite("palpate.testing.arrays", "palpate.testing.servos")
 

@@ -112,7 +112,7 @@ def _bus_lines(out: CheckOut) -> list[str]:
 
 
 def _hold_lines(found: HoldCheckOut) -> list[str]:
-    fingers = ", ".join(map(_finger_hold, found.fingers))
+    fingers = "; ".join(map(_finger_hold, found.fingers))
     end = "" if found.slid else "; no push made it slide for certain"
     return [
         f"[bold]part[/]         holds {found.part_holds_n:g} N at least ({fingers}){end}; moved by "
@@ -125,7 +125,7 @@ def _finger_hold(item: FingerHoldOut) -> str:
     name = escape(item.finger)
     if item.holds_n is None:
         return f"{name} nothing for certain"
-    return f"{name} {rounded_down(item.holds_n):g} of {item.pressed_n:.2g} N"
+    return f"{name} pushed with {item.pressed_n:.2g} N, of which {rounded_down(item.holds_n):g} N are certain"
 
 
 def _calibration(found: CalibrationCheckOut) -> str:

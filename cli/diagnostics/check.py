@@ -48,6 +48,8 @@ def check(
 
     Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0.
     """
+    from rich.markup import escape
+
     from palpate.api.rig import open_rig
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
@@ -64,6 +66,8 @@ def check(
         if picture is not None:
             write_text(picture, draw_rig(opened.file))
         err = Terminal(stderr=True, soft_wrap=True)
+        if picture is not None:
+            err.print(f"picture {escape(str(picture))}", highlight=False)
         doing = looking.enter_context(Doing(err, "checking"))
         moving = False
 

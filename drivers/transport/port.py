@@ -25,6 +25,7 @@ _OPENING_ERRORS: tuple[type[Exception], ...] = (*PORT_ERRORS, ValueError)
 _TAKEN = (errno.EAGAIN, errno.EBUSY)
 _FORBIDDEN = (errno.EACCES, errno.EPERM)
 _MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
+_FIND = "check the cable and the port's name (palpate find-port lists what is there)"
 
 __all__ = ["PORT_ERRORS", "PortForbidden", "PortMissing", "PortTaken", "has_baudrate", "open_port"]
 
@@ -68,9 +69,9 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
                 "(sudo usermod -aG dialout $USER), then log in again"
             ) from error
         missing = isinstance(error, OSError) and error.errno in _MISSING
+        what = "does not exist" if missing else f"does not exist or cannot be opened at {baudrate} baud"
         raise (PortMissing if missing else DeviceError)(
-            f"port {url} does not exist or cannot be opened at {baudrate} baud: {_reason(error)}; "
-            "check the cable and `port` in the rig file (palpate find-port finds its name)"
+            f"port {url} {what}: {_reason(error)}; {_FIND}"
         ) from error
     return port
 

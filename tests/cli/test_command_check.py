@@ -337,7 +337,10 @@ def test_what_a_part_holds_is_said_with_the_line_to_write(capsys: pytest.Capture
     )
     show(out, Console(width=200))
     said = capsys.readouterr().out
-    assert "holds 0.41 N at least (f1 0.41 of 0.5 N); moved by 0.7 mm in all touches together" in said
+    assert (
+        "holds 0.41 N at least (f1 pushed with 0.5 N, of which 0.41 N are certain); moved by 0.7 mm in all "
+        "touches together" in said
+    )
     assert "below [search]: part_holds_n = 0.41" in said
 
 

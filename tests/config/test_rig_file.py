@@ -302,7 +302,8 @@ CASES = [
     ),
     (
         changed(BENCH, "mock://bus", "/dev/ttyUSB0"),
-        'bus.port: "/dev/ttyUSB0" is not an emulated port (mock://…), but there is an [emulation] table',
+        'bus.port: "/dev/ttyUSB0" is not an emulated port (mock://…), but there is an [emulation] table: '
+        "remove that for a real rig, with the tables below it, or keep mock:// ports",
     ),
     (
         changed(BENCH, 'name = "f2"', 'name = "f2"\ntype = "three-link"'),
