@@ -10,6 +10,7 @@ from typing import Self
 from palpate.api.files import PathLike, load_references
 from palpate.api.view_log import view_log
 from palpate.config import (
+    ArmFingerConfig,
     CalibrationFile,
     RigFile,
     calibration_path,
@@ -23,7 +24,7 @@ from palpate.files.writing import check_place, write_text
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate, slide_fingers
+from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.rig_prober import Table
 from palpate.rig.commissioning.run_record_file import RunRecordFile
@@ -83,14 +84,21 @@ def references_from(references: ReferencesFile | PathLike | None) -> ReferencesF
 
 def check_references(rig: RigFile, references: ReferencesFile) -> None:
     """Raise InputError for a rig that cannot be calibrated, and for references that fingers pass above."""
-    slide_fingers(rig)
     build_references(references)
+    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFingerConfig)]
+    lowest = min(arms, key=lambda finger: finger.links.links_height_mm, default=None)
     highest = max(rig.fingers, key=lambda finger: finger.span_mm[1])
     for name, shape in (("disc", references.disc), ("plate", references.plate)):
         if shape.height_mm <= highest.span_mm[1]:
             raise InputError(
                 f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
                 f"{highest.span_mm[1]:g} mm: references must stand higher than every array"
+            )
+        if lowest is not None and shape.height_mm >= lowest.links.links_height_mm:
+            raise InputError(
+                f"the {name} is {shape.height_mm:g} mm high, and links of finger {lowest.name} pass at "
+                f"{lowest.links.links_height_mm:g} mm: use lower references, "
+                "and say so with --references FILE (config/references/low.toml names such ones)"
             )
 
 

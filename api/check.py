@@ -16,7 +16,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import connect, emulated_table, environment, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.commissioning.calibration import build_references, slide_fingers
+from palpate.rig.commissioning.calibration import build_references
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.rig_prober import Table
 from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
@@ -131,7 +131,6 @@ def _pushed(
 
 def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | None) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
-    slide_fingers(on_bench.described)
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
         make = f"make it with `palpate calibrate --rig {on_bench.path}`"
         remedy = SHIPPED_RIG if on_bench.path == shipped_rig() else make

@@ -10,7 +10,8 @@ time between: twenty times faster. Parts are identified on the emulated bench in
 With `--load`, tips stick (friction 0 to 0.6), aims give way to forces across the slide by up to 0.05 mm/N and
 forces of 0 to 0.5 N take up their play, all drawn per seed and declared; `--simulated` has it, too.
 
-Every seed is a rig as `examples/fresh-rig.toml` describes it, with other hidden errors. Each is calibrated as
+Every seed is a rig as `examples/fresh-rig.toml` describes it (with `--rig arms`, `examples/fresh-arms.toml`),
+with other hidden errors. Each is calibrated as
 `palpate calibrate` does it, and its values are compared with the truth; then parts of the shipped catalogue
 are put on it and identified, with the rig file alone and with the calibration. A line of JSON a seed is
 appended, so that a campaign can be stopped and taken up.
@@ -36,6 +37,7 @@ from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.calibration.run_record import RunRecord
 from palpate.config import (
+    ArmFingerConfig,
     CalibrationFile,
     RigFile,
     apply_calibration,
@@ -43,8 +45,9 @@ from palpate.config import (
     load_rig,
     shipped_objects,
 )
-from palpate.config.references_file import load_references
-from palpate.config.shipped import shipped_references
+from palpate.config.calibration_finger import Actuators, ActuatorsCalibration, ArmPlaceCalibration
+from palpate.config.references_file import ReferencesFile, load_references
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, emulated_table, environment, set_up
@@ -52,7 +55,7 @@ from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_r
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.rig.diagnostics.retouch import retouch
-from palpate.rig.emulated.calibrated_truth import in_hand_frame
+from palpate.rig.emulated.calibrated_truth import built_pose, in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.session.run import IdentificationJob, run_identification
@@ -61,15 +64,22 @@ from palpate.vocabulary import Strategy
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from simulated_prober import SimulatedRig
 
-RIG = Path(__file__).parents[1] / "examples" / "fresh-rig.toml"
+_ROOT = Path(__file__).parents[1]
+RIGS = {
+    "slides": (_ROOT / "examples" / "fresh-rig.toml", _ROOT / "config" / "references" / "standard.toml"),
+    "arms": (_ROOT / "examples" / "fresh-arms.toml", _ROOT / "config" / "references" / "low.toml"),
+}
+"""Rigs that nothing has been measured of, and the references that suit them."""
 LOADED = 0.15  # taxels whose gain is known better than this have been pressed well
 
 
-def rig_of(load: bool) -> RigFile:
-    """The fresh rig, with forces that act on fingers or without."""
-    rig = load_rig(RIG)
+def rig_of(kind: str, load: bool) -> RigFile:
+    """A fresh rig, with forces that act on fingers or without."""
+    rig = load_rig(RIGS[kind][0])
     if not load:
         return rig
+    if kind != "slides":
+        raise SystemExit("--load is for slides")
     data = rig.model_dump(mode="json", exclude_unset=True)
     data["emulation"] |= {
         "deflection_mm_per_n": 0.05,
@@ -94,16 +104,14 @@ class Nothing:
 
 
 def one(
-    seed: int, scenes: int, before: int, simulated: bool, records: Path | None, load: bool
+    seed: int, scenes: int, before: int, simulated: bool, records: Path | None, load: bool, kind: str
 ) -> dict[str, object]:
     """Calibrate one rig and identify parts on it; everything that is worth keeping."""
-    rig = rig_of(load)
+    rig, references = rig_of(kind, load), load_references(RIGS[kind][1])
     bench = set_up(rig, None, seed)
     table = emulated_table(bench, seed)
     assert table is not None
-    job = CalibrationJob(
-        rig, "0" * 64, load_references(shipped_references()), STEPS, 0.999, datetime.now(UTC), None
-    )
+    job = CalibrationJob(rig, "0" * 64, references, STEPS, 0.999, datetime.now(UTC), None)
     begin = time.perf_counter()
     world = SimulatedRig(rig, seed)
     connect = world.connect if simulated else rig_connector(environment(bench), table, print)
@@ -121,7 +129,7 @@ def one(
     assert file.residuals is not None
     row["residuals"] = file.residuals.model_dump(mode="json", exclude={"touches_seen"})
     row["after"] = [identified(rig, seed, k, file) for k in range(scenes)]
-    row["retouched"] = retouched(rig, seed, file) if scenes else None
+    row["retouched"] = retouched(rig, references, seed, file) if scenes else None
     row["before"] = [identified(rig, seed, k, None) for k in range(before)]
     return row
 
@@ -141,7 +149,7 @@ def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None
         seen = in_hand_frame(lying, rig, [finger.truth for finger in bench.mock.rig.bench.fingers])
     begin = time.perf_counter()
     try:
-        check_known_well(used, RIG.name)
+        check_known_well(used, rig.name)
         job = IdentificationJob(
             used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC)
         )
@@ -163,14 +171,16 @@ def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None
     }
 
 
-def retouched(drawn: RigFile, seed: int, file: CalibrationFile) -> dict[str, object]:
+def retouched(
+    drawn: RigFile, references: ReferencesFile, seed: int, file: CalibrationFile
+) -> dict[str, object]:
     """Whether a re-touch of the rig, which has not changed, agrees with its calibration."""
     rig, bench = apply_calibration(drawn, file), set_up(drawn, None, seed)
     table = emulated_table(bench, seed + 1)
     uncertainties = contact_uncertainties(file, at_rest=False)
     assert table is not None
     assert uncertainties is not None
-    disc = build_references(load_references(shipped_references()))[0]
+    disc = build_references(references)[0]
     with rig_connector(environment(bench), table, print)(rig, moving=True) as there:
         found = retouch(rig, there.prober, disc, uncertainties).agreement
     return {
@@ -185,17 +195,16 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
     assert bench.mock is not None
     fingers = bench.mock.rig.bench.fingers
     drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in bench.rig.fingers]
-    frame = align_to_nominal(
-        drawn, [BasePose(item.truth.base_mm, item.truth.heading_rad) for item in fingers]
-    )
+    built = [built_pose(spec, item.truth) for spec, item in zip(bench.rig.fingers, fingers, strict=True)]
+    frame = align_to_nominal(drawn, built)
     rows = []
-    for item, found in zip(fingers, file.fingers, strict=True):
+    for spec, pose, item, found in zip(bench.rig.fingers, built, fingers, file.fingers, strict=True):
         truth, place, tactile = item.truth, found.place, found.tactile
         assert place is not None
         assert tactile is not None
         assert found.actuators is not None
         assert found.bounds is not None
-        there = frame.place(BasePose(truth.base_mm, truth.heading_rad))
+        there = frame.place(pose)
         off = np.array(
             [
                 place.base_mm[0] - there.base_mm[0],
@@ -204,7 +213,14 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
                 place.tip_radius_mm - truth.tip_radius_mm,
             ]
         )
-        covariance = np.array(place.covariance)[:4, :4]
+        if isinstance(place, ArmPlaceCalibration):
+            assert isinstance(spec, ArmFingerConfig)
+            assert isinstance(truth, ArmTruth)
+            zero_rad = math.radians(spec.elbow.zero_deg) - math.pi
+            bent = (zero_rad - truth.elbow.zero_rad) / truth.elbow.gear_ratio
+            links = [place.upper_mm - truth.upper_mm, place.fore_mm - truth.fore_mm]
+            off = np.array([*off, *links, math.radians(place.elbow_zero_deg) - bent])
+        covariance = np.array(place.covariance)[: len(off), : len(off)]
         gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
         wrong = np.abs(item.array.taxels.gain / gain - 1)  # the bench's own truth
         dead = {tuple(place) for place in item.array.taxels.dead}
@@ -225,9 +241,7 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
                 "gain_over_5": int((wrong[bound < LOADED] > 0.05).sum()),
                 "stiffness_off": tactile.stiffness_n_per_mm / truth.stiffness_n_per_mm - 1,
                 "dead": dead == {(taxel.row, taxel.col) for taxel in tactile.unusable},
-                "play_off_mm": found.actuators.slide.backlash_mm - truth.slide_play_mm,
-                "play_sigma_mm": found.actuators.slide.backlash_sigma_mm,
-                "scale_off": found.actuators.slide.mm_per_turn / (truth.mm_per_rad * 2 * math.pi) - 1,
+                **_mechanics(found.actuators, truth),
                 "position_mm": found.bounds.position_mm,
                 "direction_deg": found.bounds.direction_deg,
                 "parts_mm": found.bounds.parts_mm.model_dump(),
@@ -235,6 +249,23 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
             }
         )
     return rows
+
+
+def _mechanics(found: Actuators, truth: FingerTruth | ArmTruth) -> dict[str, float]:
+    """Play and travel of a slide, plays of an arm's joints, less the truth."""
+    if isinstance(found, ActuatorsCalibration):
+        assert isinstance(truth, FingerTruth)
+        return {
+            "play_off_mm": found.slide.backlash_mm - truth.slide_play_mm,
+            "play_sigma_mm": found.slide.backlash_sigma_mm,
+            "scale_off": found.slide.mm_per_turn / (truth.mm_per_rad * 2 * math.pi) - 1,
+        }
+    assert isinstance(truth, ArmTruth)
+    pairs = ((found.shoulder, truth.shoulder), (found.elbow, truth.elbow))
+    return {
+        "play_off_deg": max(abs(own.backlash_deg - math.degrees(real.play_rad)) for own, real in pairs),
+        "play_sigma_deg": max(own.backlash_sigma_deg for own, _ in pairs),
+    }
 
 
 def tell(path: Path) -> None:
@@ -255,16 +286,26 @@ def tell(path: Path) -> None:
         ("array heading", np.abs([finger["phase_deg"] for finger in fingers]), "deg"),
         ("gain (loaded)", np.array([finger["gain_off"] for finger in fingers]), ""),
         ("stiffness", np.abs([finger["stiffness_off"] for finger in fingers]), ""),
-        ("play", np.abs([finger["play_off_mm"] for finger in fingers]), "mm"),
-        ("mm per turn", np.abs([finger["scale_off"] for finger in fingers]), ""),
+        ("links", off[:, 4:6].ravel(), "mm"),
+        ("elbow's zero", np.degrees(off[:, 6:]).ravel(), "deg"),
+        *(
+            (name, np.abs([finger[key] for finger in fingers if key in finger]), unit)
+            for name, key, unit in (
+                ("play", "play_off_mm", "mm"),
+                ("play of joints", "play_off_deg", "deg"),
+                ("mm per turn", "scale_off", ""),
+            )
+        ),
     ):
+        if not len(values):
+            continue
         print(f"{name:14s} median {np.median(values):.4f}  largest {np.max(values):.4f} {unit}")
-    squares = np.array([finger["square"] for finger in fingers])
+    squares, free = np.array([finger["square"] for finger in fingers]), off.shape[1]
     print(
-        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for "
-        f"{4 * len(squares)}, p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
-        f"{chi2.cdf(squares.sum(), 4 * len(squares)):.3f} (too small); "
-        f"Kolmogorov-Smirnov p {kstest(squares, chi2(4).cdf).pvalue:.3f}; largest {squares.max():.1f}"
+        f"normalised errors: mean square {squares.mean() / free:.2f}, sum {squares.sum():.0f} for "
+        f"{free * len(squares)}, p {chi2.sf(squares.sum(), free * len(squares)):.3f} (too large), "
+        f"{chi2.cdf(squares.sum(), free * len(squares)):.3f} (too small); "
+        f"Kolmogorov-Smirnov p {kstest(squares, chi2(free).cdf).pvalue:.3f}; largest {squares.max():.1f}"
     )
     print(f"dead taxels found: {sum(finger['dead'] for finger in fingers)} of {len(fingers)} fingers")
     print(f"gain bounds broken: {sum(finger['gain_broken'] for finger in fingers)}")
@@ -304,6 +345,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=2, help="identifications after calibration")
     parser.add_argument("--before", type=int, default=1, help="and before")
     parser.add_argument("--simulated", action="store_true")
+    parser.add_argument("--rig", choices=RIGS, default="slides")
     parser.add_argument("--load", action="store_true", help="forces bend, shear and take up play")
     parser.add_argument("--records", type=Path, help="directory for what rigs measured")
     parser.add_argument("--jobs", type=int, default=2)
@@ -318,13 +360,11 @@ def main() -> None:
     done = set()
     if args.out.exists():
         done = {json.loads(line)["seed"] for line in args.out.read_text().splitlines()}
+    rest = args.records, args.load, args.rig
     with ProcessPoolExecutor(args.jobs) as pool, args.out.open("a") as out:
         wanted = [seed for seed in range(args.first, args.first + args.seeds) if seed not in done]
         for future in as_completed(
-            [
-                pool.submit(one, seed, args.scenes, args.before, args.simulated, args.records, args.load)
-                for seed in wanted
-            ]
+            [pool.submit(one, seed, args.scenes, args.before, args.simulated, *rest) for seed in wanted]
         ):
             out.write(json.dumps(future.result()) + "\n")
             out.flush()

@@ -1,5 +1,7 @@
 """Calibration step for actuators: homing, direction, backlash, friction, latency, overshoot.
 
+Slides and aims have all of these. Of arms' joints direction and friction are measured, and how tips stop;
+their plays stay as described, for the fit of the fingers to narrow down.
 The table is cleared for homing; presses and stops need a disc. Results are fingers' tables `actuators`.
 """
 
@@ -9,8 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from palpate.calibration.backlash import combine_backlash, estimate_backlash
-from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
-from palpate.calibration.finger_model import finger_model, slide_in_contact, zero_in_file_mm
+from palpate.calibration.finger_fit import ReferencePlacement
+from palpate.calibration.finger_model import nominal_models, slide_in_contact, zero_in_file_mm
+from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.friction import estimate_friction
 from palpate.calibration.homing import Homing, StopStalls, fit_homing
 from palpate.calibration.measurements import PressMeasurement, StopMeasurement
@@ -18,8 +21,21 @@ from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.stop_latency import StopLatency, fit_latency
-from palpate.config import ActuatorsCalibration, AimCalibration, SlideCalibration, SlideFingerConfig
-from palpate.drivers.finger import TICK_RAD
+from palpate.config import (
+    ActuatorsCalibration,
+    AimCalibration,
+    ArmFingerConfig,
+    FingerConfig,
+    JointConfig,
+    SlideCalibration,
+    SlideFingerConfig,
+)
+from palpate.config.calibration_finger import (
+    Actuators,
+    ArmActuatorsCalibration,
+    JointCalibration,
+    StopsCalibration,
+)
 from palpate.errors import InputError
 
 __all__ = ["measure_actuators"]
@@ -34,38 +50,57 @@ _LAG = 0.5  # samples by which frames, averaged since the last look, are older t
 
 def measure_actuators(
     prober: Prober,
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     disc: Reference,
     *,
     touch_speed_mm_s: float,
     approach_speed_mm_s: float,
     coverage: float,
     tell: Callable[[str], None],
-) -> list[ActuatorsCalibration]:
+) -> list[Actuators]:
     """Measure every finger's actuators. Raises InputError for what is not as described."""
     prober.clear()
-    tell("aims: friction")
-    frictions = prober.swing()
-    stalls = [_stalled(prober, index, spec, tell) for index, spec in enumerate(specs)]
+    stalls: dict[str, StopStalls | None] = {}
+    frictions = [0.0] * len(specs)
+    if any(isinstance(spec, SlideFingerConfig) for spec in specs):
+        tell("aims: friction")
+        frictions = prober.swing()
+    for index, spec in enumerate(specs):
+        if isinstance(spec, SlideFingerConfig):
+            stalls[spec.name] = _stalled(prober, index, spec, tell)
     tell("disc in the middle: play, friction and stopping")
     prober.put(disc, (0.0, 0.0))
-    models = [finger_model(spec, slide_in_contact(spec)) for spec in specs]
+    models = nominal_models(specs)
     found = locate_reference(prober, models, [ReferencePlacement(disc, (0.0, 0.0))], [], specs)
     presses = _presses(prober, models, found, tell)
     measured = _stops(prober, models, found, touch_speed_mm_s, approach_speed_mm_s, tell)
     stops = {spec.name: [stop for stop in measured if stop.finger == spec.name] for spec in specs}
-    return [
-        _result(
-            spec,
-            stalls[index],
-            [press for press in presses if press.finger == spec.name],
-            fit_latency(stops[spec.name], spec.slide.mm_per_rad, touch_speed_mm_s, coverage),
-            settle_s=_settle_s(stops[spec.name], spec.slide.mm_per_rad),
-            aim_turns=_aim_turns(spec, found),
-            aim_friction_a=frictions[index],
-        )
-        for index, spec in enumerate(specs)
-    ]
+    results: list[Actuators] = []
+    for index, spec in enumerate(specs):
+        own = [press for press in presses if press.finger == spec.name]
+        if not own:
+            raise InputError(
+                f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle "
+                "and begin again"
+            )
+        step_mm = max(press.step_mm for press in own)
+        latency = fit_latency(stops[spec.name], step_mm, touch_speed_mm_s, coverage)
+        settle_s = _settle_s(stops[spec.name], step_mm)
+        if isinstance(spec, ArmFingerConfig):
+            results.append(_arm_result(spec, own, latency, settle_s))
+        else:
+            results.append(
+                _result(
+                    spec,
+                    stalls[spec.name],
+                    own,
+                    latency,
+                    settle_s=settle_s,
+                    aim_turns=_aim_turns(spec, found),
+                    aim_friction_a=frictions[index],
+                )
+            )
+    return results
 
 
 def _stalled(
@@ -110,17 +145,14 @@ def _stops(
     return stops
 
 
-def _settle_s(stops: Sequence[StopMeasurement], mm_per_rad: float) -> float:
+def _settle_s(stops: Sequence[StopMeasurement], step_mm: float) -> float:
     """The longest time from a stop that was sent to standing still, from the slowest speed, with some room.
 
     It is for touches, which are slower still; from higher speeds a slide takes longer to brake.
     """
-    step = TICK_RAD * abs(mm_per_rad)
     slowest = min((stop.speed_mm_s for stop in stops), default=0.0)
     stops = [stop for stop in stops if stop.speed_mm_s == slowest]
-    ran_on = [
-        (abs(stop.stood_rad - stop.felt_rad) * abs(mm_per_rad) + step) / stop.speed_mm_s for stop in stops
-    ]
+    ran_on = [(abs(stop.stood_mm - stop.felt_mm) + step_mm) / stop.speed_mm_s for stop in stops]
     return _WORST * max(ran_on, default=0.0)
 
 
@@ -145,16 +177,11 @@ def _result(
     aim_turns: bool,
     aim_friction_a: float,
 ) -> ActuatorsCalibration:
-    if not presses:
-        raise InputError(
-            f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle "
-            "and begin again"
-        )
     per_rad = spec.slide.mm_per_rad
     backlash = combine_backlash(
-        [estimate_backlash(press, press.counts.sum(axis=(1, 2)), per_rad, _LAG) for press in presses]
+        [estimate_backlash(press, press.counts.sum(axis=(1, 2)), _LAG) for press in presses]
     )
-    friction = estimate_friction(presses, per_rad)
+    friction = estimate_friction(presses)
     if stalls is None:
         spread, bound = spec.slide.mm_per_turn_spread, spec.slide.zero_bound_mm
         home = Homing(
@@ -177,7 +204,7 @@ def _result(
         backlash_sigma_mm=backlash.sigma_mm,
         touch_zero_mm=seen.zero_mm,
         touch_covariance=seen.covariance.tolist(),
-        friction_a=abs(friction.current_a),
+        friction_a=abs(friction.push_n) / abs(presses[0].newton_per_a[1]),
         latency_s=latency.latency_s,
         latency_bound_s=latency.latency_bound_s,
         settle_s=settle_s,
@@ -191,3 +218,32 @@ def _result(
         friction_a=aim_friction_a,
     )
     return ActuatorsCalibration(slide=slide, aim=aim)
+
+
+def _arm_result(
+    spec: ArmFingerConfig, presses: Sequence[PressMeasurement], latency: StopLatency, settle_s: float
+) -> ArmActuatorsCalibration:
+    return ArmActuatorsCalibration(
+        shoulder=_joint(spec.shoulder, presses, 0),
+        elbow=_joint(spec.elbow, presses, 1),
+        stops=StopsCalibration(
+            latency_s=latency.latency_s,
+            latency_bound_s=latency.latency_bound_s,
+            settle_s=settle_s,
+            overshoots=latency.overshoots,
+        ),
+    )
+
+
+def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -> JointCalibration:
+    """What the free ways of presses show of a joint; a joint that never moved on them is not confirmed."""
+    current = np.array([press.free_a[which] for press in presses])
+    moved = np.isfinite(current)
+    middle = float(np.median(current[moved])) if moved.any() else 0.0
+    half = spec.backlash_deg / 2
+    return JointCalibration(
+        direction_confirmed=bool(moved.any()) and bool((current[moved] > 0).all()),
+        backlash_deg=half,
+        backlash_sigma_deg=half / _SIGMAS,
+        friction_a=max(middle, 0.0),
+    )

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from palpate.config import CalibrationFile
-from palpate.config.calibration_finger import FingerCalibration
+from palpate.config.calibration_finger import ArmPlaceCalibration, FingerCalibration
 from palpate.drivers.finger import TICK_RAD
 from palpate.geometry import Floats, Ints
 
@@ -40,7 +40,8 @@ class ContactUncertainty:
     """Standard uncertainties of a finger's contacts, mm.
 
     `scatter_mm`: each touch by itself, along the surface's normal. `fit_mm`: all touches alike, in an unknown
-    direction. `along_mm` and `across_mm`: each touch by itself, along and across the slide. `sigmas`: bounds
+    direction. `along_mm` and `across_mm`: each touch by itself, along and across the
+    direction of travel. `sigmas`: bounds
     of what is as good as normally distributed are so many deviations.
     """
 
@@ -111,14 +112,20 @@ def _promise(
     if finger.bounds is None or finger.place is None:
         return None
     parts = finger.bounds.parts_mm
-    along_mm = abs(finger.place.mm_per_turn) * TICK_RAD / (4 * math.pi)
-    aim_mm = math.sqrt(max(parts.quantisation**2 - along_mm**2, 0.0))
     play_mm = parts.play / math.sqrt(3)
+    if isinstance(finger.place, ArmPlaceCalibration):
+        # Either joint moves the tip in any direction.
+        along_mm = across_mm = math.hypot(play_mm, parts.quantisation) if at_rest else play_mm
+    else:
+        step_mm = abs(finger.place.mm_per_turn) * TICK_RAD / (4 * math.pi)
+        aim_mm = math.sqrt(max(parts.quantisation**2 - step_mm**2, 0.0))
+        along_mm = step_mm if at_rest else 0.0
+        across_mm = math.hypot(play_mm, aim_mm) if at_rest else play_mm
     return ContactUncertainty(
         scatter_mm=max(scatter_mm, _LEAST_MM),
         fit_mm=parts.fit / math.sqrt(float(chdtri(2, 1 - coverage))),
-        along_mm=along_mm if at_rest else 0.0,
-        across_mm=math.hypot(play_mm, aim_mm) if at_rest else play_mm,
+        along_mm=along_mm,
+        across_mm=across_mm,
         sigmas=float(ndtri((1 + coverage) / 2)),
     )
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
-from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
@@ -34,9 +33,7 @@ class Backlash:
     sigma_mm: float
 
 
-def estimate_backlash(
-    press: PressMeasurement, force: Floats, mm_per_rad: float, lag_samples: float = 0.0
-) -> Backlash:
+def estimate_backlash(press: PressMeasurement, force: Floats, lag_samples: float = 0.0) -> Backlash:
     """Half backlash by one press; `force` (n,): any measure of the load that grows with it.
 
     `lag_samples`: by how many samples the force is older than the angle beside it, 0.5 where it is the mean
@@ -50,8 +47,8 @@ def estimate_backlash(
     instead, by half the difference of its dents at one force; the deviation, which is that of single slices,
     shows such a thing in part. Raises InputError if the two legs have too little in common.
     """
-    number = np.arange(len(press.slide_rad))
-    place = mm_per_rad * np.interp(number - lag_samples, number, press.slide_rad)
+    number = np.arange(len(press.travel_mm))
+    place = np.interp(number - lag_samples, number, press.travel_mm)
     chosen, leg, slice_of = _usable(press, force)
     place, load = place[chosen], force[chosen]
     weight = 1 / np.bincount(leg * _SLICES + slice_of, minlength=2 * _SLICES)[leg * _SLICES + slice_of]
@@ -62,8 +59,8 @@ def estimate_backlash(
     found = np.linalg.lstsq(columns * root[:, None], place * root, rcond=None)[0]
     off = (place - columns @ found) * side * weight
     by_slice = np.bincount(slice_of, off, minlength=_SLICES)[np.unique(slice_of)] / 2
-    steps = len(np.unique(np.round(press.slide_rad[chosen] / TICK_RAD)))
-    step_mm = abs(mm_per_rad) * TICK_RAD / math.sqrt(12 * steps)
+    steps = len(np.unique(np.round(press.travel_mm[chosen] / press.step_mm)))
+    step_mm = press.step_mm / math.sqrt(12 * steps)
     scatter = math.sqrt(float((by_slice**2).sum()) / (len(by_slice) - 1))
     return Backlash(max(0.0, float(found[0])), math.hypot(scatter, step_mm))
 

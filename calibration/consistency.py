@@ -9,28 +9,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.calibration.finger_fit import (
-    AIM_PLAY,
-    COLUMNS,
-    RADIUS,
-    ZERO,
-    FingerModel,
     Fit,
     ReferencePlacement,
     Touches,
     predict_residuals,
 )
+from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
 from palpate.calibration.gauge_freedom import align_to_nominal, fitted_poses, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
-from palpate.config import SlideFingerConfig
-from palpate.drivers.finger import TICK_RAD
+from palpate.config import FingerConfig
 from palpate.errors import InputError
 from palpate.geometry import Bools
 
 __all__ = ["check_fit", "check_still", "estimate_growth"]
 
 
-_STILL_SIGMAS = 5.0
-_MOST_SIDEWAYS = 1.12  # tangent of 48°: touches are not more oblique, and an aim that is off shifts them so
 _MOST_OUTLIERS = 0.1  # of a placing's touches
 _MOST_SQUARES = 2.0  # chi square over its degrees of freedom
 _SURE = 4.5  # standard deviations of a reference's size
@@ -47,15 +40,14 @@ def check_still(
     later = {item.finger: item for item in again}
     for item in first:
         other = later.get(item.finger)
-        per_rad = abs(model[item.finger].mm_per_rad)
         if other is None:
             raise InputError(
                 f"{_named(placing)}: finger {item.finger} touched it at first and missed it later: it has "
                 "moved; put it back, keep it from sliding, and begin this placing again"
             )
-        off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
-        limit = _STILL_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), 0.01)
-        limit += _sideways_mm(model[item.finger], item, other)
+        off, limit = model[item.finger].repeated_mm(
+            np.array(item.servos_rad), np.array(other.servos_rad), item.facing_rad
+        )
         if off > limit:
             raise InputError(
                 f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
@@ -64,19 +56,8 @@ def check_still(
             )
 
 
-def _sideways_mm(model: FingerModel, item: TouchMeasurement, other: TouchMeasurement) -> float:
-    """How much further an oblique touch may be if the aim has come to it from the other side.
-
-    It stands a few encoder steps elsewhere then, which is seen, and on the other flank of its play.
-    """
-    distance = abs(float(model.prior[ZERO]) + model.mm_per_rad * item.servos_rad[1])
-    apart = abs(other.servos_rad[0] - item.servos_rad[0]) + TICK_RAD
-    turned = 4 * float(model.prior[AIM_PLAY]) + apart / abs(model.gear_ratio)
-    return turned * distance * _MOST_SIDEWAYS
-
-
 def check_fit(
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touches: Touches,
@@ -152,14 +133,14 @@ def _check_sizes(
             )
 
 
-def _check_bounds(specs: Sequence[SlideFingerConfig], models: Sequence[FingerModel], fit: Fit) -> None:
+def _check_bounds(specs: Sequence[FingerConfig], models: Sequence[FingerModel], fit: Fit) -> None:
     """Refuse values that the rig file rules out: they would come from references of a wrong size."""
     sigma = np.sqrt(np.diag(fit.covariance))
     nominal, found = nominal_poses(specs), fitted_poses(fit.values)
     frame = align_to_nominal(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
         radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
-        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
+        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * fit.values.shape[1] + RADIUS]):
             raise InputError(
                 f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
                 f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"

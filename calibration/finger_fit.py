@@ -13,37 +13,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
 from palpate.calibration.reference import Reference
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotation_matrix
 
-__all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
-__all__ += ["FingerModel", "Fit", "ReferencePlacement", "Touches", "fit_fingers", "predict_residuals"]
+__all__ = ["Fit", "ReferencePlacement", "Touches", "fit_fingers", "predict_residuals"]
 
-
-COLUMNS = 7
-"""Values of a finger: base x, base y (mm), heading (rad), tip radius, zero (mm), aim play (rad), scale."""
-BASE, HEADING, RADIUS, ZERO, AIM_PLAY, SCALE = slice(0, 2), 2, 3, 4, 5, 6
 
 _OUTLIER = 4.5  # standard deviations
 _STARTS = 12  # orientations from which a plate's is looked for
 _ROUNDS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class FingerModel:
-    """What of a slide finger is known, and how well its values are known beforehand.
-
-    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo.
-    `prior` (7,) and its `covariance` (7, 7) are in the order of `COLUMNS`.
-    """
-
-    name: str
-    gear_ratio: float
-    aim_zero_rad: float
-    mm_per_rad: float
-    prior: Floats
-    covariance: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +36,16 @@ class ReferencePlacement:
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """n touches as arrays: whose, of which placing, servo angles (rad), way of the aim, dent (mm) and noise.
+    """n touches as arrays: whose, of which placing, servo angles and ways (n, 2), dent (mm) and noise.
 
-    `sigma_mm` (n,): what a touch's distance is expected to be off by. `used` (n,): those that are fitted.
+    `ways`: from which side of their play joints came (`FingerModel`). `sigma_mm` (n,): what a touch's
+    distance is expected to be off by. `used` (n,): those that are fitted.
     """
 
     finger: Ints
     placing: Ints
-    aim_rad: Floats
-    slide_rad: Floats
-    way: Floats
+    servos_rad: Floats
+    ways: Floats
     dent_mm: Floats
     sigma_mm: Floats
     used: Bools
@@ -77,7 +57,7 @@ class Touches:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Values (fingers, 7) and poses (placings, 3: x, y, θ) that explain touches best.
+    """Values (fingers, k) and poses (placings, 3: x, y, θ) that explain touches best.
 
     `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared.
     `residual_mm` (n,): how much further than the tip's radius each touch was from the surface; `normal`
@@ -133,7 +113,7 @@ def predict_residuals(
     values: Floats,
     poses: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Residuals (n,) mm, normals (n, 2), room (n,) mm and derivatives (n, 7 · fingers + 3 · placings)."""
+    """Residuals (n,) mm, normals (n, 2), room (n,) mm and derivatives (n, k · fingers + 3 · placings)."""
     problem = _Problem(models, placings, touches)
     return problem.derived(problem.packed(values, poses))
 
@@ -145,10 +125,8 @@ class _Problem:
         self, models: Sequence[FingerModel], placings: Sequence[ReferencePlacement], touches: Touches
     ) -> None:
         self.placings, self.touches = placings, touches
-        self._count = len(models)
-        self._gear = np.array([model.gear_ratio for model in models])
-        self._aim_zero = np.array([model.aim_zero_rad for model in models])
-        self._mm_per_rad = np.array([model.mm_per_rad for model in models])
+        self._models = models
+        self._count, self._columns = len(models), len(models[0].prior)
         self._prior = np.array([model.prior for model in models])
         self._whitening = [np.linalg.inv(np.linalg.cholesky(model.covariance)) for model in models]
 
@@ -157,25 +135,24 @@ class _Problem:
         return np.concatenate([values.ravel(), poses.ravel()])
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
-        """Values (fingers, 7) and poses (placings, 3) again."""
-        cut = self._count * COLUMNS
-        return x[:cut].reshape(-1, COLUMNS), x[cut:].reshape(-1, 3)
+        """Values (fingers, k) and poses (placings, 3) again."""
+        cut = self._count * self._columns
+        return x[:cut].reshape(-1, self._columns), x[cut:].reshape(-1, 3)
 
-    def centres(self, values: Floats) -> tuple[Floats, Floats, Floats]:
-        """Tip centres (n, 2), directions of travel (n, 2) and distances from the bases (n,)."""
-        t, mine = self.touches, values[self.touches.finger]
-        reach = self._mm_per_rad[t.finger] * t.slide_rad
-        distance = mine[:, ZERO] + (1 + mine[:, SCALE]) * reach
-        angle = mine[:, HEADING] - t.way * mine[:, AIM_PLAY]
-        angle += (t.aim_rad - self._aim_zero[t.finger]) / self._gear[t.finger]
-        along = np.column_stack([np.cos(angle), np.sin(angle)])
-        return mine[:, BASE] + distance[:, None] * along, along, distance
+    def centres(self, values: Floats) -> Floats:
+        """Tip centres (n, 2)."""
+        t = self.touches
+        result = np.empty((len(t.finger), 2))
+        for number, model in enumerate(self._models):
+            mine = t.finger == number
+            result[mine] = model.centres(values[t.finger[mine]], t.servos_rad[mine], t.ways[mine])
+        return result
 
     def evaluated(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Residuals (n,), normals (n, 2) in W, room (n,), centres (n, 2)."""
         values, poses = self.split(x)
         t = self.touches
-        centre, _, _ = self.centres(values)
+        centre = self.centres(values)
         distance, room = np.zeros(len(centre)), np.zeros(len(centre))
         normal = np.zeros_like(centre)
         for number, placing in enumerate(self.placings):
@@ -191,22 +168,15 @@ class _Problem:
         values, poses = self.split(x)
         t = self.touches
         residual, normal, room, centre = self.evaluated(x)
-        _, along, distance = self.centres(values)
-        rows, first = np.arange(len(residual)), t.finger * COLUMNS
-        across = np.column_stack([-along[:, 1], along[:, 0]])
-        out, side = (normal * along).sum(axis=1), (normal * across).sum(axis=1) * distance
         result = np.zeros((len(residual), len(x)))
-        for column, value in (
-            (0, normal[:, 0]),
-            (1, normal[:, 1]),
-            (HEADING, side),
-            (RADIUS, -np.ones(len(residual))),
-            (ZERO, out),
-            (AIM_PLAY, -t.way * side),
-            (SCALE, out * self._mm_per_rad[t.finger] * t.slide_rad),
-        ):
-            result[rows, first + column] = value
-        at = self._count * COLUMNS + 3 * t.placing
+        for number, model in enumerate(self._models):
+            mine = np.flatnonzero(t.finger == number)
+            moved = model.slopes(values[t.finger[mine]], t.servos_rad[mine], t.ways[mine])
+            own = slice(number * self._columns, (number + 1) * self._columns)
+            result[mine, own] = np.einsum("ni,nik->nk", normal[mine], moved)
+            result[mine, own.start + RADIUS] = -1.0
+        rows = np.arange(len(residual))
+        at = self._count * self._columns + 3 * t.placing
         rel = centre - poses[t.placing, :2]
         turning = np.array([float(p.reference.turns) for p in self.placings])[t.placing]
         result[rows, at], result[rows, at + 1] = -normal[:, 0], -normal[:, 1]
@@ -242,7 +212,7 @@ class _Problem:
         )
         own = np.zeros((len(prior), len(x)))
         for k, root in enumerate(self._whitening):
-            at = slice(k * COLUMNS, (k + 1) * COLUMNS)
+            at = slice(k * self._columns, (k + 1) * self._columns)
             own[at, at] = root
         # A disc's orientation cannot be measured: its own prior keeps it where it is.
         rest = np.array([0.0 if p.reference.turns else 1.0 for p in self.placings])
@@ -297,7 +267,7 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     """The pose of one placing that suits its touches best, the fingers being where `values` says."""
     placing, touches = problem.placings[number], problem.touches
     mine = touches.used & (touches.placing == number)
-    centre = problem.centres(values)[0][mine]
+    centre = problem.centres(values)[mine]
     wanted = values[touches.finger[mine], RADIUS] - touches.dent_mm[mine]
     sigma = touches.sigma_mm[mine]
 

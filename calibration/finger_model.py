@@ -1,24 +1,36 @@
-"""Prior of a slide finger: what rig file and homing say of it before its touches are looked at.
+"""Prior of a finger: what rig file and homing say of it before its touches are looked at.
 
-Touches have the slide's backlash on one side always, that on which the part pushes the tip back; the zero
+Touches have a slide's backlash on one side always, that on which the part pushes the tip back; the zero
 that is fitted is the one that belongs to that side.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.calibration.backlash import Backlash
-from palpate.calibration.finger_fit import COLUMNS, FingerModel
+from palpate.calibration.fitted_kinematics import ArmModel, FingerModel, SlideModel, of_one_width
 from palpate.calibration.homing import StopStalls, line_through_stops
-from palpate.config import SlideCalibration, SlideFingerConfig
+from palpate.config import ArmFingerConfig, FingerConfig, JointConfig, SlideCalibration, SlideFingerConfig
+from palpate.config.calibration_finger import Actuators, ActuatorsCalibration
 from palpate.geometry import Floats
 
-__all__ = ["SlideInContact", "finger_model", "slide_in_contact", "zero_in_file_mm"]
+__all__ = [
+    "SlideInContact",
+    "calibrated_models",
+    "certain_models",
+    "finger_model",
+    "nominal_models",
+    "slide_in_contact",
+]
+__all__ += ["zero_in_file_mm"]
 
 
+_CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 _LEAST = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
+_LEAST_OF_ARM = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 0.002, 1e-5, 1e-5, 1e-5])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""
 
 
@@ -60,8 +72,45 @@ def slide_in_contact(
     return SlideInContact(described.zero_mm + away - backlash.half_mm, described.mm_per_rad, covariance)
 
 
-def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> FingerModel:
-    """The prior of a finger: the rig file's numbers and bounds, and what is known of its slide."""
+def nominal_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
+    """Priors of all fingers by the rig file alone."""
+    return of_one_width(
+        [
+            _arm_model(spec)
+            if isinstance(spec, ArmFingerConfig)
+            else finger_model(spec, slide_in_contact(spec))
+            for spec in specs
+        ]
+    )
+
+
+def calibrated_models(specs: Sequence[FingerConfig], actuators: Sequence[Actuators]) -> list[FingerModel]:
+    """Priors of all fingers whose actuators have been measured."""
+    found: list[FingerModel] = []
+    for spec, own in zip(specs, actuators, strict=True):
+        if isinstance(spec, ArmFingerConfig):
+            found.append(_arm_model(spec))
+        else:
+            assert isinstance(own, ActuatorsCalibration)
+            found.append(finger_model(spec, SlideInContact.from_calibration(own.slide)))
+    return of_one_width(found)
+
+
+def certain_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
+    """The fingers of a calibrated rig, where they are and not elsewhere."""
+    found: list[FingerModel] = []
+    for spec in specs:
+        if isinstance(spec, ArmFingerConfig):
+            found.append(_arm_model(spec))
+        else:
+            per_rad = spec.slide.mm_per_rad
+            zero_mm = spec.slide.zero_mm + math.pi * per_rad
+            found.append(finger_model(spec, SlideInContact(zero_mm, per_rad, np.zeros((2, 2)))))
+    return [model.fixed(_CERTAIN) for model in of_one_width(found)]
+
+
+def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> SlideModel:
+    """The prior of a slide finger: the rig file's numbers and bounds, and what is known of its slide."""
     aim_play = math.radians(spec.aim.backlash_deg)
     prior = np.array(
         [*spec.base_mm, math.radians(spec.heading_deg), spec.tip.radius_mm, slide.zero_mm, aim_play / 2, 0.0]
@@ -77,10 +126,10 @@ def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> FingerModel:
             0.0,
         ]
     )
-    covariance = np.zeros((COLUMNS, COLUMNS))
+    covariance = np.zeros((len(prior), len(prior)))
     covariance[np.ix_([4, 6], [4, 6])] = slide.covariance
     covariance += np.diag(np.maximum(sigma, _LEAST) ** 2)
-    return FingerModel(
+    return SlideModel(
         spec.name,
         spec.aim.gear_ratio,
         math.radians(spec.aim.zero_deg) - math.pi,
@@ -88,6 +137,37 @@ def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> FingerModel:
         prior,
         covariance,
     )
+
+
+def _arm_model(spec: ArmFingerConfig) -> ArmModel:
+    """The prior of an arm: the rig file's numbers and bounds. The shoulder's zero is in its heading."""
+    bounds, links = spec.bounds, spec.links
+    plays = [math.radians(joint.backlash_deg) for joint in (spec.shoulder, spec.elbow)]
+    turned_deg = math.hypot(bounds.heading_deg, spec.shoulder.zero_bound_deg)
+    prior = [*spec.base_mm, math.radians(spec.heading_deg), spec.tip.radius_mm, links.upper_mm, links.fore_mm]
+    sigma = np.array(
+        [
+            bounds.base_mm / 2,
+            bounds.base_mm / 2,
+            math.radians(turned_deg) / math.sqrt(3),
+            spec.tip.radius_bound_mm / math.sqrt(3),
+            links.bound_mm / math.sqrt(3),
+            links.bound_mm / math.sqrt(3),
+            math.radians(spec.elbow.zero_bound_deg) / math.sqrt(3),
+            *(play / math.sqrt(12) for play in plays),
+        ]
+    )
+    return ArmModel(
+        spec.name,
+        np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
+        np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
+        np.array([*prior, 0.0, *(play / 2 for play in plays)]),
+        np.diag(np.maximum(sigma, _LEAST_OF_ARM) ** 2),
+    )
+
+
+def _zero_rad(joint: JointConfig) -> float:
+    return math.radians(joint.zero_deg) - math.pi
 
 
 def zero_in_file_mm(zero_mm: float, mm_per_rad: float) -> float:

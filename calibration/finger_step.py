@@ -13,22 +13,20 @@ import numpy as np
 from palpate.calibration.consistency import check_fit, check_still
 from palpate.calibration.experiment_design import choose_touches
 from palpate.calibration.finger_fit import (
-    COLUMNS,
-    RADIUS,
-    FingerModel,
     Fit,
     ReferencePlacement,
     Touches,
     fit_fingers,
     predict_residuals,
 )
+from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
 from palpate.calibration.idle import COVERAGE_SIGMAS
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import locate_reference, touch_arrays
 from palpate.calibration.touch_load import touch_loads
-from palpate.config import SlideFingerConfig
+from palpate.config import FingerConfig
 from palpate.geometry import Bools, Floats
 
 __all__ = ["fit_touches", "hold_out", "plan_placements", "touch_placing"]
@@ -57,7 +55,7 @@ def plan_placements(disc: Reference, plate: Reference, radius_mm: float) -> list
 
 def touch_placing(
     prober: Prober,
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     known: Sequence[TouchMeasurement],
@@ -106,7 +104,7 @@ def touch_placing(
 
 
 def fit_touches(
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touched: Sequence[TouchMeasurement],
@@ -133,7 +131,7 @@ def fit_touches(
 
 
 def _begin_of_fit(
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touched: Sequence[TouchMeasurement],
@@ -147,7 +145,7 @@ def _begin_of_fit(
     return begin
 
 
-def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit: Fit) -> Fit:
+def _with_dents_alike(specs: Sequence[FingerConfig], touches: Touches, fit: Fit) -> Fit:
     """A fit whose radii are as uncertain as what all dents of a finger may be off by alike.
 
     Touches know a radius less a dent only, and one dent is nearly as deep as the other: what is wrong with
@@ -157,7 +155,7 @@ def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit:
     for index, spec in enumerate(specs):
         dent_mm = float(touches.dent_mm[touches.finger == index].mean())
         soft_mm = dent_mm * spec.tip.stiffness_spread / COVERAGE_SIGMAS
-        at = index * COLUMNS + RADIUS
+        at = index * fit.values.shape[1] + RADIUS
         covariance[at, at] += soft_mm**2 + _LATE_MM**2 / 3
     return replace(fit, covariance=covariance)
 

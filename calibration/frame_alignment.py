@@ -11,19 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from palpate.calibration.finger_fit import (
+from palpate.calibration.finger_fit import Fit, Touches
+from palpate.calibration.finger_model import zero_in_file_mm
+from palpate.calibration.fitted_kinematics import (
     AIM_PLAY,
     BASE,
-    COLUMNS,
+    ELBOW_PLAY,
+    ELBOW_ZERO,
+    FORE,
     HEADING,
     RADIUS,
     SCALE,
+    SHOULDER_PLAY,
+    UPPER,
     ZERO,
+    ArmModel,
     FingerModel,
-    Fit,
-    Touches,
+    SlideModel,
 )
-from palpate.calibration.finger_model import zero_in_file_mm
 from palpate.calibration.gauge_freedom import (
     BasePose,
     RigidMotion,
@@ -32,17 +37,21 @@ from palpate.calibration.gauge_freedom import (
     nominal_poses,
 )
 from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import SlideApproach
+from palpate.calibration.prober import ServoPath
 from palpate.calibration.touch_load import touch_loads
-from palpate.config import SlideFingerConfig
+from palpate.config import FingerConfig
 from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
+    Actuators,
     ActuatorsCalibration,
     AimCalibration,
+    ArmPlaceCalibration,
     ContactBounds,
     DirectionParts,
+    Place,
     PlaceCalibration,
     PositionParts,
+    SlideCalibration,
     TactileCalibration,
 )
 from palpate.drivers.finger import TICK_RAD
@@ -52,8 +61,8 @@ __all__ = [
     "AlignedFit",
     "align_fit",
     "bound_contacts",
-    "calibrate_aim",
     "calibrate_place",
+    "calibrate_plays",
     "estimate_array_headings",
     "summarise_residuals",
 ]
@@ -63,23 +72,25 @@ _STEP = 1e-5
 _DIRECTIONS = 16
 _ALONG = 5
 _PLACE = [0, 1, HEADING, RADIUS, ZERO]
+_ARM_PLACE = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
 
 
 @dataclass(frozen=True, eq=False)
 class AlignedFit:
-    """Fingers' values (fingers, 7) in the hand frame with their covariance; the way there from the fit's."""
+    """Fingers' values (fingers, k) in the hand frame with their covariance; the way there from the fit's."""
 
     values: Floats
     covariance: Floats
     frame: RigidMotion
 
     def of(self, finger: int) -> Floats:
-        """Covariance (7, 7) of one finger's values."""
-        at = slice(finger * COLUMNS, (finger + 1) * COLUMNS)
+        """Covariance (k, k) of one finger's values."""
+        columns = self.values.shape[1]
+        at = slice(finger * columns, (finger + 1) * columns)
         return self.covariance[at, at]
 
 
-def align_fit(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
+def align_fit(specs: Sequence[FingerConfig], fit: Fit) -> AlignedFit:
     """Move a fit's fingers into the hand frame.
 
     Where the rig stands, which cannot be known, goes out of the covariance.
@@ -90,14 +101,16 @@ def align_fit(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
     for k in range(len(flat)):
         step = np.zeros(len(flat))
         step[k] = _STEP
-        slopes[:, k] = (_moved(nominal, flat + step)[0] - _moved(nominal, flat - step)[0]) / (2 * _STEP)
-    values, frame = _moved(nominal, flat)
+        slopes[:, k] = (
+            _moved(nominal, len(specs), flat + step)[0] - _moved(nominal, len(specs), flat - step)[0]
+        ) / (2 * _STEP)
+    values, frame = _moved(nominal, len(specs), flat)
     own = fit.covariance[: len(flat), : len(flat)]
     return AlignedFit(values.reshape(fit.values.shape), slopes @ own @ slopes.T, frame)
 
 
-def _moved(nominal: Sequence[BasePose], flat: Floats) -> tuple[Floats, RigidMotion]:
-    values = flat.reshape(-1, COLUMNS).copy()
+def _moved(nominal: Sequence[BasePose], fingers: int, flat: Floats) -> tuple[Floats, RigidMotion]:
+    values = flat.reshape(fingers, -1).copy()
     places = fitted_poses(values)
     frame = align_to_nominal(nominal, places)
     for row, place in zip(values, places, strict=True):
@@ -110,10 +123,10 @@ def estimate_array_headings(
     touched: Sequence[TouchMeasurement],
     touches: Touches,
     models: Sequence[FingerModel],
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     fit: Fit,
 ) -> list[tuple[float, float]]:
-    """Where each finger's array looks from the direction of travel, by normals of touches.
+    """Where each finger's array looks from where the finger faces, by normals of touches.
 
     Friction carries what is felt towards the way: half of what it may is taken back, and the rest counts as
     far as touches on the left and on the right do not make up for it.
@@ -123,10 +136,10 @@ def estimate_array_headings(
     unsure = loads.side * loads.sheared_sigma_rad
     for index, model in enumerate(models):
         own = np.flatnonzero((touches.finger == index) & ~fit.outlier)
-        aim = (touches.aim_rad[own] - model.aim_zero_rad) / model.gear_ratio
-        travel = fit.values[index, HEADING] + aim - touches.way[own] * fit.values[index, AIM_PLAY]
+        values = np.tile(fit.values[index], (len(own), 1))
+        facing = model.facing_rad(values, touches.servos_rad[own], touches.ways[own])
         towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
-        off = np.angle(np.exp(1j * (towards - travel - felt[own])))
+        off = np.angle(np.exp(1j * (towards - facing - felt[own])))
         middle = float(np.median(off))
         spread = 1.4826 * float(np.median(np.abs(off - middle)))
         scatter = 1.2533 * spread / math.sqrt(max(len(own), 1))
@@ -134,16 +147,34 @@ def estimate_array_headings(
     return found
 
 
-def calibrate_place(
-    model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]
-) -> PlaceCalibration:
+def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]) -> Place:
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
     values, covariance = hand.values[index], hand.of(index)
     sigma = np.sqrt(np.diag(covariance))
+    base, base_sigma = (float(values[0]), float(values[1])), (float(sigma[0]), float(sigma[1]))
+    if isinstance(model, ArmModel):
+        return ArmPlaceCalibration(
+            base_mm=base,
+            base_sigma_mm=base_sigma,
+            heading_deg=math.degrees(values[HEADING]),
+            heading_sigma_deg=math.degrees(sigma[HEADING]),
+            tip_radius_mm=float(values[RADIUS]),
+            tip_radius_sigma_mm=float(sigma[RADIUS]),
+            array_heading_deg=math.degrees(heading[0]),
+            array_heading_sigma_deg=math.degrees(heading[1]),
+            upper_mm=float(values[UPPER]),
+            upper_sigma_mm=float(sigma[UPPER]),
+            fore_mm=float(values[FORE]),
+            fore_sigma_mm=float(sigma[FORE]),
+            elbow_zero_deg=math.degrees(values[ELBOW_ZERO]),
+            elbow_zero_sigma_deg=math.degrees(sigma[ELBOW_ZERO]),
+            covariance=covariance[np.ix_(_ARM_PLACE, _ARM_PLACE)].tolist(),
+        )
+    assert isinstance(model, SlideModel)
     per_rad = model.mm_per_rad * (1 + float(values[SCALE]))
     return PlaceCalibration(
-        base_mm=(float(values[0]), float(values[1])),
-        base_sigma_mm=(float(sigma[0]), float(sigma[1])),
+        base_mm=base,
+        base_sigma_mm=base_sigma,
         heading_deg=math.degrees(values[HEADING]),
         heading_sigma_deg=math.degrees(sigma[HEADING]),
         tip_radius_mm=float(values[RADIUS]),
@@ -156,24 +187,48 @@ def calibrate_place(
     )
 
 
-def calibrate_aim(before: AimCalibration, hand: AlignedFit, index: int) -> AimCalibration:
-    """What touches from both sides have shown of an aim's play."""
-    play, sigma = hand.values[index, AIM_PLAY], math.sqrt(hand.of(index)[AIM_PLAY, AIM_PLAY])
-    return AimCalibration(
-        direction_confirmed=before.direction_confirmed,
-        backlash_deg=math.degrees(max(float(play), 0.0)),
-        backlash_sigma_deg=math.degrees(sigma),
-        friction_a=before.friction_a,
+def calibrate_plays(before: Actuators, hand: AlignedFit, index: int) -> Actuators:
+    """What touches from both sides have shown of the plays of an aim, or of an arm's joints."""
+    values, sigma = hand.values[index], np.sqrt(np.diag(hand.of(index)))
+
+    def found(column: int) -> dict[str, float]:
+        play, own = math.degrees(max(float(values[column]), 0.0)), math.degrees(float(sigma[column]))
+        # As the file rounds them.
+        return AimCalibration(
+            direction_confirmed=True, backlash_deg=play, backlash_sigma_deg=own, friction_a=0.0
+        ).model_dump(include={"backlash_deg", "backlash_sigma_deg"})
+
+    if isinstance(before, ActuatorsCalibration):
+        return before.model_copy(update={"aim": before.aim.model_copy(update=found(AIM_PLAY))})
+    shoulder, elbow = (
+        joint.model_copy(update=found(column))
+        for joint, column in ((before.shoulder, SHOULDER_PLAY), (before.elbow, ELBOW_PLAY))
     )
+    return before.model_copy(update={"shoulder": shoulder, "elbow": elbow})
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """What servos, plays and stops add to the bound on a finger's contacts: mm of the place, rad of the turn.
+
+    `turned_sigma_rad`: deviation of where it faces.
+    """
+
+    quantisation_mm: float
+    play_mm: float
+    overshoot_mm: float
+    quantisation_rad: float
+    play_rad: float
+    turned_sigma_rad: float
 
 
 def bound_contacts(
     model: FingerModel,
     hand: AlignedFit,
     index: int,
-    approaches: Sequence[SlideApproach],
+    approaches: Sequence[ServoPath],
     residuals: Residuals,
-    actuators: ActuatorsCalibration,
+    actuators: Actuators,
     tactile: TactileCalibration,
     heading: tuple[float, float],
     touch_speed_mm_s: float,
@@ -186,26 +241,35 @@ def bound_contacts(
     """
     sigmas = float(ndtri((1 + coverage) / 2))
     plane = math.sqrt(float(chdtri(2, 1 - coverage)))
+    servos = np.concatenate(
+        [a.servos_at(np.linspace(0.0, a.length_mm, _ALONG)) for a in approaches if a.finger == index]
+    )
     values, covariance = hand.values[index], hand.of(index)
-    farthest, fit = _fit_mm(model, values, covariance, [a for a in approaches if a.finger == index])
-    aim_play = abs(float(values[AIM_PLAY])) + sigmas * math.sqrt(covariance[AIM_PLAY, AIM_PLAY])
-    aim_step = TICK_RAD / 2 / abs(model.gear_ratio)
+    rows = np.tile(values, (len(servos), 1))
+    levers = np.linalg.norm(model.moved_by(rows, servos), axis=2).max(axis=0)
+    if isinstance(model, ArmModel):
+        parts = _arm_joints(model, values, covariance, levers, sigmas)
+    else:
+        assert isinstance(model, SlideModel)
+        assert isinstance(actuators, ActuatorsCalibration)
+        parts = _slide_joints(
+            model, values, covariance, float(levers[0]), sigmas, actuators.slide, touch_speed_mm_s
+        )
     scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
     position = PositionParts(
-        fit=plane * fit + tolerance_mm,
+        fit=plane * _fit_mm(model, rows, covariance, servos) + tolerance_mm,
         repeatability=sigmas * max(scatter, residuals.held_out_rms_mm),
-        quantisation=math.hypot(abs(model.mm_per_rad) * TICK_RAD / 2, farthest * aim_step),
-        play=farthest * aim_play,
-        # A slide that has run on comes back to where it was to stop; in its play the tip need not follow.
-        overshoot=min(2 * actuators.slide.backlash_mm, touch_speed_mm_s * actuators.slide.settle_s),
+        quantisation=parts.quantisation_mm,
+        play=parts.play_mm,
+        overshoot=parts.overshoot_mm,
     )
-    turned = math.hypot(math.sqrt(covariance[HEADING, HEADING]), heading[1])
+    turned = math.hypot(parts.turned_sigma_rad, heading[1])
     apart = abs(math.remainder(heading[0] - math.radians(tactile.phase_deg), 2 * math.pi))
     direction = DirectionParts(
         fit=math.degrees(sigmas * turned),
         repeatability=math.degrees(apart),
-        quantisation=math.degrees(aim_step),
-        play=math.degrees(aim_play),
+        quantisation=math.degrees(parts.quantisation_rad),
+        play=math.degrees(parts.play_rad),
     )
     return ContactBounds(
         position_mm=_sum(position.model_dump()),
@@ -215,34 +279,62 @@ def bound_contacts(
     )
 
 
+def _slide_joints(
+    model: SlideModel,
+    values: Floats,
+    covariance: Floats,
+    farthest_mm: float,
+    sigmas: float,
+    slide: SlideCalibration,
+    touch_speed_mm_s: float,
+) -> _Joints:
+    play = abs(float(values[AIM_PLAY])) + sigmas * math.sqrt(covariance[AIM_PLAY, AIM_PLAY])
+    step = TICK_RAD / 2 / abs(model.gear_ratio)
+    return _Joints(
+        quantisation_mm=math.hypot(abs(model.mm_per_rad) * TICK_RAD / 2, farthest_mm * step),
+        play_mm=farthest_mm * play,
+        # A slide that has run on comes back to where it was to stop; in its play the tip need not follow.
+        overshoot_mm=min(2 * slide.backlash_mm, touch_speed_mm_s * slide.settle_s),
+        quantisation_rad=step,
+        play_rad=play,
+        turned_sigma_rad=math.sqrt(covariance[HEADING, HEADING]),
+    )
+
+
+def _arm_joints(
+    model: ArmModel, values: Floats, covariance: Floats, levers_mm: Floats, sigmas: float
+) -> _Joints:
+    """Both joints; either may be anywhere in its play, so that an overshoot adds nothing to that."""
+    columns = [SHOULDER_PLAY, ELBOW_PLAY]
+    plays = np.abs(values[columns]) + sigmas * np.sqrt(np.diag(covariance)[columns])
+    steps = TICK_RAD / 2 / np.abs(model.gear_ratio)
+    faced = covariance[np.ix_([HEADING, ELBOW_ZERO], [HEADING, ELBOW_ZERO])]
+    return _Joints(
+        quantisation_mm=float(levers_mm @ steps),
+        play_mm=float(levers_mm @ plays),
+        overshoot_mm=0.0,
+        quantisation_rad=float(steps.sum()),
+        play_rad=float(plays.sum()),
+        turned_sigma_rad=math.sqrt(max(float(faced.sum()), 0.0)),
+    )
+
+
 def _sum(parts: dict[str, float]) -> float:
     return math.fsum(parts.values()) * (1 + 1e-9)
 
 
-def _fit_mm(
-    model: FingerModel, values: Floats, covariance: Floats, approaches: Sequence[SlideApproach]
-) -> tuple[float, float]:
-    """Largest distance from the base (mm), and the largest deviation of a contact that the fit leaves.
+def _fit_mm(model: FingerModel, values: Floats, covariance: Floats, servos_rad: Floats) -> float:
+    """The largest deviation of a contact that the fit leaves, with servos at (n, 2).
 
     What counts is how far off centre and radius together put a surface, in whatever direction it faces.
     """
-    share = np.linspace(0.0, 1.0, _ALONG)
-    aim = np.repeat([item.aim_rad for item in approaches], _ALONG)
-    slide = np.concatenate([item.start_rad + share * (item.end_rad - item.start_rad) for item in approaches])
-    angle = values[HEADING] + (aim - model.aim_zero_rad) / model.gear_ratio
-    distance = values[ZERO] + model.mm_per_rad * (1 + values[SCALE]) * slide
-    along = np.column_stack([np.cos(angle), np.sin(angle)])
-    across = np.column_stack([-along[:, 1], along[:, 0]])
     faces = np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS
     normal = np.column_stack([np.cos(faces), np.sin(faces)])
-    rows = np.zeros((len(aim), _DIRECTIONS, COLUMNS))
-    rows[:, :, 0], rows[:, :, 1] = normal[:, 0], normal[:, 1]
-    rows[:, :, HEADING] = distance[:, None] * (across @ normal.T)
+    slopes = model.slopes(values, servos_rad, np.zeros_like(servos_rad))
+    rows = np.einsum("dx,pxk->pdk", normal, slopes)
     rows[:, :, RADIUS] = -1.0
-    rows[:, :, ZERO] = along @ normal.T
-    rows[:, :, SCALE] = (along @ normal.T) * (model.mm_per_rad * slide)[:, None]
     variance = np.einsum("pdi,ij,pdj->pd", rows, covariance, rows)
-    return float(np.abs(distance).max()), math.sqrt(max(float(variance.max()), 0.0))
+    return math.sqrt(max(float(variance.max()), 0.0))
 
 
 def summarise_residuals(

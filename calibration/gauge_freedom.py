@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import SlideFingerConfig
+from palpate.config import FingerConfig
 from palpate.geometry import Floats
 
 __all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "align_to_nominal", "fitted_poses", "nominal_poses"]
@@ -63,11 +63,11 @@ def align_to_nominal(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> 
     return RigidMotion(angle, (float(shift.real), float(shift.imag)))
 
 
-def nominal_poses(specs: Sequence[SlideFingerConfig]) -> list[BasePose]:
+def nominal_poses(specs: Sequence[FingerConfig]) -> list[BasePose]:
     """Where the rig file says that fingers stand."""
     return [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
 
 
 def fitted_poses(values: Floats) -> list[BasePose]:
-    """Where fingers stand by values (fingers, 7) of a fit."""
+    """Where fingers stand by values (fingers, k) of a fit."""
     return [BasePose((x, y), heading) for x, y, heading in values[:, :3].tolist()]

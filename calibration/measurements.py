@@ -4,6 +4,7 @@ A `prober.Prober` makes them; the estimators are pure functions of them. Servo a
 2048, the servo next to the base first.
 """
 
+import math
 from dataclasses import dataclass
 
 from palpate.geometry import Counts, Floats, Ints
@@ -19,10 +20,12 @@ FREE, IN, OUT = 0, 1, 2
 class TouchMeasurement:
     """Contact of a finger at rest with a reference, after a slow touch.
 
-    `placing`: number of the placing of a reference that was touched. `servos_rad`: aim and slide. `aim_way`:
-    +1 if the aim came to its angle from below, -1 from above, 0 if unknown: it determines the side of its
-    backlash. `angle_rad` ± `angle_half_rad`: direction from the tip's axis to the contact, from the array's
-    middle. `force_n` ± `force_bound_n`: by the array, with its gains as known then.
+    `placing`: number of the placing of a reference that was touched. `servos_rad`: aim and slide, or shoulder
+    and elbow. `aim_way`: +1 if the aim or shoulder came to its angle from below, -1 from above, 0 if unknown:
+    it determines the side of its backlash; `elbow_way` likewise. `angle_rad` ± `angle_half_rad`: direction
+    from the tip's axis to the contact, from the array's middle. `force_n` ± `force_bound_n`: by the array,
+    with its gains as known then. `facing_rad`: where the finger faces, from its direction of travel: 0 for a
+    slide.
     """
 
     finger: str
@@ -33,24 +36,38 @@ class TouchMeasurement:
     angle_half_rad: float
     force_n: float
     force_bound_n: float
+    elbow_way: int = 0
+    facing_rad: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class PressMeasurement:
-    """Slow press at one aim and back, n samples in the order of time.
+    """Slow press along one way and back, n samples in the order of time.
 
-    `aim_rad`: servo angle of the aim. `slide_rad` (n,): servo angle of the slide; `current_a` (n,): its
-    Present Current, positive if it pushes the tip out. `leg` (n,): FREE, IN or OUT. `counts` (n, rows, cols):
-    the array's counts less the mean of what it read untouched just before.
+    `travel_mm` (n,): how far along its way the tip's servos have brought it; `aside_mm` (n,): how far to the
+    left of it. `push_n` (n,): force along the way that the servos' currents stand for, positive if they push
+    the tip on, friction in it. `facing_rad` (n,): where the finger faces, from the direction of travel.
+    `leg` (n,): FREE, IN or OUT. `counts` (n, rows, cols): the array's counts less the mean of what it read
+    untouched just before. `step_mm`, `push_step_n`: by what an encoder step moves the tip along, and what a
+    step of the currents is worth. `newton_per_a` (2,): what each servo's current pushes along the way.
+    `free_a` (2,): current of each servo on the free way, positive if it turns the servo the way that it
+    moves; nan of one that does not move. `friction_sigma_n`: by what friction along the way may be another
+    under load, besides what it differs by from place to place; joints that move step by step rest on it.
     """
 
     finger: str
     placing: int
-    aim_rad: float
-    slide_rad: Floats
-    current_a: Floats
+    travel_mm: Floats
+    push_n: Floats
     leg: Ints
     counts: Floats
+    step_mm: float
+    push_step_n: float
+    aside_mm: Floats
+    facing_rad: Floats
+    newton_per_a: tuple[float, float]
+    free_a: tuple[float, float] = (math.nan, math.nan)
+    friction_sigma_n: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +81,16 @@ class IdleMeasurement:
 
 @dataclass(frozen=True)
 class StopMeasurement:
-    """Stop of a slide that met a contact at a speed.
+    """Stop of a finger that met a contact at a speed, in mm along its way.
 
-    `felt_rad`: slide's servo angle when the contact had been detected and the stop was sent; `stood_rad`:
-    where it came to stand; `contact_rad`: where a slow touch at the same aim stood. `samples_s`: time between
-    two looks at the array.
+    `felt_mm`: where it was when the contact had been detected and the stop was sent; `stood_mm`: where it
+    came to stand; `contact_mm`: where a slow touch of the same way stood. `samples_s`: time between two looks
+    at the array.
     """
 
     finger: str
     speed_mm_s: float
-    felt_rad: float
-    stood_rad: float
-    contact_rad: float
+    felt_mm: float
+    stood_mm: float
+    contact_mm: float
     samples_s: float

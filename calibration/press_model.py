@@ -1,4 +1,4 @@
-"""Forward model of presses, what columns and the slide's current must read, and the fit of its unknowns.
+"""Forward model of presses, what columns and the servos' currents must read, and the fit of its unknowns.
 
 Travel past first contact gives the dent, the dent and the bearing give the columns' shares
 (`pressure_distribution`), stiffness gives forces, gains give counts. Presses at different bearings move one
@@ -19,8 +19,7 @@ from scipy.optimize import least_squares
 
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
-from palpate.config import SlideFingerConfig
-from palpate.drivers.dynamixel.models import model_named
+from palpate.config import FingerConfig
 from palpate.drivers.tactile.messages import Description
 from palpate.geometry import Floats, Ints
 
@@ -76,7 +75,7 @@ def fit_presses(
     rows_used: Ints,
     noise_counts: float,
     description: Description,
-    spec: SlideFingerConfig,
+    spec: FingerConfig,
 ) -> PressFit:
     """Least squares over all levels; `column_counts` (m, cols): mean over the rows that are used.
 
@@ -119,7 +118,7 @@ def _squared(slopes: Floats) -> Floats:
 class _Model:
     """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
 
-    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A). `strongest` (m, 1): counts
+    Of a press: travel (mm) and bearing (rad) at first contact, and friction (N). `strongest` (m, 1): counts
     of the column with most, or a part of the press's most where that is more.
     """
 
@@ -131,7 +130,7 @@ class _Model:
         rows_used: Ints,
         noise_counts: float,
         description: Description,
-        spec: SlideFingerConfig,
+        spec: FingerConfig,
     ) -> None:
         self._levels, self._read, self._rows_used = levels, column_counts, rows_used
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
@@ -145,7 +144,6 @@ class _Model:
         self._bearing = np.array([p.bearing_rad for p in presses])
         self._bearing_sigma = np.array([p.bearing_sigma_rad for p in presses])
         self._curvature = np.array([p.curvature_per_mm for p in presses])[levels.press]
-        self._newton_per_a = np.array([p.newton_per_a for p in presses])[levels.press]
         cols = description.cols
         self._cols, self._presses = cols, len(presses)
         self._exchange = np.eye(cols, k=1) + np.eye(cols, k=-1)
@@ -160,9 +158,10 @@ class _Model:
         # One over the standard deviation of counts, (m, cols); 0 where a column is not looked at.
         sigma = np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2)
         self._weight = np.where(rows_used > 0, 1 / sigma, 0.0)
-        step = model_named(spec.slide.model).known_torque.current_unit_a / math.sqrt(12)
-        self._current_sigma = step
-        self._friction_sigma = np.hypot(step, _FRICTION_SIGMA * levels.free_a)
+        step = np.array([p.press.push_step_n for p in presses]) / math.sqrt(12)
+        self._push_sigma = step[levels.press]
+        loaded = np.array([p.press.friction_sigma_n for p in presses])
+        self._friction_sigma = np.sqrt(step**2 + (_FRICTION_SIGMA * levels.free_n) ** 2 + loaded**2)
 
     def start(self) -> Floats:
         """Values to begin with: contact and stiffness from straight lines, nominal ones otherwise."""
@@ -175,7 +174,7 @@ class _Model:
             touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
         firm = float(np.median(slopes / np.cos(self._bearing)))
         shared = [self._phase_rad, math.log(firm), 0.0, 0.0, self._friction, self._softness]
-        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_a])
+        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_n])
 
     def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Logarithms of gains, travels and bearings at first contact, frictions."""
@@ -190,27 +189,27 @@ class _Model:
         return result
 
     def misfit(self, residuals: Floats) -> float:
-        """Mean square of the residuals of counts or of those of currents, whichever is larger."""
+        """Mean square of the residuals of counts or of those of pushes, whichever is larger."""
         m = len(self._levels.press)
         counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
         looked = m * max(int((self._rows_used > 0).sum()), 1)
         return max(float(counts @ counts) / looked, float(currents @ currents) / m)
 
     def residuals(self, x: Floats) -> Floats:
-        """What is off, in standard deviations: counts (m · cols), currents (m), what is likely."""
+        """What is off, in standard deviations: counts (m · cols), pushes (m), what is likely."""
         gains, touch, bearing, friction = self.parts(x)
         load, push = self._forces(x[:_SHARED], touch, bearing)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
-        current = friction[self._levels.press] + push / self._newton_per_a - self._levels.current_a
+        off_n = friction[self._levels.press] + push - self._levels.push_n
         likely = [
             [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
             (x[[_FRICTION, _SOFTNESS]] - [self._friction, self._softness]) / self._load_sigma,
             gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
-            (friction - self._levels.free_a) / self._friction_sigma,
+            (friction - self._levels.free_n) / self._friction_sigma,
         ]
-        return np.concatenate([counts.ravel(), current / self._current_sigma, *likely])
+        return np.concatenate([counts.ravel(), off_n / self._push_sigma, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
@@ -220,10 +219,10 @@ class _Model:
         shared = x[:_SHARED]
         load, push = self._forces(shared, touch, bearing)
         to_counts = np.exp(gains) * self._counts_per_n * self._weight
-        to_current = 1 / (self._newton_per_a * self._current_sigma)
+        to_push = 1 / self._push_sigma
 
         def scaled(load: Floats, push: Floats) -> tuple[Floats, Floats]:
-            return load * to_counts, push * to_current
+            return load * to_counts, push * to_push
 
         def moved(shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
             there = self._forces(shared, touch, bearing)
@@ -244,7 +243,7 @@ class _Model:
         by_touch, by_bearing = moved(shared, touch + _STEP, bearing), moved(shared, touch, bearing + _STEP)
         read[level, :, at_touch], pushed[level, at_touch] = by_touch
         read[level, :, at_touch + n], pushed[level, at_touch + n] = by_bearing
-        pushed[level, at_touch + 2 * n] = 1 / self._current_sigma
+        pushed[level, at_touch + 2 * n] = to_push
         likely = result[m * (cols + 1) :]
         places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-2 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
@@ -283,7 +282,7 @@ class _Model:
         pressed = distribute_pressure(
             self._columns_rad,
             float(self._columns_rad[1] - self._columns_rad[0]),
-            felt - shared[_PHASE],
+            felt - self._levels.facing_rad - shared[_PHASE],
             depth,
             self._curvature * radius,
         )

@@ -2,7 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
+
+import numpy as np
 
 from palpate.calibration.measurements import (
     IdleMeasurement,
@@ -11,30 +14,72 @@ from palpate.calibration.measurements import (
     TouchMeasurement,
 )
 from palpate.calibration.reference import Reference
+from palpate.geometry import Floats, Ints
 
-__all__ = ["Probe", "Prober", "SlideApproach"]
+__all__ = ["ApproachTable", "Probe", "Prober", "ServoPath"]
 
 
-@dataclass(frozen=True)
-class SlideApproach:
-    """Straight path of a slide: its finger, the servo angle of its aim, and its slide's first and last."""
+@dataclass(frozen=True, eq=False)
+class ServoPath:
+    """Straight approach of a finger, as its servos carry it out: they stand at `servos_rad` (m, 2) along it.
+
+    The rows are evenly spaced over `length_mm` of travel; between them, servos move evenly. Two are enough
+    for a slide, whose aim stays where it is. `stage_rad`: angle of the turning stage, 0 without one.
+    """
 
     finger: int
-    aim_rad: float
-    start_rad: float
-    end_rad: float
+    servos_rad: Floats
+    length_mm: float
+    stage_rad: float = 0.0
+
+    def servos_at(self, travel_mm: Floats) -> Floats:
+        """Servo angles (n, 2) after travels (n,)."""
+        at = np.linspace(0.0, self.length_mm, len(self.servos_rad))
+        return np.column_stack([np.interp(travel_mm, at, angles) for angles in self.servos_rad.T])
+
+
+class ApproachTable:
+    """All paths of a rig as arrays, to be asked at once."""
+
+    def __init__(self, paths: Sequence[ServoPath]) -> None:
+        self._paths = paths
+        self.finger = np.array([item.finger for item in paths], dtype=np.int64)
+        self.length_mm = np.array([item.length_mm for item in paths])
+        self.stage_rad = np.array([item.stage_rad for item in paths])
+
+    @cached_property
+    def _alike(self) -> list[tuple[Ints, Floats]]:
+        """Paths with as many rows each: their numbers (k,), their servo angles (k, m, 2)."""
+        count = np.array([len(item.servos_rad) for item in self._paths])
+        return [
+            (own, np.stack([self._paths[k].servos_rad for k in own.tolist()]))
+            for own in (np.flatnonzero(count == rows) for rows in np.unique(count))
+        ]
+
+    def servos_at(self, travel_mm: Floats) -> Floats:
+        """Servo angles (n, 2) of each path after its travel (n,); beyond its ends as it goes on there."""
+        result = np.empty((len(self._paths), 2))
+        share = travel_mm / self.length_mm
+        for own, servos in self._alike:
+            last = servos.shape[1] - 1
+            place = share[own] * last
+            row = np.clip(np.floor(place).astype(np.int64), 0, last - 1)
+            part = (place - row)[:, None]
+            k = np.arange(len(own))
+            result[own] = (1 - part) * servos[k, row] + part * servos[k, row + 1]
+        return result
 
 
 @dataclass(frozen=True)
 class Probe:
-    """An approach, by its number, up to where the slide's servo stands at `end_rad`.
+    """An approach, by its number, up to `end_mm` of travel.
 
-    `side`: +1 for a contact that will be to the left of the way, -1 to the right, 0 if that is not known. The
+    `side`: +1 for a contact that will be to the left of the way, -1 to the right, 0 if that is not known. An
     aim then comes from where its play is taken up as the contact will push it.
     """
 
     approach: int
-    end_rad: float
+    end_mm: float
     side: int = 0
 
 
@@ -42,7 +87,7 @@ class Prober(Protocol):
     """A rig that can be measured. Every method raises DeviceError or SafetyStop when a device fails."""
 
     @property
-    def approaches(self) -> Sequence[SlideApproach]:
+    def approaches(self) -> Sequence[ServoPath]:
         """Every free path."""
         ...
 
@@ -55,13 +100,13 @@ class Prober(Protocol):
         ...
 
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
-        """Touch with several fingers at once, each once at most; None for what met nothing."""
+        """Touch with several fingers, each once at most; None for what met nothing."""
         ...
 
     def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
-        """Press slowly on contacts that are known, with several fingers at once, and go back.
+        """Press slowly on contacts that are known, with several fingers, and go back.
 
-        `end_rad` of each is where its slide's servo stood when it touched there.
+        `end_mm` of each is how far it had gone when it touched there.
         """
         ...
 
@@ -70,7 +115,7 @@ class Prober(Protocol):
         ...
 
     def swing(self) -> list[float]:
-        """Current (A) that each finger's aim needs to turn freely, in the mean of both ways."""
+        """Current (A) that each finger's aim needs to turn freely, in the mean of both ways; 0 for arms."""
         ...
 
     def idle(self, seconds: float) -> list[IdleMeasurement]:

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.calibration.experiment_design import PredictedTouches, predict_touches, probes_towards
-from palpate.calibration.finger_fit import FingerModel, Fit, ReferencePlacement, Touches, fit_fingers
+from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches, fit_fingers
+from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.touch_load import touch_loads
-from palpate.config import SlideFingerConfig
-from palpate.drivers.finger import TICK_RAD
+from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 __all__ = ["LocatedReference", "locate_reference", "probes_at_bearing", "touch_arrays"]
 
 _ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
-_STEP_LEFT = 0.1  # of a slide's encoder step: it is measured on the move, over several of them
 _OTHER_MM = 0.006  # what is left: force, tares
 
 
@@ -36,7 +36,7 @@ def locate_reference(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     known: Sequence[TouchMeasurement],
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     start: Fit | None = None,
 ) -> LocatedReference:
     """Touch the last of `placings`, which has been put, from all sides.
@@ -85,7 +85,7 @@ def probes_at_bearing(
             off = np.abs(found.predicted.oblique_rad[own] - bearing_rad)
             best = int(own[off.argmin()])
             oblique = float(found.predicted.oblique_rad[best])
-            probe = Probe(best, float(found.predicted.slide_rad[best]), int(np.sign(oblique)))
+            probe = Probe(best, float(found.predicted.travel_mm[best]), int(np.sign(oblique)))
             result.append((probe, oblique))
     return result
 
@@ -94,39 +94,49 @@ def touch_arrays(
     touched: Sequence[TouchMeasurement],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
 ) -> Touches:
     """Touches as arrays for the fit, with what each is expected to be off by.
 
-    Where the force may have pushed the aim through its play, it is taken to be halfway. By what the tip has
+    Where the force may have pushed a joint through its play, it is taken to be halfway. By what the tip has
     given way sideways its dent seems deeper: half of what the rig file allows is taken for it.
     """
     number = {model.name: k for k, model in enumerate(models)}
     finger = np.array([number[item.finger] for item in touched], dtype=np.int64)
     force = np.array([item.force_n for item in touched])
-    slide = np.array([item.servos_rad[1] for item in touched])
-    per_rad = np.array([model.mm_per_rad for model in models])[finger]
-    gear = np.array([model.gear_ratio for model in models])[finger]
-    zero = np.array([model.prior[4] for model in models])[finger]
-    along = np.abs(per_rad) * TICK_RAD * _STEP_LEFT
-    # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
-    across = 0.5 * np.abs(zero + per_rad * slide) * TICK_RAD / np.abs(gear) / math.sqrt(12)
+    servos = np.array([item.servos_rad for item in touched]).reshape(-1, 2)
+    ways = np.array([(item.aim_way, item.elbow_way) for item in touched], dtype=np.float64).reshape(-1, 2)
     loads = touch_loads(touched, specs)
-    way = np.array([float(item.aim_way) for item in touched])
-    unsure = np.where(loads.flank == 0.0, 0.0, np.abs(loads.flank - way) / 2)
-    sine = np.abs(np.sin([item.angle_rad for item in touched]))
-    play = np.radians([spec.aim.backlash_deg for spec in specs])[finger] / math.sqrt(3)
-    flank = unsure * play * np.abs(zero + per_rad * slide) * sine
+    rounding, flank = np.empty(len(touched)), np.empty(len(touched))
+    for k, (model, spec) in enumerate(zip(models, specs, strict=True)):
+        own = finger == k
+        values = np.tile(model.prior, (int(own.sum()), 1))
+        angle = model.facing_rad(values, servos[own], ways[own]) + loads.towards_rad[own]
+        towards = np.column_stack([np.cos(angle), np.sin(angle)])
+        rounding[own] = model.rounding_mm(values, servos[own], towards)
+        # Towards the contact a joint's turn brings the tip nearer; the force turns it back, to that flank.
+        nearer = np.einsum("nkx,nx->nk", model.moved_by(values, servos[own]), towards)
+        pushed = np.where(loads.pushes[own], np.sign(nearer), ways[own])
+        unsure = np.abs(pushed - ways[own]) / 2
+        unsure = np.where(ways[own] == 0, 1.0, unsure) if isinstance(spec, ArmFingerConfig) else unsure
+        flank[own] = np.sqrt(((unsure * _plays_rad(spec) * nearer) ** 2).sum(axis=1) / 3)
+        ways[own] = (ways[own] + pushed) / 2
     stiffness = np.array([spec.tip.stiffness_n_per_mm for spec in specs])[finger]
     placing = np.array([item.placing for item in touched], dtype=np.int64)
     shape = np.array([item.reference.tolerance_mm for item in placings])[placing] / math.sqrt(3)
     return Touches(
         finger,
         placing,
-        np.array([item.servos_rad[0] for item in touched]),
-        slide,
-        np.where(loads.flank == 0.0, way, (way + loads.flank) / 2),
+        servos,
+        ways,
         force / stiffness + loads.give_mm,
-        np.sqrt(along**2 + across**2 + flank**2 + shape**2 + _OTHER_MM**2),
+        np.sqrt(rounding**2 + flank**2 + shape**2 + _OTHER_MM**2),
         np.ones(len(touched), dtype=bool),
     )
+
+
+def _plays_rad(spec: FingerConfig) -> Floats:
+    """Declared plays (2,) of both joints; that of a slide is in its zero: a touch keeps it on one flank."""
+    if isinstance(spec, ArmFingerConfig):
+        return np.radians([spec.shoulder.backlash_deg, spec.elbow.backlash_deg])
+    return np.radians([spec.aim.backlash_deg, 0.0])

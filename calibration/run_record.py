@@ -10,7 +10,7 @@ from pydantic import Field
 
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config.calibration_file import CalibrationDevice
-from palpate.config.calibration_finger import ActuatorsCalibration, TactileCalibration
+from palpate.config.calibration_finger import Actuators, TactileCalibration
 from palpate.config.fields import FileModel, Items
 
 __all__ = ["RunRecord"]
@@ -25,7 +25,7 @@ class RunRecord(FileModel):
     references_sha256: str = Field(description="Of the references.")
     places: Items[tuple[str, float, float]] = Field(description="What is put where: name, x, y (mm).")
     devices: Items[CalibrationDevice] = Field(description="Every device that takes part.")
-    actuators: Items[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
+    actuators: Items[Actuators] | None = Field(default=None, description="By finger.")
     tactile: Items[TactileCalibration] | None = Field(default=None, description="By finger.")
     touched: Items[Items[TouchMeasurement]] = Field(
         default=[], description="Touches of every placing that is done."

@@ -1,7 +1,7 @@
-"""Stop latency of slides, and bounds on the overshoot that it costs at each speed.
+"""Stop latency of fingers, and bounds on the overshoot that it costs at each speed.
 
-A slide that meets something
-runs on for as long as the contact takes to be detected, the stop to be sent and the slide to stand: its
+A finger that meets something
+runs on for as long as the contact takes to be detected, the stop to be sent and the finger to stand: its
 latency. Part of that is the wait between two looks at the array, anything from nothing to all of it.
 """
 
@@ -14,7 +14,6 @@ from scipy.special import stdtrit
 
 from palpate.calibration.measurements import StopMeasurement
 from palpate.config import Overshoot
-from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Floats
 
@@ -27,7 +26,7 @@ _FASTER = 1.5  # times as fast as a touch, to count
 
 @dataclass(frozen=True)
 class StopLatency:
-    """Latency of a slide: the mean, and a bound on that of single stops.
+    """Latency of a finger: the mean, and a bound on that of single stops.
 
     `overshoots` go by growing speed, mm beyond where the slowest touch stands; they hold for the speeds that
     were tried: faster, braking adds to them.
@@ -39,9 +38,10 @@ class StopLatency:
 
 
 def fit_latency(
-    stops: Sequence[StopMeasurement], mm_per_rad: float, touch_speed_mm_s: float, coverage: float
+    stops: Sequence[StopMeasurement], step_mm: float, touch_speed_mm_s: float, coverage: float
 ) -> StopLatency:
-    """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at `contact_rad`.
+    """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at
+    `contact_mm`; `step_mm`: by what an encoder step moves the tip.
 
     A slow touch runs on as well, and dents what it touches, so a stop is further than it by (speed − touch
     speed) × latency. Stops weigh as the wait for the next look and the encoder's steps let them. The bound
@@ -57,8 +57,7 @@ def fit_latency(
         )
     speed = np.array([stop.speed_mm_s for stop in used])
     wait = np.array([stop.samples_s for stop in used])
-    further = mm_per_rad * np.array([stop.stood_rad - stop.contact_rad for stop in used])
-    step_mm = abs(mm_per_rad) * TICK_RAD
+    further = np.array([stop.stood_mm - stop.contact_mm for stop in used])
     known = _known_deviation_s(speed, touch_speed_mm_s, wait, step_mm)
     each = further / (speed - touch_speed_mm_s)
     latency = max(0.0, float(np.average(each, weights=known**-2.0)))

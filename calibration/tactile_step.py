@@ -1,22 +1,22 @@
 """Calibration step for tactile arrays: idle, and pressed on a disc and a plate at many bearings.
 
-Results are fingers' tables `tactile`. Force comes from the finger's own servo: the current that it
-needs besides friction.
+Results are fingers' tables `tactile`. Force comes from the finger's own servos: the currents that they
+need besides friction.
 """
 
 import math
 from collections.abc import Callable, Sequence
 
-from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
-from palpate.calibration.finger_model import finger_model, slide_in_contact
+from palpate.calibration.finger_fit import ReferencePlacement
+from palpate.calibration.finger_model import nominal_models
+from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.idle import analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import locate_reference, probes_at_bearing
 from palpate.calibration.taxel_gains import fit_gains
-from palpate.config import SlideFingerConfig, TactileCalibration
-from palpate.drivers.dynamixel.models import model_named
+from palpate.config import FingerConfig, TactileCalibration
 from palpate.drivers.tactile.messages import Description
 
 __all__ = ["IDLE_S", "measure_tactile"]
@@ -34,7 +34,7 @@ _BEARING_SIGMA_RAD = math.radians(0.3)
 
 def measure_tactile(
     prober: Prober,
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     arrays: Sequence[Description],
     disc: Reference,
     plate: Reference,
@@ -45,7 +45,7 @@ def measure_tactile(
     prober.clear()
     tell(f"arrays untouched for {IDLE_S:g} s")
     idles = prober.idle(IDLE_S)
-    models = [finger_model(spec, slide_in_contact(spec)) for spec in specs]
+    models = nominal_models(specs)
     presses: dict[str, list[PressAtBearing]] = {spec.name: [] for spec in specs}
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
         tell(f"{reference.name} in the middle: {len(bearings)} presses of each finger")
@@ -68,7 +68,7 @@ def measure_tactile(
 
 def _pressed(
     prober: Prober,
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     reference: Reference,
     bearings_deg: Sequence[float],
@@ -77,7 +77,6 @@ def _pressed(
 ) -> list[PressAtBearing]:
     """Presses of all fingers at each bearing that they can reach."""
     found = locate_reference(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], specs)
-    by_name = {spec.name: spec for spec in specs}
     result = []
     taken: set[int] = set()
     for number, wanted in enumerate(bearings_deg):
@@ -87,12 +86,6 @@ def _pressed(
         taken |= {probe.approach for probe, _ in contacts}
         bearing = {specs[prober.approaches[p.approach].finger].name: angle for p, angle in contacts}
         for press in prober.press([probe for probe, _ in contacts], placing) if contacts else []:
-            per_a = _newton_per_a(by_name[press.finger])
             curvature = reference.curvature_per_mm()
-            result.append(PressAtBearing(press, bearing[press.finger], _BEARING_SIGMA_RAD, curvature, per_a))
+            result.append(PressAtBearing(press, bearing[press.finger], _BEARING_SIGMA_RAD, curvature))
     return result
-
-
-def _newton_per_a(spec: SlideFingerConfig) -> float:
-    """Force at the tip for a current of the slide's servo, as the maker states its torque."""
-    return model_named(spec.slide.model).known_torque.nm_per_a / (abs(spec.slide.mm_per_rad) / 1000)

@@ -15,7 +15,7 @@ from palpate.calibration.measurements import IN
 from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
 from palpate.calibration.press_model import PressFit, fit_presses
 from palpate.calibration.pressure_distribution import dent_and_bearing
-from palpate.config import SlideFingerConfig, TactileCalibration, UnusableTaxel
+from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
@@ -31,7 +31,7 @@ _LARGEST_CROSSTALK = 0.25
 
 
 def fit_gains(
-    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, spec: SlideFingerConfig
+    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, spec: FingerConfig
 ) -> TactileCalibration:
     """Calibrate the array of one finger from its presses at several bearings.
 
@@ -50,8 +50,8 @@ def fit_gains(
             "by presses; give the gains of this one in the rig file"
         )
     full = description.max_count - 0.5 - idle.zero_counts
-    used = informative_presses(presses, idle.live, full, idle.noise_counts, spec.slide.mm_per_rad)
-    levels = average_levels(used, idle.live, full, idle.noise_counts, spec.slide.mm_per_rad)
+    used = informative_presses(presses, idle.live, full, idle.noise_counts)
+    levels = average_levels(used, idle.live, full, idle.noise_counts)
     silent = _silent(levels, idle)
     usable = idle.live & ~silent
     rows_used = usable.sum(axis=0)
@@ -123,7 +123,7 @@ def _saturates_n(
     found: PressFit,
     live: Bools,
     full: Floats,
-    spec: SlideFingerConfig,
+    spec: FingerConfig,
 ) -> float | None:
     """Least force on the tip with a live taxel at its largest count, by the dent on the way in."""
     least = math.inf
@@ -131,7 +131,7 @@ def _saturates_n(
         presses, levels.start_mm, found.touch_mm, found.bearing_rad, strict=True
     ):
         saturated = ((at.press.counts >= full) & live).any(axis=(1, 2)) & (at.press.leg == IN)
-        travel = spec.slide.mm_per_rad * at.press.slide_rad[saturated] - start - touch
+        travel = at.approach_mm()[saturated] - start - touch
         curvature = np.full(len(travel), at.curvature_per_mm)
         dent, _ = dent_and_bearing(travel, np.full(len(travel), bearing), spec.tip.radius_mm, curvature)
         least = min(least, float(dent.min(initial=math.inf)) * found.stiffness_n_per_mm)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.calibration.measurements import TouchMeasurement
-from palpate.config import SlideFingerConfig
-from palpate.geometry import Floats
+from palpate.config import ArmFingerConfig, FingerConfig
+from palpate.geometry import Bools, Floats
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["TouchLoads", "touch_loads"]
 
@@ -27,8 +28,8 @@ class TouchLoads:
     `side`: +1 for a contact to the left of the way, -1 to the right: the tip is pushed to the other side.
     `give_mm` ± `give_sigma_mm`: how far the tip has given way along the normal; all of a finger's are wrong
     alike. `sheared_rad` ± `sheared_sigma_rad`: how much nearer to the way the contact was felt than it was.
-    `flank`: +1 or -1 for the flank of the play that the force may have pushed the aim to, as `aim_way`
-    counts, 0 if it cannot have.
+    `towards_rad`: direction of the contact, from where the finger faces. `pushes` (n, 2): whether the force
+    may have pushed a joint through its play.
     """
 
     side: Floats
@@ -36,30 +37,35 @@ class TouchLoads:
     give_sigma_mm: Floats
     sheared_rad: Floats
     sheared_sigma_rad: Floats
-    flank: Floats
+    towards_rad: Floats
+    pushes: Bools
 
 
-def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[SlideFingerConfig]) -> TouchLoads:
+def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[FingerConfig]) -> TouchLoads:
     """By the rig file's bounds, taken for uniform distributions; arrays' headings need not be well known."""
     by_name = {spec.name: spec for spec in specs}
     own = [by_name[item.finger] for item in touched]
-    bearing = np.array(
+    towards = np.array(
         [
             item.angle_rad + math.radians(spec.array.heading_deg)
             for item, spec in zip(touched, own, strict=True)
         ]
     )
+    bearing = np.array([item.facing_rad for item in touched]) + towards
+    bearing = np.where(np.abs(bearing) > math.pi, wrap_angle(bearing), bearing)
     force = np.array([item.force_n for item in touched])
     deflection = np.array([spec.bounds.deflection_mm_per_n for spec in own])
     friction = np.array([spec.tip.max_friction for spec in own])
     radius = np.array([spec.tip.radius_mm for spec in own])
     dent = force / np.array([spec.tip.stiffness_n_per_mm for spec in own])
-    pushes = np.array([spec.aim.backlash_holds_n is not None for spec in own])
     side, sine = np.sign(bearing), np.abs(np.sin(bearing))
-    give = deflection * force * sine**2
+    # A slide gives way across its travel; an arm, whose joints both turn, in any direction.
+    arms = np.array([isinstance(spec, ArmFingerConfig) for spec in own], dtype=bool)
+    give = deflection * force * np.where(arms, 1.0, sine**2)
     # Compliance from 0 to what is declared, and of the sideways push from the least that friction leaves.
     tangent = np.tan(np.minimum(np.abs(bearing), 1.5))
     least = np.maximum(1 - _SHEAR_SHARE, 1 - friction / np.maximum(tangent, 1e-9))
+    least = np.where(arms, 1.0, least)
     mean = (1 + least) / 4
     sigma = np.sqrt((1 + least + least**2) / 9 - mean**2)
     # It slips at friction times the force; skin is sheared no further than the tip has gone along the face.
@@ -70,5 +76,13 @@ def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[SlideFinger
         give_sigma_mm=give * sigma,
         sheared_rad=sheared / 2,
         sheared_sigma_rad=sheared / math.sqrt(12),
-        flank=np.where(pushes, side, 0.0),
+        towards_rad=towards,
+        pushes=np.array([_may_be_pushed(spec) for spec in own]),
     )
+
+
+def _may_be_pushed(spec: FingerConfig) -> tuple[bool, bool]:
+    """Which joints a force may push through their play, as the rig file says."""
+    if isinstance(spec, ArmFingerConfig):
+        return spec.shoulder.backlash_holds_n is not None, spec.elbow.backlash_holds_n is not None
+    return spec.aim.backlash_holds_n is not None, False

@@ -4,10 +4,10 @@ Units are the suffixes of the
 names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the rig file.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from palpate.config.calibration_numbers import (
     Gain,
@@ -20,24 +20,32 @@ from palpate.config.calibration_numbers import (
     UpPositive,
 )
 from palpate.config.fields import Count, FileModel, Flag, Items, Name
-from palpate.config.problems import problem
+from palpate.config.problems import TAG, problem
 from palpate.config.rig_fingers import check_gains
 
 __all__ = [
+    "Actuators",
     "ActuatorsCalibration",
     "AimCalibration",
+    "ArmActuatorsCalibration",
+    "ArmPlaceCalibration",
     "ContactBounds",
     "DirectionParts",
     "FingerCalibration",
+    "JointCalibration",
     "Overshoot",
+    "Place",
     "PlaceCalibration",
+    "PlaceInHandFrame",
     "PositionParts",
     "SlideCalibration",
+    "StopsCalibration",
     "TactileCalibration",
     "UnusableTaxel",
 ]
 
 _PLACE_UNKNOWNS = 5
+_ARM_UNKNOWNS = 7
 _TOUCH_UNKNOWNS = 2
 _ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums cannot explain
 
@@ -81,7 +89,8 @@ class TactileCalibration(FileModel):
         default=None, description="Least force at which a taxel was full; left out if none was."
     )
     phase_deg: Measured = Field(
-        description="Where the array's middle looks, from the slide's direction, as presses alone show it."
+        description="Where the array's middle looks, from the slide's or the arm's last link's direction, as "
+        "presses alone show it."
     )
     phase_sigma_deg: UpLength = Field(description="Standard deviation of phase_deg.")
     presses: Count = Field(description="Presses that went into this.")
@@ -108,6 +117,17 @@ class Overshoot(FileModel):
     speed_mm_s: MeasuredPositive = Field(description="Speed at the contact.")
     largest_mm: MeasuredLength = Field(description="The farthest that was seen.")
     bound_mm: UpLength = Field(description="Bound: no stop from this speed goes farther.")
+
+
+class StopsCalibration(FileModel):
+    """How a finger comes to stand at a contact."""
+
+    latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
+    latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
+    settle_s: UpLength = Field(
+        description="Bound: in a touch, from the stop that is sent to standing still, at most this."
+    )
+    overshoots: Items[Overshoot] = Field(default=[], description="What was seen at each speed.")
 
 
 class SlideCalibration(FileModel):
@@ -154,25 +174,50 @@ class AimCalibration(FileModel):
 
 
 class ActuatorsCalibration(FileModel):
-    """What was found of a finger's servos and what they drive."""
+    """What was found of the servos of an aim and slide finger and what they drive."""
 
     slide: SlideCalibration = Field(description="The slide.")
     aim: AimCalibration = Field(description="The aim.")
 
 
-class PlaceCalibration(FileModel):
-    """Where a finger stands in the hand frame W, with what belongs to it in the same fit."""
+class JointCalibration(FileModel):
+    """What was found of an arm's joint."""
 
-    base_mm: tuple[Measured, Measured] = Field(description="[x, y] of the aim axis.")
+    direction_confirmed: Flag = Field(description="Its current was seen to push it the way that it turned.")
+    backlash_deg: MeasuredLength = Field(description="Play of the joint, either way.")
+    backlash_sigma_deg: UpLength = Field(description="Standard deviation of backlash_deg.")
+    friction_a: MeasuredLength = Field(description="Current that it needs to turn freely.")
+
+
+class ArmActuatorsCalibration(FileModel):
+    """What was found of the servos of an arm."""
+
+    shoulder: JointCalibration = Field(description="The shoulder.")
+    elbow: JointCalibration = Field(description="The elbow.")
+    stops: StopsCalibration = Field(description="How its tip comes to stand.")
+
+
+class PlaceInHandFrame(FileModel):
+    """Where a finger of any type stands in the hand frame W."""
+
+    base_mm: tuple[Measured, Measured] = Field(description="[x, y] of the aim's or shoulder's axis.")
     base_sigma_mm: tuple[UpLength, UpLength] = Field(description="Standard deviations of base_mm.")
-    heading_deg: Measured = Field(description="Direction of the slide at aim 0, counter-clockwise from +x.")
+    heading_deg: Measured = Field(
+        description="Direction of the slide at aim 0, or of the first link at shoulder angle 0, "
+        "counter-clockwise from +x."
+    )
     heading_sigma_deg: UpLength = Field(description="Standard deviation of heading_deg.")
     tip_radius_mm: MeasuredPositive = Field(description="Radius of the tip.")
     tip_radius_sigma_mm: UpLength = Field(description="Standard deviation of tip_radius_mm.")
     array_heading_deg: Measured = Field(
-        description="Where the array's middle looks, from the slide's direction."
+        description="Where the array's middle looks, from the slide's or the arm's last link's direction."
     )
     array_heading_sigma_deg: UpLength = Field(description="Standard deviation of array_heading_deg.")
+
+
+class PlaceCalibration(PlaceInHandFrame):
+    """Where an aim and slide finger stands, with what belongs to it in the same fit."""
+
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
     )
@@ -190,6 +235,52 @@ class PlaceCalibration(FileModel):
         return self
 
 
+class ArmPlaceCalibration(PlaceInHandFrame):
+    """Where an arm stands, with what belongs to it in the same fit."""
+
+    upper_mm: MeasuredPositive = Field(description="From the shoulder's axis to the elbow's.")
+    upper_sigma_mm: UpLength = Field(description="Standard deviation of upper_mm.")
+    fore_mm: MeasuredPositive = Field(description="From the elbow's axis to the tip's.")
+    fore_sigma_mm: UpLength = Field(description="Standard deviation of fore_mm.")
+    elbow_zero_deg: Measured = Field(
+        description="By how much the elbow's angle is larger than the rig file's zero_deg makes it."
+    )
+    elbow_zero_sigma_deg: UpLength = Field(description="Standard deviation of elbow_zero_deg.")
+    covariance: Items[Items[Precise]] = Field(
+        description="7 x 7, of base x, base y (mm), heading (rad), tip radius, lengths of the upper and the "
+        "second link (mm), and the elbow's zero (rad)."
+    )
+
+    @model_validator(mode="after")
+    def _covaries(self) -> Self:
+        _check_covariance(self.covariance, _ARM_UNKNOWNS, "covariance")
+        return self
+
+
+def _by_key(slide: str, arm: str, key: str) -> Discriminator:
+    """Of which type of finger a table is: an arm's has `key`."""
+
+    def kind(value: Any) -> str:
+        is_arm = key in value if isinstance(value, dict) else hasattr(value, key)
+        return TAG + (arm if is_arm else slide)
+
+    return Discriminator(kind)
+
+
+Actuators = Annotated[
+    Annotated[ActuatorsCalibration, Tag(TAG + "slide")]
+    | Annotated[ArmActuatorsCalibration, Tag(TAG + "two-link")],
+    _by_key("slide", "two-link", "shoulder"),
+]
+"""What was found of a finger's servos, for a finger of either type."""
+
+Place = Annotated[
+    Annotated[PlaceCalibration, Tag(TAG + "slide")] | Annotated[ArmPlaceCalibration, Tag(TAG + "two-link")],
+    _by_key("slide", "two-link", "upper_mm"),
+]
+"""Where a finger of either type stands."""
+
+
 class PositionParts(FileModel):
     """What the bound on the tip centre's place is made of, mm."""
 
@@ -203,10 +294,10 @@ class PositionParts(FileModel):
 class DirectionParts(FileModel):
     """What the bound on the direction that carries the array is made of, degrees."""
 
-    fit: UpLength = Field(description="The slide's and the array's headings, as the fits know them.")
+    fit: UpLength = Field(description="The finger's and the array's headings, as the fits know them.")
     repeatability: UpLength = Field(description="What touches of the same place differ by.")
-    quantisation: UpLength = Field(description="Steps of the aim's encoder.")
-    play: UpLength = Field(description="Play of the aim.")
+    quantisation: UpLength = Field(description="Steps of the aim's or the joints' encoders.")
+    play: UpLength = Field(description="Play of the aim, or of both joints.")
 
 
 class ContactBounds(FileModel):
@@ -225,8 +316,8 @@ class FingerCalibration(FileModel):
 
     name: Name = Field(description="The rig file's name of the finger.")
     tactile: TactileCalibration | None = Field(default=None, description="Its array and skin.")
-    actuators: ActuatorsCalibration | None = Field(default=None, description="Its servos.")
-    place: PlaceCalibration | None = Field(default=None, description="Where it stands.")
+    actuators: Actuators | None = Field(default=None, description="Its servos.")
+    place: Place | None = Field(default=None, description="Where it stands.")
     bounds: ContactBounds | None = Field(default=None, description="How far off its contacts may be.")
 
 

@@ -11,6 +11,8 @@ from typing import Any, TypeVar
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
+    ArmActuatorsCalibration,
+    ArmPlaceCalibration,
     ContactBounds,
     FingerCalibration,
     PlaceCalibration,
@@ -19,7 +21,7 @@ from palpate.config.calibration_finger import (
 from palpate.config.calibration_frame import frame_offset_bound_mm
 from palpate.config.fields import FileModel
 from palpate.config.rig_file import RigFile
-from palpate.config.rig_fingers import FingerConfig, SlideFingerConfig, TaxelsConfig
+from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TaxelsConfig
 from palpate.errors import InputError
 
 __all__ = ["apply_calibration", "check_calibration", "geometry_sha256"]
@@ -32,7 +34,7 @@ _SIGMAS = 3.3
 _NOT_GEOMETRY = frozenset(
     {
         "port", "baudrate_bps", "bounds", "bound_mm", "bound_deg", "centre_bound_mm", "zero_bound_mm",
-        "mm_per_turn_spread",
+        "zero_bound_deg", "mm_per_turn_spread",
         "radius_bound_mm", "heading_bound_deg", "stiffness_spread", "gain_spread", "drift_counts_per_s",
         "backlash_mm", "backlash_deg", "friction_a", "taxels",
     }
@@ -75,11 +77,16 @@ def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: 
             f"{name}: was made for fingers {', '.join(theirs)}; {rig_name} has {', '.join(ours)}: {remedy}"
         )
     for finger, found in zip(rig.fingers, file.fingers, strict=True):
-        if not isinstance(finger, SlideFingerConfig) and (
-            found.actuators is not None or found.place is not None
-        ):
+        parts = [part for part in (found.actuators, found.place) if part is not None]
+        of_arm = [isinstance(part, ArmActuatorsCalibration | ArmPlaceCalibration) for part in parts]
+        if isinstance(finger, ArmFingerConfig) and not all(of_arm):
             raise InputError(
                 f'{name}: finger "{finger.name}" is an arm, which has no aim and no slide: {remedy}'
+            )
+        if isinstance(finger, SlideFingerConfig) and any(of_arm):
+            raise InputError(
+                f'{name}: finger "{finger.name}" has an aim and a slide, and the calibration is an arm\'s: '
+                f"{remedy}"
             )
     if file.geometry_sha256 != geometry_sha256(rig):
         raise InputError(
@@ -108,10 +115,15 @@ def _calibrated(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:
     if found.tactile is not None:
         finger = _with_tactile(finger, found.tactile)
     if isinstance(finger, SlideFingerConfig):
-        if found.actuators is not None:
+        if isinstance(found.actuators, ActuatorsCalibration):
             finger = _with_actuators(finger, found.actuators)
-        if found.place is not None:
+        if isinstance(found.place, PlaceCalibration):
             finger = _placed(finger, found.place)
+    else:
+        if isinstance(found.actuators, ArmActuatorsCalibration):
+            finger = _with_joints(finger, found.actuators)
+        if isinstance(found.place, ArmPlaceCalibration):
+            finger = _arm_placed(finger, found.place)
     if found.bounds is not None:
         finger = _bounded(finger, found.bounds)
     return finger
@@ -149,6 +161,14 @@ def _with_actuators(finger: SlideFingerConfig, found: ActuatorsCalibration) -> S
     return _changed(finger, slide=changes, aim=play)
 
 
+def _with_joints(finger: ArmFingerConfig, found: ArmActuatorsCalibration) -> ArmFingerConfig:
+    shoulder, elbow = (
+        {"backlash_deg": joint.backlash_deg + _SIGMAS * joint.backlash_sigma_deg}
+        for joint in (found.shoulder, found.elbow)
+    )
+    return _changed(finger, shoulder=shoulder, elbow=elbow)
+
+
 def _placed(finger: SlideFingerConfig, found: PlaceCalibration) -> SlideFingerConfig:
     zero_sigma_mm = max(found.covariance[4][4], 0.0) ** 0.5
     placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
@@ -159,12 +179,32 @@ def _placed(finger: SlideFingerConfig, found: PlaceCalibration) -> SlideFingerCo
             "zero_bound_mm": _SIGMAS * zero_sigma_mm,
             "mm_per_turn": found.mm_per_turn,
         },
-        tip={"radius_mm": found.tip_radius_mm, "radius_bound_mm": _SIGMAS * found.tip_radius_sigma_mm},
-        array={
+        **_tip_and_array(found),
+    )
+
+
+def _arm_placed(finger: ArmFingerConfig, found: ArmPlaceCalibration) -> ArmFingerConfig:
+    """An arm where it is; its shoulder's zero is in its heading."""
+    placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
+    lengths = {"upper_mm": found.upper_mm, "fore_mm": found.fore_mm}
+    zero_deg = finger.elbow.zero_deg - finger.elbow.gear_ratio * found.elbow_zero_deg
+    return _changed(
+        placed,
+        links=lengths | {"bound_mm": _SIGMAS * max(found.upper_sigma_mm, found.fore_sigma_mm)},
+        shoulder={"zero_bound_deg": 0.0},
+        elbow={"zero_deg": zero_deg, "zero_bound_deg": _SIGMAS * found.elbow_zero_sigma_deg},
+        **_tip_and_array(found),
+    )
+
+
+def _tip_and_array(found: PlaceCalibration | ArmPlaceCalibration) -> dict[str, Mapping[str, object]]:
+    return {
+        "tip": {"radius_mm": found.tip_radius_mm, "radius_bound_mm": _SIGMAS * found.tip_radius_sigma_mm},
+        "array": {
             "heading_deg": found.array_heading_deg,
             "heading_bound_deg": _SIGMAS * found.array_heading_sigma_deg,
         },
-    )
+    }
 
 
 def _bounded(finger: FingerConfig, found: ContactBounds) -> FingerConfig:

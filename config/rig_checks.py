@@ -45,6 +45,8 @@ _DRAWN_BY_ANY = (
 _DRAWN_BY_ARM = (
     ("joint_backlash_deg", "shoulder.backlash_deg"),
     ("joint_backlash_deg", "elbow.backlash_deg"),
+    ("joint_zero_error_deg", "shoulder.zero_bound_deg"),
+    ("joint_zero_error_deg", "elbow.zero_bound_deg"),
     ("link_error_mm", "links.bound_mm"),
 )
 _DRAWN_BY_SLIDE = (

@@ -124,6 +124,15 @@ class AimConfig(RotaryConfig):
 class JointConfig(RotaryConfig):
     """The servo of an arm's joint."""
 
+    zero_bound_deg: Annotated[Length, Field(le=45)] = Field(
+        default=0.0, description="Bound: zero_deg is off by at most this, as an angle of the joint."
+    )
+    backlash_holds_n: Length | None = Field(
+        default=None,
+        description="Bound: up to this force at the tip, across its way to the joint, friction holds it "
+        "within its play; a greater one may push it to its flank. Without it: no force does.",
+    )
+
     @model_validator(mode="after")
     def _within_one_turn(self) -> Self:
         self._check_one_turn()

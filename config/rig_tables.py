@@ -198,6 +198,9 @@ class EmulationConfig(FileModel):
     backlash_mm: Length = Field(default=0.0, description="Play of the slides, either way.")
     aim_backlash_deg: Length = Field(default=0.0, description="Play of the aims, either way.")
     joint_backlash_deg: Length = Field(default=0.0, description="Play of arms' joints, either way.")
+    joint_zero_error_deg: Length = Field(
+        default=0.0, description="Angles of arms' joints are off by up to this, besides their play."
+    )
     link_error_mm: Length = Field(default=0.0, description="Lengths of arms' links are off by up to this.")
     base_error_mm: Length = Field(
         default=0.0, description="Bases are up to this far from where they should be."

@@ -19,7 +19,8 @@ __all__ = ["ArmKinematics", "Joint"]
 class Joint:
     """Servo angle = `zero_rad` + `gear_ratio` · joint angle; the joint stays within lo and hi.
 
-    Servo angles count from Goal Position 2048. `play_rad`: how far off the joint may be through play.
+    Servo angles count from Goal Position 2048. `play_rad`: how far off the joint may be through play,
+    `zero_bound_rad`: through its zero.
     """
 
     gear_ratio: float
@@ -27,11 +28,12 @@ class Joint:
     play_rad: float
     lo_rad: float
     hi_rad: float
+    zero_bound_rad: float = 0.0
 
     @property
     def bound_rad(self) -> float:
-        """How far the joint may be from where the servo says, through play and encoder steps."""
-        return self.play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+        """How far the joint may be from where the servo says, through zero, play and encoder steps."""
+        return self.zero_bound_rad + self.play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
 
     def servo_rad(self, angle_rad: float) -> float:
         """Servo angle for a joint angle; nan outside of the joint's range."""

@@ -163,7 +163,7 @@ def array_bound_rad(finger: FingerConfig) -> float:
 def _joint(servo: JointConfig) -> Joint:
     lo, hi = (math.radians(value) for value in servo.range_deg)
     play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
-    return Joint(servo.gear_ratio, zero, play, lo, hi)
+    return Joint(servo.gear_ratio, zero, play, lo, hi, math.radians(servo.zero_bound_deg))
 
 
 def undetected_force_n(closing: ClosingConfig) -> float:

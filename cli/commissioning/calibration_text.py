@@ -9,9 +9,9 @@ from rich.markup import escape
 from palpate.api.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.calibration.finger_step import plan_placements
 from palpate.cli.terminal import Doing
-from palpate.config import RigFile
+from palpate.config import RigFile, SlideFingerConfig
 from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
-from palpate.config.calibration_finger import FingerCalibration
+from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration
 from palpate.config.references_file import ReferencesFile
 from palpate.rig.commissioning.calibration import STEPS, build_references
 from palpate.views.tables import table
@@ -71,7 +71,7 @@ def announce(
     disc, plate = build_references(shapes)
     placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
     words = {
-        "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
+        "actuators": f"actuators  {_exercises(rig)}fingers press and hit a disc",
         "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
         "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
     }
@@ -97,6 +97,11 @@ def announce(
     )
     if places.record.exists():
         console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
+
+
+def _exercises(rig: RigFile) -> str:
+    slides = any(isinstance(finger, SlideFingerConfig) for finger in rig.fingers)
+    return "aims swing, slides go against their stops, " if slides else ""
 
 
 def _about(least_s: float, most_s: float) -> str:
@@ -135,7 +140,9 @@ def _finger(found: FingerCalibration, rig: RigFile, index: int) -> CalibratedFin
         moved_mm=None if place is None else math.dist(place.base_mm, spec.base_mm),
         turned_deg=None if place is None else math.remainder(place.heading_deg - spec.heading_deg, 360),
         tip_radius_mm=None if place is None else place.tip_radius_mm,
-        backlash_mm=None if found.actuators is None else found.actuators.slide.backlash_mm,
+        backlash_mm=found.actuators.slide.backlash_mm
+        if isinstance(found.actuators, ActuatorsCalibration)
+        else None,
         stiffness_n_per_mm=None if found.tactile is None else found.tactile.stiffness_n_per_mm,
         unusable=None if found.tactile is None else len(found.tactile.unusable),
     )

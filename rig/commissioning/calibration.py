@@ -14,14 +14,15 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibration.actuator_step import measure_actuators
-from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
-from palpate.calibration.finger_model import SlideInContact, finger_model
+from palpate.calibration.finger_fit import ReferencePlacement
+from palpate.calibration.finger_model import calibrated_models
 from palpate.calibration.finger_step import fit_touches, hold_out, plan_placements, touch_placing
+from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.frame_alignment import (
     align_fit,
     bound_contacts,
-    calibrate_aim,
     calibrate_place,
+    calibrate_plays,
     estimate_array_headings,
     summarise_residuals,
 )
@@ -32,13 +33,13 @@ from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import (
     CalibrationDevice,
     CalibrationFile,
+    FingerConfig,
     RigFile,
-    SlideFingerConfig,
     apply_calibration,
     geometry_sha256,
 )
 from palpate.config.calibration_file import CalibrationReference
-from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration, TactileCalibration
+from palpate.config.calibration_finger import Actuators, FingerCalibration, TactileCalibration
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
@@ -56,7 +57,6 @@ __all__ = [
     "RunRecordStore",
     "build_references",
     "calibrate",
-    "slide_fingers",
 ]
 
 STEPS = ("actuators", "tactile", "fingers")
@@ -124,7 +124,6 @@ def calibrate(
     SafetyStop for devices, OutputError for a record that cannot be kept for the next step. One that could not
     be kept after the last step is only reported: the calibration is complete.
     """
-    slide_fingers(job.rig)
     with BackgroundCall("the run record", keeper.save) as save:
         run = _Run(job, connect, save, tell)
         run.begin(keeper.load())
@@ -144,18 +143,6 @@ def build_references(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlat
     except ValueError as error:
         raise InputError(f"references: plate.outline_mm {error}") from None
     return ReferenceDisc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
-
-
-def slide_fingers(rig: RigFile) -> list[SlideFingerConfig]:
-    """All fingers of a rig of slides; InputError for one that is not a slide."""
-    slides = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
-    if len(slides) < len(rig.fingers):
-        arm = next(finger for finger in rig.fingers if not isinstance(finger, SlideFingerConfig))
-        raise InputError(
-            f'finger {arm.name} is of type "two-link"; only rigs whose fingers are all of type "slide" can '
-            "be calibrated so far"
-        )
-    return slides
 
 
 class _Run:
@@ -194,7 +181,7 @@ class _Run:
             self._tell(f"{step}: done already")
             return
         rig = self._rig_so_far()
-        specs = slide_fingers(rig)
+        specs = rig.fingers
         self._tell(f"{step}:")
         with self._connect(rig, moving=True) as there:
             prober = there.prober
@@ -270,7 +257,7 @@ class _Run:
             ],
         )
 
-    def _touch(self, prober: Prober, specs: Sequence[SlideFingerConfig]) -> None:
+    def _touch(self, prober: Prober, specs: Sequence[FingerConfig]) -> None:
         """Touch the references at every placing that is not done."""
         placings = self._placings()
         models = self._models(specs)
@@ -284,11 +271,11 @@ class _Run:
 
     def _with_places(self, file: CalibrationFile) -> CalibrationFile:
         """The file with fingers' places and bounds."""
-        specs = slide_fingers(self._rig_so_far())
+        specs = self._rig_so_far().fingers
         models = self._models(specs)
         touched = [item for touches in self._record.touched for item in touches]
         touches, fit, without = fit_touches(specs, models, self._placings(), touched)
-        hand = align_fit(slide_fingers(self._job.rig), fit)
+        hand = align_fit(self._job.rig.fingers, fit)
         out = hold_out(len(touched))
         residuals = summarise_residuals(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
         headings = estimate_array_headings(touched, touches, models, specs, fit)
@@ -312,7 +299,7 @@ class _Run:
                 self._job.coverage,
             )
             place = calibrate_place(model, hand, index, headings[index])
-            seen = item.actuators.model_copy(update={"aim": calibrate_aim(item.actuators.aim, hand, index)})
+            seen = calibrate_plays(item.actuators, hand, index)
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
@@ -323,7 +310,7 @@ class _Run:
         """The rig with what is known of its actuators and arrays; where fingers stand is as described."""
         return apply_calibration(self._job.rig, self._file_of_devices())
 
-    def _actuators(self, index: int) -> ActuatorsCalibration | None:
+    def _actuators(self, index: int) -> Actuators | None:
         """What is known of a finger's actuators: from this run, else from before."""
         if self._record.actuators is not None:
             return self._record.actuators[index]
@@ -335,18 +322,16 @@ class _Run:
             return self._record.tactile[index]
         return None if self._job.before is None else self._job.before.fingers[index].tactile
 
-    def _models(self, specs: Sequence[SlideFingerConfig]) -> list[FingerModel]:
+    def _models(self, specs: Sequence[FingerConfig]) -> list[FingerModel]:
         """Priors of all fingers; InputError if actuators or arrays have not been measured."""
-        models = []
-        for index, spec in enumerate(specs):
-            found = self._actuators(index)
-            if found is None or self._tactile(index) is None:
-                raise InputError(
-                    "where fingers stand is measured with what is known of actuators and arrays: calibrate "
-                    "these first, or all at once with `palpate calibrate --rig FILE all`"
-                )
-            models.append(finger_model(spec, SlideInContact.from_calibration(found.slide)))
-        return models
+        actuators = [self._actuators(index) for index in range(len(specs))]
+        found = [item for item in actuators if item is not None]
+        if len(found) < len(specs) or any(self._tactile(index) is None for index in range(len(specs))):
+            raise InputError(
+                "where fingers stand is measured with what is known of actuators and arrays: calibrate "
+                "these first, or all at once with `palpate calibrate --rig FILE all`"
+            )
+        return calibrated_models(specs, found)
 
     def _keep(self, **found: object) -> None:
         self._record = self._record.model_copy(update=found)

@@ -16,14 +16,16 @@ from palpate.calibration.measurements import (
     StopMeasurement,
     TouchMeasurement,
 )
-from palpate.calibration.prober import Probe, SlideApproach
+from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
-from palpate.config import RigFile, SlideFingerConfig
-from palpate.drivers.slide_finger import SlideKinematics
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
+from palpate.drivers.finger import TICK_RAD, FingerKinematics, Line
+from palpate.geometry import Floats
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
-from palpate.rig.conversion import line_of, slide_kinematics
+from palpate.rig.conversion import kinematics_of, line_of
 from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.end_stops import slide_of, stall, swing
+from palpate.rig.motion.end_stops import stall, swing
 from palpate.rig.motion.guarded_approach import GripPhase, Touch, aim, carry_out_grip, retract_all
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.press import press, stop_at_speed
@@ -33,8 +35,11 @@ from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["HandProber", "Table", "approaches_of"]
 
-_AIMS = 81
+_AIMS, _ARM_AIMS = 81, 61  # an arm has about five ways for each
 _SURE_MOVE_RAD = math.radians(1.0)  # of an aim's servo: less may not take up its play
+_POSTURES = 65  # of an arm's approach
+_PRESSED_MM = 4.0  # a press goes so far beyond its contact
+_LAST_MM = 2.0  # of an arm's approach, on which its joints take up their play: a touch comes from further
 
 
 class Table(Protocol):
@@ -50,16 +55,17 @@ class Table(Protocol):
 
 
 class HandProber:
-    """Does for calibration what a hand can do. The hand must be prepared; all its fingers must be slides."""
+    """Does for calibration what a hand can do. The hand must be prepared."""
 
     def __init__(self, hand: Hand, table: Table, tell: Callable[[GripPhase], None] = lambda _: None) -> None:
-        """Raises InputError for a finger that is not a slide or has no room."""
+        """Raises InputError for a finger that has no room."""
         self._hand, self._table, self._tell = hand, table, tell
-        self._kinematics = [slide_of(finger) for finger in hand.fingers]
-        self._reach: Reach = reach_of(hand.rig, aims=_AIMS)
+        self._specs = [finger.spec for finger in hand.fingers]
+        self._kinematics = [finger.kinematics for finger in hand.fingers]
+        self._reach: Reach = _reach_of(hand.rig)
         self._number = self._reach.of_stage(self._reach.middle_rad)
-        self.approaches: Sequence[SlideApproach] = [
-            _approach(self._reach, index, self._kinematics) for index in self._number
+        self.approaches: Sequence[ServoPath] = [
+            _approach(self._reach, index, self._specs, self._kinematics) for index in self._number
         ]
         self._aims: dict[int, tuple[float, int]] = {}
 
@@ -72,25 +78,34 @@ class HandProber:
         self._table.clear()
 
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
-        """Close fingers on approaches, all at once."""
-        self._take_up_play(grip)
-        approaches = [self._to_contact(probe)[0] for probe in grip]
-        ways = [self._way(self.approaches[probe.approach]) for probe in grip]
-        done = carry_out_grip(self._hand, approaches, self._tell, measure_quasi_statically)
-        touches = {touch.finger_index: touch for touch in done}
-        found = [touches[item.finger_index] for item in approaches]
-        return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
+        """Close fingers on approaches, as many at once as do not come too near to one another."""
+        found: dict[int, TouchMeasurement | None] = {}
+        for some in self._together(grip):
+            self._take_up_play(some)
+            approaches = [self._to_contact(probe)[0] for probe in some]
+            ways = [self._ways(probe.approach) for probe in some]
+            done = carry_out_grip(self._hand, approaches, self._tell, measure_quasi_statically)
+            touches = {touch.finger_index: touch for touch in done}
+            for probe, item, way in zip(some, approaches, ways, strict=True):
+                found[probe.approach] = self._touched(touches[item.finger_index], item, placing, way)
+        return [found[probe.approach] for probe in grip]
 
     def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
-        """Press with fingers on contacts, all at once."""
-        self._take_up_play(contacts)
-        self._note(contacts)
-        return press(self._hand, [self._to_contact(item) for item in contacts], placing)
+        """Press with fingers on contacts, as many at once."""
+        found: list[PressMeasurement] = []
+        for some in self._together(contacts):
+            self._take_up_play(some)
+            self._note(some)
+            found += press(self._hand, [self._to_contact(item) for item in some], placing)
+        return found
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
-        """Run into contacts, all at once."""
-        self._note(contacts)
-        return stop_at_speed(self._hand, [self._to_contact(item) for item in contacts], speed_mm_s)
+        """Run into contacts, as many at once."""
+        found: list[StopMeasurement] = []
+        for some in self._together(contacts):
+            self._note(some)
+            found += stop_at_speed(self._hand, [self._to_contact(item) for item in some], speed_mm_s)
+        return found
 
     def swing(self) -> list[float]:
         """Turn all aims a little either way and back."""
@@ -119,9 +134,29 @@ class HandProber:
 
     def _to_contact(self, probe: Probe) -> tuple[FingerApproach, float]:
         """The approach up to where the probe ends, and how far that is."""
-        item = self.approaches[probe.approach]
-        travel = (probe.end_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
-        return self._reach.approaches[self._number[probe.approach]].up_to(travel), travel
+        return self._reach.approaches[self._number[probe.approach]].up_to(probe.end_mm), probe.end_mm
+
+    def _together(self, probes: Sequence[Probe]) -> list[list[Probe]]:
+        """Probes in groups of those that go together, one after the other. Links of arms cross easily.
+
+        Slides that are known only roughly may be too near by their bounds, and are guarded on their way.
+        """
+        if all(isinstance(spec, SlideFingerConfig) for spec in self._specs):
+            return [list(probes)] if probes else []
+        groups: list[list[Probe]] = []
+        for probe in probes:
+            home = next((group for group in groups if self._goes_with(probe, group)), None)
+            if home is None:
+                groups.append([probe])
+            else:
+                home.append(probe)
+        return groups
+
+    def _goes_with(self, probe: Probe, group: Sequence[Probe]) -> bool:
+        others = np.array([self._number[item.approach] for item in group])
+        ends = np.array([item.end_mm + _PRESSED_MM for item in group])
+        own = self._number[probe.approach]
+        return bool(self._reach.together(own, probe.end_mm + _PRESSED_MM, others, ends).all())
 
     def _take_up_play(self, probes: Sequence[Probe]) -> None:
         """Let aims whose play a force may take up stand beside their goals, on the side to come from."""
@@ -147,66 +182,120 @@ class HandProber:
             ],
         )
         for number in beside:
-            self._way(self.approaches[number])
+            self._ways(number)
         self._hand.disarm()
 
     def _may_push_aim(self, probe: Probe) -> bool:
-        spec = self._hand.fingers[self.approaches[probe.approach].finger].spec
+        spec = self._specs[self.approaches[probe.approach].finger]
         return isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None
 
     def _beside(self, probe: Probe) -> int | None:
         """The next approach of its finger on the side to come from; None at the end of the aim's range."""
         item = self.approaches[probe.approach]
-        gear = self._kinematics[item.finger].gear_ratio
+        spec = self._specs[item.finger]
+        assert isinstance(spec, SlideFingerConfig)
         before = [
-            (probe.side * (item.aim_rad - other.aim_rad) / gear, number)
+            (further, number)
             for number, other in enumerate(self.approaches)
-            if other.finger == item.finger and probe.side * (item.aim_rad - other.aim_rad) / gear > 1e-6
+            if other.finger == item.finger
+            and (further := probe.side * (_aim_rad(item) - _aim_rad(other)) / spec.aim.gear_ratio) > 1e-6
         ]
         return min(before)[1] if before else None
 
     def _note(self, probes: Sequence[Probe]) -> None:
         for probe in probes:
-            self._way(self.approaches[probe.approach])
+            self._ways(probe.approach)
 
-    def _way(self, approach: SlideApproach) -> int:
-        """From which side the aim will come to its angle, as far as that is sure; noted for the next."""
-        before, way = self._aims.get(approach.finger, (math.nan, 0))
-        moved = (approach.aim_rad - before) / self._kinematics[approach.finger].gear_ratio
-        sure = abs(approach.aim_rad - before) > _SURE_MOVE_RAD
+    def _ways(self, number: int) -> tuple[int, int] | None:
+        """From which side the aim will come to its angle, as far as that is sure; noted for the next.
+
+        None for an arm: its joints move all of the way, and how they came shows where it stands.
+        """
+        item = self.approaches[number]
+        spec = self._specs[item.finger]
+        if isinstance(spec, ArmFingerConfig):
+            return None
+        at = _aim_rad(item)
+        before, way = self._aims.get(item.finger, (math.nan, 0))
+        moved = (at - before) / spec.aim.gear_ratio
+        sure = abs(at - before) > _SURE_MOVE_RAD
         if sure:
             way = 1 if moved > 0 else -1
-        elif approach.aim_rad != before:
+        elif at != before:
             way = 0
-        self._aims[approach.finger] = (approach.aim_rad, way)
-        return way
+        self._aims[item.finger] = (at, way)
+        return way, 0
 
-    def _touched(self, touch: Touch, placing: int, way: int) -> TouchMeasurement | None:
+    def _touched(
+        self, touch: Touch, approach: FingerApproach, placing: int, ways: tuple[int, int] | None
+    ) -> TouchMeasurement | None:
         patch = touch.patch
         if patch is None:
             return None
+        spec, kinematics = self._specs[touch.finger_index], self._kinematics[touch.finger_index]
+        facing = 0.0
+        if ways is None:
+            assert isinstance(spec, ArmFingerConfig)
+            line = planned_turn(self._hand.rig.stage, approach.stage_rad).line_back(line_of(approach))
+            facing = wrap_angle(kinematics.facing_rad(touch.servos) - line.direction_rad)
+            last = line.travel_mm(kinematics.centre_mm(touch.servos))
+            ways = joint_ways(spec, servo_table(kinematics, line, (last - _LAST_MM, last)))
         return TouchMeasurement(
             self._hand.fingers[touch.finger_index].name,
             placing,
             touch.servos,
-            way,
+            ways[0],
             patch.angle_rad,
             patch.angle_half_range_rad,
             patch.force_n,
             patch.force_bound_n,
+            ways[1],
+            float(facing),
         )
 
 
-def approaches_of(rig: RigFile) -> list[SlideApproach]:
-    """Every way that the slides of a rig can go; InputError for a finger that is not a slide."""
-    reach = reach_of(rig, aims=_AIMS)
-    kinematics = [slide_kinematics(finger) for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
-    return [_approach(reach, index, kinematics) for index in reach.of_stage(reach.middle_rad)]
+def approaches_of(rig: RigFile) -> list[ServoPath]:
+    """Every way that the fingers of a rig can go, as their servos go it."""
+    reach = _reach_of(rig)
+    kinematics = [kinematics_of(finger) for finger in rig.fingers]
+    return [_approach(reach, index, rig.fingers, kinematics) for index in reach.of_stage(reach.middle_rad)]
 
 
-def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> SlideApproach:
+def _reach_of(rig: RigFile) -> Reach:
+    arms = any(isinstance(finger, ArmFingerConfig) for finger in rig.fingers)
+    return reach_of(rig, aims=_ARM_AIMS if arms else _AIMS)
+
+
+def joint_ways(spec: ArmFingerConfig, servos_rad: Floats) -> tuple[int, int]:
+    """From which side both joints of an arm came, +1 from below, as servo angles (2, 2) show; 0 if not sure.
+
+    Sure is what has moved on by more than all of the play, and what encoders may be off.
+    """
+    ways = []
+    for joint, turned in zip(
+        (spec.shoulder, spec.elbow), (servos_rad[1] - servos_rad[0]).tolist(), strict=True
+    ):
+        moved = turned / joint.gear_ratio
+        least = 2 * math.radians(joint.backlash_deg) + 2 * TICK_RAD / abs(joint.gear_ratio)
+        ways.append(int(math.copysign(1, moved)) if abs(moved) > least else 0)
+    return ways[0], ways[1]
+
+
+def servo_table(kinematics: FingerKinematics, line: Line, travels_mm: Sequence[float]) -> Floats:
+    """Servo angles (m, 2) after travels along a line."""
+    return np.array([kinematics.servos_rad(line, travel) for travel in travels_mm])
+
+
+def _approach(
+    reach: Reach, index: int, specs: Sequence[FingerConfig], kinematics: Sequence[FingerKinematics]
+) -> ServoPath:
     item = reach.approaches[index]
-    own, line = kinematics[item.finger_index], line_of(item)
-    aim, start = own.servos_rad(line, 0.0)
-    end = own.servos_rad(line, item.travel_mm)[1]
-    return SlideApproach(item.finger_index, aim, start, end)
+    is_arm = isinstance(specs[item.finger_index], ArmFingerConfig)
+    travels = np.linspace(0.0, item.travel_mm, _POSTURES if is_arm else 2).tolist()
+    servos = servo_table(kinematics[item.finger_index], line_of(item), travels)
+    return ServoPath(item.finger_index, servos, item.travel_mm, item.stage_rad)
+
+
+def _aim_rad(approach: ServoPath) -> float:
+    """Servo angle of a slide's aim."""
+    return float(approach.servos_rad[0, 0])

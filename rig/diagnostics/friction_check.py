@@ -7,7 +7,7 @@ carriage that runs more easily leaves the rest to the tip; one that runs harder 
 import math
 from collections.abc import Mapping, Sequence
 
-from palpate.calibration.finger_fit import FingerModel
+from palpate.calibration.fitted_kinematics import FingerModel, SlideModel
 from palpate.calibration.friction import estimate_friction
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference_search import LocatedReference, probes_at_bearing
@@ -25,15 +25,19 @@ def measure_friction(
 ) -> dict[str, float]:
     """Current (A) that each finger's slide needs to move out freely, from the begin of a press head-on.
 
-    A finger whose approaches meet what was located too obliquely is left out. Raises InputError if a slide
-    moved too little.
+    Arms are left out, and a finger whose approaches meet what was located too obliquely. Raises InputError if
+    a slide moved too little.
     """
-    contacts = [probe for probe, _ in probes_at_bearing(found, prober, models, 0.0)]
+    slides = {k for k, model in enumerate(models) if isinstance(model, SlideModel)}
+    contacts = [
+        probe
+        for probe, _ in probes_at_bearing(found, prober, models, 0.0)
+        if prober.approaches[probe.approach].finger in slides
+    ]
     presses = {press.finger: press for press in prober.press(contacts, 0)} if contacts else {}
     return {
-        model.name: abs(estimate_friction([presses[model.name]], model.mm_per_rad).current_a)
-        for model in models
-        if model.name in presses
+        name: abs(estimate_friction([press]).push_n / press.newton_per_a[1])
+        for name, press in presses.items()
     }
 
 

@@ -18,16 +18,14 @@ from palpate.calibration.agreement import (
     touch_covariance,
 )
 from palpate.calibration.finger_fit import (
-    COLUMNS,
-    HEADING,
-    FingerModel,
     Fit,
     ReferencePlacement,
     Touches,
     fit_fingers,
     predict_residuals,
 )
-from palpate.calibration.finger_model import SlideInContact, finger_model
+from palpate.calibration.finger_model import certain_models
+from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
@@ -37,7 +35,7 @@ from palpate.calibration.reference_search import (
     probes_at_bearing,
     touch_arrays,
 )
-from palpate.config import RigFile, SlideFingerConfig
+from palpate.config import FingerConfig, RigFile
 from palpate.config.check_result import FingerTouchOut
 from palpate.errors import InputError
 from palpate.rig.conversion import deflection_mm
@@ -47,7 +45,6 @@ from palpate.rig.motion.contact_from_touch import dent_range_mm
 __all__ = ["Retouch", "compare_retouch", "retouch"]
 
 _BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
-_CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +68,13 @@ def retouch(
 ) -> Retouch:
     """Have a disc put in the middle, touch it with every finger from several sides, and compare.
 
-    In the end every finger presses on it once, on a way whose begin shows its slide's friction.
+    In the end every finger presses on it once; a way that begins so shows a slide's friction.
 
-    `rig`: with its calibration, all its fingers slides; `uncertainties`: of every finger. Raises InputError
+    `rig`: with its calibration; `uncertainties`: of every finger. Raises InputError
     if the disc is not found, or a finger never meets it.
     """
-    specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
-    models = [_as_calibrated(spec) for spec in specs]
+    specs = rig.fingers
+    models = certain_models(specs)
     placings = [ReferencePlacement(disc, (0.0, 0.0))]
     tell(f"putting the {disc.name}")
     prober.put(disc, placings[0].about_mm)
@@ -105,8 +102,8 @@ def compare_retouch(
 
     Every finger must have touched it. Raises InputError if touches are too few to tell anything.
     """
-    specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
-    models = [_as_calibrated(spec) for spec in specs]
+    specs = rig.fingers
+    models = certain_models(specs)
     placings = [ReferencePlacement(disc, (0.0, 0.0))]
     touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches)
@@ -114,7 +111,7 @@ def compare_retouch(
     covariance = touch_covariance(_surface(rig, specs, models, touched, touches, fit), uncertainties)
     covariance += disc.tolerance_mm**2 / 3
     slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
-    first = len(models) * COLUMNS
+    first = fit.values.size
     agreement = compare_touches(fit.residual_mm, slopes[:, first : first + 2], covariance)
     if agreement is None:
         raise InputError(
@@ -133,21 +130,14 @@ def _touched_round(
         grip = []
         for probe, _ in probes_at_bearing(found, prober, models, bearing):
             approach = prober.approaches[probe.approach]
-            grip.append(replace(probe, end_rad=approach.end_rad))
+            grip.append(replace(probe, end_mm=approach.length_mm))
         touched += [item for item in prober.touch(grip, 0) if item is not None]
     return touched
 
 
-def _as_calibrated(spec: SlideFingerConfig) -> FingerModel:
-    """The finger of a calibrated rig, where it is and not elsewhere."""
-    per_rad = spec.slide.mm_per_rad
-    slide = SlideInContact(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
-    return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
-
-
 def _surface(
     rig: RigFile,
-    specs: Sequence[SlideFingerConfig],
+    specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],
     touched: Sequence[TouchMeasurement],
     touches: Touches,
@@ -155,12 +145,13 @@ def _surface(
 ) -> SurfaceContacts:
     """Where all touches, outliers of the fit among them, met the disc."""
     fingers = touches.finger.tolist()
-    travel = np.array(
-        [
-            fit.values[k, HEADING] + (aim - models[k].aim_zero_rad) / models[k].gear_ratio
-            for k, aim in zip(fingers, touches.aim_rad.tolist(), strict=True)
-        ]
-    )
+    travel = np.empty(len(fingers))
+    for k, model in enumerate(models):
+        own = touches.finger == k
+        rows = np.tile(fit.values[k], (int(own.sum()), 1))
+        still = np.zeros((len(rows), 2))
+        travel[own] = model.facing_rad(rows, touches.servos_rad[own], still)
+    travel -= [item.facing_rad for item in touched]
     dents = [
         dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, rig.closing.max_force_n)
         for k, item in zip(fingers, touched, strict=True)

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
-from palpate.config import RigFile
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.emulated.devices import EmulatedRig, emulate
 from palpate.rig.emulated.scene import Placement, moved
 
-__all__ = ["in_hand_frame", "placement_in_hand_frame"]
+__all__ = ["built_pose", "in_hand_frame", "placement_in_hand_frame"]
 
 
 def placement_in_hand_frame(
@@ -42,6 +42,16 @@ def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTru
     `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
     """
     drawn = [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
-    moved = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
+    built = [built_pose(spec, truth) for spec, truth in zip(rig.fingers, truths, strict=True)]
+    moved = align_to_nominal(drawn, built)
     x, y = moved.point_mm((placement.x_mm, placement.y_mm))
     return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
+
+
+def built_pose(spec: FingerConfig, truth: FingerTruth | ArmTruth) -> BasePose:
+    """Where a finger really stands; an arm's heading as a calibration has it, with the shoulder's zero."""
+    heading = truth.heading_rad
+    if isinstance(spec, ArmFingerConfig) and isinstance(truth, ArmTruth):
+        described_rad = math.radians(spec.shoulder.zero_deg) - math.pi
+        heading += (described_rad - truth.shoulder.zero_rad) / spec.shoulder.gear_ratio
+    return BasePose(truth.base_mm, heading)

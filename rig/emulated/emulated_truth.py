@@ -31,14 +31,16 @@ def truth_of(
 ) -> FingerTruth | ArmTruth:
     """How this finger really is built.
 
-    `newer` draws the errors of tips, arrays and slides: they came later, and a seed keeps what it has drawn
-    from `rng`.
+    `newer` draws the errors of tips, arrays, slides and joints' zeros: they came later, and a seed
+    keeps what it has drawn from `rng`.
     """
     built = _as_placed(finger, emulation, rng)
     radius = finger.tip.radius_mm + emulation.tip_radius_error_mm * newer.uniform(-1, 1)
     turned = math.radians(emulation.array_heading_error_deg) * newer.uniform(-1, 1)
     built = replace(built, tip_radius_mm=radius, array_heading_rad=built.array_heading_rad + turned)
-    return built if isinstance(built, ArmTruth) else _with_slide_off(built, emulation, newer)
+    if isinstance(built, ArmTruth):
+        return _with_joints_off(built, emulation, newer)
+    return _with_slide_off(built, emulation, newer)
 
 
 def with_yield(
@@ -121,6 +123,18 @@ def start_angles_rad(finger: FingerConfig, rig: RigFile) -> tuple[float, float]:
         return arm_kinematics(finger).servos_at(home)
     nominal = slide_kinematics(finger)
     return nominal.aim_servo_rad(0.0), nominal.slide_servo_rad(finger.slide.range_mm[0] + 1.0)
+
+
+def _with_joints_off(truth: ArmTruth, emulation: EmulationConfig, rng: np.random.Generator) -> ArmTruth:
+    """With both joints' zeros off; where nothing may be off, nothing is drawn: seeds keep what they drew."""
+    most = math.radians(emulation.joint_zero_error_deg)
+    if most == 0:
+        return truth
+
+    def off(joint: JointTruth) -> JointTruth:
+        return replace(joint, zero_rad=joint.zero_rad + joint.gear_ratio * most * rng.uniform(-1, 1))
+
+    return replace(truth, shoulder=off(truth.shoulder), elbow=off(truth.elbow))
 
 
 def _with_slide_off(truth: FingerTruth, emulation: EmulationConfig, rng: np.random.Generator) -> FingerTruth:

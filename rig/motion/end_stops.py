@@ -66,10 +66,14 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
 
 
 def swing(hand: Hand) -> list[float]:
-    """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median."""
+    """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median.
+
+    0 for an arm, which has no aim and stays where it is.
+    """
     hand.arm()
     retract_all(hand)
-    aims = [finger.drive.servos[0] for finger in hand.fingers]
+    slides = [finger for finger in hand.fingers if isinstance(finger.kinematics, SlideKinematics)]
+    aims = [finger.drive.servos[0] for finger in slides]
     start = {aim: hand.states([aim])[aim.dxl_id].position_rad for aim in aims}
     seen: dict[Servo, list[float]] = {aim: [] for aim in aims}
     for aim in aims:
@@ -82,17 +86,18 @@ def swing(hand: Hand) -> list[float]:
                 if abs(state.velocity_rad_s) > _TURNING_RAD_S:
                     along = math.copysign(state.current_a, state.current_a * state.velocity_rad_s)
                     seen[mover.servo].append(along)
-    for finger in hand.fingers:
+    for finger in slides:
         finger.drive.servos[0].set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
     hand.disarm()
-    return [float(np.median(seen[aim])) if seen[aim] else 0.0 for aim in aims]
+    needed = {aim: float(np.median(found)) for aim, found in seen.items() if found}
+    return [needed.get(finger.drive.servos[0], 0.0) for finger in hand.fingers]
 
 
 def slide_of(finger: HostFinger) -> SlideKinematics:
     """Kinematics of a slide; InputError for a finger of another type."""
     if not isinstance(finger.kinematics, SlideKinematics):
         raise InputError(
-            f'finger {finger.name} is of type "two-link"; only fingers of type "slide" can be calibrated'
+            f'finger {finger.name} is of type "two-link"; only slides are driven against their stops'
         )
     return finger.kinematics
 

@@ -13,7 +13,10 @@ import numpy as np
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, StopMeasurement
 from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.state import ServoState
+from palpate.drivers.finger import TICK_RAD, FingerKinematics, Servos
 from palpate.errors import DeviceError, SafetyStop
+from palpate.geometry import Floats, Ints
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
@@ -31,6 +34,8 @@ _PERIOD_S = 0.01
 _STILL_MM = 0.03
 _STILL_S = 0.25
 _SETTLE_S = 0.15
+_TURN_RAD = 1e-4  # of differences in place of derivatives
+_STANDS_RAD_MM = 1e-6  # a servo that turns less along the way does not move
 _GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
 
 _K = TypeVar("_K")
@@ -71,15 +76,14 @@ def stop_at_speed(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Sto
             f"finger {missing[0].finger.name} detected no contact where it had touched the reference before; "
             "if that was moved, begin again and see that it stands firmly"
         )
-    felt_rad = {run: run.servos[1] for run in runs}
+    felt_mm = {run: run.travel_mm for run in runs}
     hand.pause(_SETTLE_S)
     look(hand, runs)
     stops = []
+    period = 1 / hand.rig.closing.sample_rate_hz
     for run, (_, contact) in zip(runs, contacts, strict=True):
-        contact_rad = run.finger.kinematics.servos_rad(run.line, contact)[1]
-        period = 1 / hand.rig.closing.sample_rate_hz
         stops.append(
-            StopMeasurement(run.finger.name, speed_mm_s, felt_rad[run], run.servos[1], contact_rad, period)
+            StopMeasurement(run.finger.name, speed_mm_s, felt_mm[run], run.travel_mm, contact, period)
         )
     _end(hand, runs)
     return stops
@@ -106,7 +110,9 @@ class _PressMover(TipMover):
         super().__init__(hand, run, contact_mm + _DEPTH_MM, _SPEED_MM_S, math.inf, others)
         self._back_mm = max(contact_mm - _LEAD_MM, 0.0)
         self._leg, self._turns = IN, False
-        self._rows: list[tuple[float, float, int]] = []
+        self._servos: list[Servos] = []
+        self._currents: list[tuple[float, float]] = []
+        self._legs: list[int] = []
         self._counts: list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]] = []
         self._force_n = 0.0
         self._still_s, self._still_mm = math.inf, math.inf
@@ -121,9 +127,10 @@ class _PressMover(TipMover):
             return
         self._force_n = reading.force_n
         touching = reading.force_n > self.hand.rig.closing.contact_force_n
-        slide = states[self.servos[1].dxl_id]
-        leg = self._leg if touching or self._leg == OUT else FREE
-        self._rows.append((slide.position_rad, _outward(self.run) * slide.current_a, leg))
+        near, far = (states[servo.dxl_id] for servo in self.servos)
+        self._servos.append((near.position_rad, far.position_rad))
+        self._currents.append((near.current_a, far.current_a))
+        self._legs.append(self._leg if touching or self._leg == OUT else FREE)
         baseline = self.finger.extractor.baseline.mean
         self._counts.append(np.mean([frame.counts for frame in reading.frames], axis=0) - baseline)
 
@@ -137,30 +144,80 @@ class _PressMover(TipMover):
         return End.ENOUGH if self._leg == OUT and stands else None
 
     def stream(self, now: float) -> ServoGoals:
-        """The way out, once."""
+        """The way out, once; else what the drive has to write."""
         if not self._turns:
-            return {}
+            return super().stream(now)
         self._turns = False
         return self.start(now)
 
     def press(self, placing: int) -> PressMeasurement:
         """What was kept."""
-        rows = np.array(self._rows)
+        leg = np.array(self._legs, dtype=np.int64)
+        drive = _Drive(self.run, np.array(self._servos), np.array(self._currents), leg)
         return PressMeasurement(
             self.finger.name,
             placing,
-            self.run.servos[0],
-            rows[:, 0],
-            rows[:, 1],
-            rows[:, 2].astype(np.int64),
+            drive.travel_mm,
+            drive.push_n,
+            leg,
             np.array(self._counts),
+            drive.step_mm,
+            drive.push_step_n,
+            drive.aside_mm if self.streams else np.zeros(len(leg)),
+            drive.facing_rad,
+            (float(drive.newton_per_a[0]), float(drive.newton_per_a[1])),
+            (float(drive.free_a[0]), float(drive.free_a[1])),
+            drive.friction_sigma_n if self.streams else 0.0,
         )
 
 
-def _outward(run: ApproachState) -> float:
-    """+1 if growing angles of the slide's servo push the tip out, else -1."""
-    first, last = (run.finger.kinematics.servos_rad(run.line, travel)[1] for travel in (0.0, 1.0))
-    return math.copysign(1.0, last - first)
+class _Drive:
+    """What servos' angles and currents (n, 2) of a press say of its tip, along its way.
+
+    A force f on the tip loads servo k with f · e, where e is what a turn of it moves the tip by: currents and
+    the postures' Jacobian tell the force (virtual work). What servos need on the free way is their friction.
+    """
+
+    def __init__(self, run: ApproachState, servos_rad: Floats, current_a: Floats, leg: Ints) -> None:
+        finger, line = run.finger, run.line
+        kinematics = finger.kinematics
+        along = np.array([math.cos(line.direction_rad), math.sin(line.direction_rad)])
+        centres = np.array([kinematics.centre_mm((near, far)) for near, far in servos_rad.tolist()])
+        away = centres - line.start_mm
+        self.travel_mm: Floats = away @ along
+        self.aside_mm: Floats = away @ [-along[1], along[0]]
+        facing = np.array([kinematics.facing_rad((near, far)) for near, far in servos_rad.tolist()])
+        self.facing_rad: Floats = wrap_angle(facing - line.direction_rad)
+        moves = np.array([_moves_mm(kinematics, (near, far)) for near, far in servos_rad.tolist()])
+        rates = np.linalg.solve(moves, np.tile(along[:, None], (len(moves), 1, 1)))[:, :, 0]
+        torques = [servo.model.known_torque for servo in finger.drive.servos]
+        # Newton along the way for each ampere, (n, 2).
+        worth = 1e3 * rates * [torque.nm_per_a for torque in torques]
+        worth = np.where(np.abs(rates) < _STANDS_RAD_MM, 0.0, worth)
+        free = np.flatnonzero(leg == FREE)
+        free = free[len(free) // 3 :]  # it has gathered speed
+        resting = np.median(current_a[free], axis=0) if len(free) else np.zeros(2)
+        at_contact = worth[free[-1]] if len(free) else worth[0]
+        self.push_n: Floats = (worth * (current_a - resting)).sum(axis=1) + float(at_contact @ resting)
+        self.newton_per_a: Floats = at_contact
+        self.free_a: Floats = np.where(at_contact == 0, math.nan, resting * np.sign(at_contact))
+        # What friction can take, by how currents differ while the way is free: it may point either way.
+        scatter = np.std(current_a[free], axis=0) if len(free) else np.zeros(2)
+        self.friction_sigma_n = float(np.hypot(*(at_contact * (np.abs(resting) + scatter))))
+        units = np.array([torque.current_unit_a for torque in torques])
+        self.push_step_n = float(np.hypot(*(at_contact * units)))
+        steps = np.abs(np.einsum("kx,x->k", moves[0].T, along)) * TICK_RAD
+        self.step_mm = float(steps[at_contact != 0].max())
+
+
+def _moves_mm(kinematics: FingerKinematics, servos_rad: Servos) -> Floats:
+    """What turns of both servos move the tip by, mm/rad: columns of (2, 2)."""
+    near, far = servos_rad
+    ends = [
+        np.subtract(kinematics.centre_mm((near + a, far + b)), kinematics.centre_mm((near - a, far - b)))
+        for a, b in ((_TURN_RAD, 0.0), (0.0, _TURN_RAD))
+    ]
+    return np.column_stack(ends) / (2 * _TURN_RAD)
 
 
 def _made_ready(hand: Hand, ways: Contacts) -> list[ApproachState]:

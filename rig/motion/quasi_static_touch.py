@@ -3,6 +3,8 @@
 A slide that is stopped comes to rest in the same part of an encoder
 step again and again, and in which part depends on how obliquely it touches: so the rounding of resting
 positions does not average out over touches. While a slide creeps over whole steps, it does.
+An arm moves both its joints, whose steps are larger: it creeps over a stretch of its way, and both are
+averaged.
 """
 
 import math
@@ -12,7 +14,7 @@ import numpy as np
 
 from palpate.drivers.dynamixel.guarded import End
 from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Ints
@@ -27,6 +29,7 @@ _SPEED_MM_S = 1.0
 _FAR_MM = 1.5  # no creep goes further; the servo lags behind its goal
 _BEFORE = 2  # steps until it moves evenly
 _STEPS = 8
+_ARM_STEP_MM = 0.05  # of an arm's way, in place of an encoder's
 _LONGEST_S = 2.0
 
 
@@ -52,7 +55,9 @@ class _CreepMover(TipMover):
     def __init__(self, hand: Hand, run: ApproachState, others: Sequence[ApproachState]) -> None:
         super().__init__(hand, run, run.travel_mm + _FAR_MM, _SPEED_MM_S, math.inf, others)
         self._rested = run.servos
+        self._rested_mm = run.travel_mm
         self._ticks: list[int] = []
+        self._seen: list[Servos] = []
         self._frames: list[Sequence[TactileFrame]] = []
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
@@ -60,7 +65,8 @@ class _CreepMover(TipMover):
         super().look(states, now)
         reading = self.hand.take_reading(self.finger)
         if reading.frames:
-            self._ticks.append(round(abs(self.run.servos[1] - self._rested[1]) / TICK_RAD))
+            self._ticks.append(self._gone())
+            self._seen.append(self.run.servos)
             self._frames.append(reading.frames)
 
     def until(self, now: float) -> End | None:
@@ -76,12 +82,23 @@ class _CreepMover(TipMover):
         return End.STALL
 
     def mean(self, now: float) -> ContactPatch | None:
-        """The patch in the mean of the steps that count; the run's slide is then where it was in the mean."""
+        """The patch in the mean of the steps that count; the run's servos are where they were in the mean."""
         counted = self.counted.tolist()
+        frames = [frame for k in counted for frame in self._frames[k]]
+        if self.streams:
+            near, far = np.mean([self._seen[k] for k in counted], axis=0).tolist()
+            self.run.seen((near, far), now)
+            return self.finger.extractor.extract(frames)
         near, far = self._rested
         gone = float(np.mean([self._ticks[k] for k in counted]))
         self.run.seen((near, far + self._way * gone * TICK_RAD), now)
-        return self.finger.extractor.extract([frame for k in counted for frame in self._frames[k]])
+        return self.finger.extractor.extract(frames)
+
+    def _gone(self) -> int:
+        """Steps since it rested: of the slide's encoder, or of an arm's way."""
+        if self.streams:
+            return round((self.run.travel_mm - self._rested_mm) / _ARM_STEP_MM)
+        return round(abs(self.run.servos[1] - self._rested[1]) / TICK_RAD)
 
     @property
     def counted(self) -> Ints:

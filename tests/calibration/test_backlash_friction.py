@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from servo_console import Console
+from slide_press import slide_press
 
 from palpate.calibration.backlash import Backlash, combine_backlash, estimate_backlash
 from palpate.calibration.friction import estimate_friction
@@ -26,7 +27,7 @@ DENT_MM = 1.2
 def press_of(drive_mm: Floats, leg: Ints, mm_per_rad: float, current_a: Floats) -> PressMeasurement:
     """The press that a servo with encoder steps reports for a drive at `drive_mm`."""
     slide = np.round(drive_mm / mm_per_rad / TICK_RAD) * TICK_RAD
-    return PressMeasurement("f1", 0, 0.0, slide, current_a, leg, np.zeros((len(leg), 1, 1)))
+    return slide_press(slide, mm_per_rad, current_a, leg)
 
 
 def simulated(
@@ -72,14 +73,14 @@ def test_half_play_within_a_hundredth(
         press, force = simulated(
             half, seed + trial, power=power, out_speed=out_speed, noise_n=noise, mm_per_rad=mm_per_rad
         )
-        plays.append(estimate_backlash(press, force, mm_per_rad))
+        plays.append(estimate_backlash(press, force))
     assert combine_backlash(plays).half_mm == pytest.approx(half, abs=0.01)
     assert all(abs(play.half_mm - half) < max(5 * play.sigma_mm, 0.005) for play in plays)
 
 
 def test_no_play_is_nearly_none() -> None:
     press, force = simulated(0.0, 1)
-    assert estimate_backlash(press, force, MM_PER_RAD).half_mm < 0.01
+    assert estimate_backlash(press, force).half_mm < 0.01
 
 
 def test_a_force_that_is_older_than_the_angle_is_no_play() -> None:
@@ -88,23 +89,23 @@ def test_a_force_that_is_older_than_the_angle_is_no_play() -> None:
         [force[:1], (force[1:] + force[:-1]) / 2]
     )  # as if averaged since the sample before
     speed_mm = 0.008  # a sample, going in
-    naive = estimate_backlash(press, older, MM_PER_RAD).half_mm
-    assert estimate_backlash(press, older, MM_PER_RAD, 0.5).half_mm == pytest.approx(0.05, abs=0.002)
+    naive = estimate_backlash(press, older).half_mm
+    assert estimate_backlash(press, older, 0.5).half_mm == pytest.approx(0.05, abs=0.002)
     assert naive - 0.05 == pytest.approx(speed_mm / 2, abs=0.002)
 
 
 def test_a_drive_that_winds_up_counts_as_lost_motion() -> None:
     press, force = simulated(0.05, 2)
     wound = np.select([press.leg == IN, press.leg == OUT], [0.02, -0.02]) / MM_PER_RAD
-    wound_up = replace(press, slide_rad=press.slide_rad + wound)
-    assert estimate_backlash(wound_up, force, MM_PER_RAD).half_mm == pytest.approx(0.05 + 0.02, abs=0.005)
+    wound_up = replace(press, travel_mm=press.travel_mm + MM_PER_RAD * wound)
+    assert estimate_backlash(wound_up, force).half_mm == pytest.approx(0.05 + 0.02, abs=0.005)
 
 
 def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
     press, force = simulated(0.1, 2)
     full = force.max()
     lost = np.where(press.leg == OUT, 0.15 * 4 * force * (full - force) / full**2, 0.0)  # N, none at the ends
-    plain, hidden = (estimate_backlash(press, each, MM_PER_RAD) for each in (force, force - lost))
+    plain, hidden = (estimate_backlash(press, each) for each in (force, force - lost))
     # on average over the slices 0.12 N less going back, at 3 N/mm
     assert plain.half_mm - hidden.half_mm == pytest.approx(0.02, abs=0.005)
     assert hidden.sigma_mm > plain.sigma_mm
@@ -113,17 +114,16 @@ def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
 def test_a_press_without_a_way_back_is_refused() -> None:
     press, force = simulated(0.05, 3)
     cut = press.leg != OUT
-    short = PressMeasurement(
-        "f1", 4, 0.0, press.slide_rad[cut], press.current_a[cut], press.leg[cut], press.counts[cut]
-    )
+    slide = press.travel_mm[cut] / MM_PER_RAD
+    short = slide_press(slide, MM_PER_RAD, press.push_n[cut], press.leg[cut], placing=4)
     with pytest.raises(InputError, match=r"finger f1, placing 4: .* press harder or more slowly"):
-        estimate_backlash(short, force[cut], MM_PER_RAD)
+        estimate_backlash(short, force[cut])
 
 
 def test_a_press_that_felt_nothing_is_refused() -> None:
     press, _ = simulated(0.05, 3)
     with pytest.raises(InputError, match="too few"):
-        estimate_backlash(press, np.zeros(len(press.leg)), MM_PER_RAD)
+        estimate_backlash(press, np.zeros(len(press.leg)))
 
 
 def test_one_bad_press_does_not_carry_the_day() -> None:
@@ -159,19 +159,17 @@ def emulated_press(half_mm: float) -> tuple[PressMeasurement, Floats]:
             current.append(console.read(126, 2) * 2.69e-3)
             force.append(push)
     legs = np.array(leg)
-    press = PressMeasurement(
-        "f1", 0, 0.0, np.array(slide), np.array(current), legs, np.zeros((len(legs), 1, 1))
-    )
+    press = slide_press(np.array(slide), MM_PER_RAD, np.array(current), legs)
     return press, np.array(force)
 
 
 def test_emulated_servo_and_mechanics() -> None:
     press, force = emulated_press(0.08)
     assert force.max() > 2.0
-    assert estimate_backlash(press, force, MM_PER_RAD).half_mm == pytest.approx(0.08, abs=0.01)
-    friction = estimate_friction([press], MM_PER_RAD)
+    assert estimate_backlash(press, force).half_mm == pytest.approx(0.08, abs=0.01)
+    friction = estimate_friction([press])
     # gear friction of the emulated motor by its torque constant: 0.05 N·m / (4.1 N·m / 2.3 A)
-    assert friction.current_a == pytest.approx(0.05 * 2.3 / 4.1, abs=0.006)
+    assert friction.push_n == pytest.approx(0.05 * 2.3 / 4.1, abs=0.006)
     assert friction.direction == 1
 
 
@@ -181,16 +179,13 @@ def test_friction_of_moving_samples_only(sign: float) -> None:
     drive = np.concatenate([np.zeros(100), np.linspace(0, 3, 200), np.full(100, 3.0)])
     current = np.where((drive > 0) & (drive < 3), 0.05, 0.4) + rng.normal(0, 0.01, 400)
     press = press_of(drive, np.full(400, FREE), sign * MM_PER_RAD, current)
-    found = estimate_friction([press], sign * MM_PER_RAD)
-    assert found.current_a == pytest.approx(0.05, abs=0.005)
+    found = estimate_friction([press])
+    assert found.push_n == pytest.approx(0.05, abs=0.005)
     assert found.direction == 1
-    assert (
-        estimate_friction([press_of(drive, np.full(400, FREE), MM_PER_RAD, -current)], MM_PER_RAD).direction
-        == -1
-    )
+    assert estimate_friction([press_of(drive, np.full(400, FREE), MM_PER_RAD, -current)]).direction == -1
 
 
 def test_friction_needs_motion() -> None:
     press = press_of(np.zeros(100), np.full(100, FREE), MM_PER_RAD, np.zeros(100))
     with pytest.raises(InputError, match=r"finger f1: .* in 0 samples only"):
-        estimate_friction([press], MM_PER_RAD)
+        estimate_friction([press])

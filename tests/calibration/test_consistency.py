@@ -120,7 +120,7 @@ def test_one_that_moved_between_touches_is_refused(number: int) -> None:
 
 def joined(one: Touches, first: Ints, other: Touches, second: Ints) -> Touches:
     """Some touches of both."""
-    names = ("finger", "placing", "aim_rad", "slide_rad", "way", "dent_mm", "sigma_mm", "used")
+    names = ("finger", "placing", "servos_rad", "ways", "dent_mm", "sigma_mm", "used")
     return Touches(*(np.concatenate([getattr(one, k)[first], getattr(other, k)[second]]) for k in names))
 
 

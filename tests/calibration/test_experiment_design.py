@@ -29,7 +29,7 @@ from palpate.calibration.experiment_design import (
     probes_towards,
 )
 from palpate.calibration.finger_fit import Fit, fit_fingers
-from palpate.calibration.prober import SlideApproach
+from palpate.calibration.prober import ServoPath
 
 FIRST_MM, LAST_MM = 50.0, 245.0
 AIMS = 25
@@ -37,7 +37,7 @@ PLACING = 2
 FEW = 2  # touches of each finger by which the plate was found
 
 
-def approaches() -> list[SlideApproach]:
+def approaches() -> list[ServoPath]:
     """Ways of all fingers, a degree or so apart, from near their bases through the table's middle."""
     found = []
     for index, model in enumerate(models()):
@@ -45,7 +45,7 @@ def approaches() -> list[SlideApproach]:
             direction = float(model.prior[HEADING] + off)
             aim, start = servos_rad(model.prior, index, direction, FIRST_MM, 0.0)
             end = servos_rad(model.prior, index, direction, LAST_MM, 0.0)[1]
-            found.append(SlideApproach(index, aim, start, end))
+            found.append(ServoPath(index, np.array([[aim, start], [aim, end]]), LAST_MM - FIRST_MM))
     return found
 
 
@@ -73,9 +73,9 @@ def as_fitted(fit: Fit) -> Laid:
     return laid(placings()[PLACING].reference, float(x), float(y), float(theta))
 
 
-def direction_rad(fit: Fit, approach: SlideApproach) -> float:
+def direction_rad(fit: Fit, approach: ServoPath) -> float:
     own = approach.finger
-    return float(fit.values[own, HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[own]) / GEARS[own])
+    return float(fit.values[own, HEADING] + (approach.servos_rad[0, 0] - AIM_ZEROS_RAD[own]) / GEARS[own])
 
 
 def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, predicted: PredictedTouches) -> None:
@@ -84,14 +84,15 @@ def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, predicte
         own = fit.values[approach.finger]
         expected = met(own[:2], direction_rad(fit, approach), plate, own[3])
         if expected is None:
-            assert math.isnan(predicted.slide_rad[k])
+            assert math.isnan(predicted.travel_mm[k])
             continue
         if expected.room_mm == 0.0:
             assert not predicted.good[k]
             continue
         hits += 1
         _, slide = servos_rad(own, approach.finger, 0.0, expected.travel_mm, 0.0)
-        assert predicted.slide_rad[k] == pytest.approx(slide, abs=1e-5)
+        (found,) = approach.servos_at(predicted.travel_mm[[k]])
+        assert found[1] == pytest.approx(slide, abs=1e-5)
         assert predicted.oblique_rad[k] == pytest.approx(expected.oblique_rad, abs=1e-4)
         assert predicted.room_mm[k] == pytest.approx(expected.room_mm, abs=1e-3)
         wanted = abs(expected.oblique_rad) <= math.radians(48.0) and expected.room_mm >= 4.0
@@ -131,9 +132,9 @@ def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
     every = approaches()
     for grip in choose_touches(predicted, every, models(), fit.covariance, SIGMA_MM, 4):
         for probe in grip:
-            approach, model = every[probe.approach], models()[every[probe.approach].finger]
-            beyond = (probe.end_rad - predicted.slide_rad[probe.approach]) * model.mm_per_rad
-            left = (approach.end_rad - predicted.slide_rad[probe.approach]) * model.mm_per_rad
+            approach = every[probe.approach]
+            beyond = probe.end_mm - predicted.travel_mm[probe.approach]
+            left = approach.length_mm - predicted.travel_mm[probe.approach]
             assert beyond == pytest.approx(min(12.0, left))
 
 
@@ -141,7 +142,7 @@ def test_a_finger_without_good_touches_takes_no_part(fit: Fit, predicted: Predic
     every = approaches()
     mine = np.array([approach.finger == 1 for approach in every])
     nowhere = PredictedTouches(
-        np.where(mine, np.nan, predicted.slide_rad), predicted.oblique_rad, predicted.room_mm, predicted.rows
+        np.where(mine, np.nan, predicted.travel_mm), predicted.oblique_rad, predicted.room_mm, predicted.rows
     )
     for grip in choose_touches(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):
         assert [every[probe.approach].finger for probe in grip] == [0, 2]
@@ -157,10 +158,10 @@ def test_approaches_pass_a_point_at_the_distance_asked_for() -> None:
         for probe in grip:
             approach = every[probe.approach]
             finger, own = approach.finger, values[approach.finger]
-            angle = own[HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[finger]) / GEARS[finger]
+            angle = own[HEADING] + (approach.servos_rad[0, 0] - AIM_ZEROS_RAD[finger]) / GEARS[finger]
             rel = np.array(point) - own[:2]
             passed.append(float(math.cos(angle) * rel[1] - math.sin(angle) * rel[0]))
-            assert probe.end_rad == approach.end_rad
+            assert probe.end_mm == approach.length_mm
     sides = np.array(passed).reshape(3, 3)
     # Half of what lies between two approaches there.
     step = 200 * math.radians(34.0) / (AIMS - 1) / 2

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 from touched_references import (
+    COLUMNS,
     HEADING,
     RADIUS,
     SIGMA_MM,
@@ -21,7 +22,7 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predict_residuals
+from palpate.calibration.finger_fit import Fit, Touches, fit_fingers, predict_residuals
 from palpate.calibration.frame_alignment import align_fit
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from touched_references import (
+    COLUMNS,
     HEADING,
     RADIUS,
     SCALE,
@@ -20,7 +21,7 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers
+from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
 from palpate.calibration.frame_alignment import (
     AlignedFit,
     align_fit,
@@ -115,8 +116,8 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
     touched = []
     for k, finger in enumerate(given.finger):
         model = models()[finger]
-        travel = fit.values[finger, HEADING] - given.way[k] * fit.values[finger, 5]
-        travel += (given.aim_rad[k] - model.aim_zero_rad) / model.gear_ratio
+        travel = fit.values[finger, HEADING] - given.ways[k, 0] * fit.values[finger, 5]
+        travel += (given.servos_rad[k, 0] - model.aim_zero_rad) / model.gear_ratio
         into = math.atan2(-fit.normal[k, 1], -fit.normal[k, 0])
         felt = into - travel - turned[finger] + rng.normal(0, 0.01)
         felt = math.remainder(felt + (0.5 if k == 4 else 0.0), 2 * math.pi)

@@ -16,7 +16,6 @@ from palpate.calibration.prober import Probe
 from palpate.calibration.reference import ReferenceDisc
 from palpate.calibration.touch_load import touch_loads
 from palpate.config import RigFile, SlideFingerConfig, load_rig
-from palpate.drivers.dynamixel.models import model_named
 
 FRICTION = 0.4
 DISC = ReferenceDisc("disc", 25.0)
@@ -43,9 +42,6 @@ def pressed(rig: RigFile, seed: int) -> tuple[SimulatedRig, list[PressAtBearing]
     world = SimulatedRig(rig, seed)
     prober = SimulatedProber(world, rig)
     prober.put(DISC, (0.0, 0.0))
-    spec = rig.fingers[0]
-    assert isinstance(spec, SlideFingerConfig)
-    per_a = model_named(spec.slide.model).known_torque.nm_per_a / (spec.slide.mm_per_rad / 1000)
     found = []
     for number, item in enumerate(prober.approaches):
         if item.finger != 0 or number % 2:
@@ -53,8 +49,8 @@ def pressed(rig: RigFile, seed: int) -> tuple[SimulatedRig, list[PressAtBearing]
         bearing = prober.bearing_rad(number)
         if bearing is None or abs(bearing) > math.radians(47):
             continue
-        (press,) = prober.press([Probe(number, item.end_rad, int(np.sign(bearing)))], 0)
-        found.append(PressAtBearing(press, bearing, math.radians(0.3), 1 / DISC.radius_mm, per_a))
+        (press,) = prober.press([Probe(number, item.length_mm, int(np.sign(bearing)))], 0)
+        found.append(PressAtBearing(press, bearing, math.radians(0.3), 1 / DISC.radius_mm))
     return world, found
 
 
@@ -67,7 +63,7 @@ def test_friction_and_softness_are_told_from_gains() -> None:
     description = world.fingers[0].array.description
     idle = analyse_idle(SimulatedProber(world, rig).idle(2.0)[:1], description.max_count)
     full = description.max_count - 0.5 - idle.zero_counts
-    levels = average_levels(presses, idle.live, full, idle.noise_counts, spec.slide.mm_per_rad)
+    levels = average_levels(presses, idle.live, full, idle.noise_counts)
     rows = np.full(description.cols, description.rows)
     found = fit_presses(
         presses, levels, levels.counts.mean(axis=1), rows, idle.noise_counts, description, spec
@@ -92,7 +88,7 @@ def test_loads_of_touches_by_their_rule() -> None:
     specs = [spec for spec in loaded_rig().fingers if isinstance(spec, SlideFingerConfig)]
     loads = touch_loads([touch(0.0), touch(45.0), touch(-45.0), touch(5.0)], specs)
     assert loads.side.tolist() == [0, 1, -1, 1]
-    assert loads.flank.tolist() == [0, 1, -1, 1]
+    assert loads.pushes.tolist() == [[True, False]] * 4
     # Half of what is declared, and of the push what friction leaves: a third where it sticks, 0.4 at 45°.
     small = math.sin(math.radians(5)) ** 2
     assert loads.give_mm == pytest.approx(0.1 * 0.5 * np.array([0, 0.5 * 0.35, 0.5 * 0.35, small / 3]))
@@ -102,7 +98,7 @@ def test_loads_of_touches_by_their_rule() -> None:
     assert loads.sheared_rad[3] == pytest.approx(math.tan(math.radians(5)) * 0.5 / 3.0 / 5.0 / 2)
     assert loads.sheared_rad[0] == 0
     held = [replaced(spec) for spec in specs]
-    assert touch_loads([touch(45.0)], held).flank.tolist() == [0]
+    assert not touch_loads([touch(45.0)], held).pushes.any()
 
 
 def replaced(spec: SlideFingerConfig) -> SlideFingerConfig:

@@ -11,6 +11,7 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
 MM_PER_RAD = 100 / (2 * np.pi)
+STEP_MM = MM_PER_RAD * TICK_RAD
 TOUCH_MM_S = 5.0
 WAIT_S = 0.004
 
@@ -23,7 +24,7 @@ def stops_of(
 
     def stands(speed: float) -> float:
         place = 60.1 + speed * (fixed_s + rng.uniform(0, WAIT_S))
-        return float(np.round(place / mm_per_rad / TICK_RAD) * TICK_RAD)
+        return float(np.round(place / mm_per_rad / TICK_RAD) * TICK_RAD * mm_per_rad)
 
     return [
         StopMeasurement("f1", speed, 0.0, stands(speed), stands(TOUCH_MM_S), WAIT_S)
@@ -39,9 +40,7 @@ def stops_of(
     mm_per_rad=st.sampled_from([MM_PER_RAD, -MM_PER_RAD]),
 )
 def test_latency_and_its_bound(fixed: float, seed: int, mm_per_rad: float) -> None:
-    found = fit_latency(
-        stops_of(fixed, [10.0, 20.0, 40.0], 4, seed, mm_per_rad), mm_per_rad, TOUCH_MM_S, 0.999
-    )
+    found = fit_latency(stops_of(fixed, [10.0, 20.0, 40.0], 4, seed, mm_per_rad), STEP_MM, TOUCH_MM_S, 0.999)
     assert found.latency_s == pytest.approx(fixed + WAIT_S / 2, abs=0.002)
     assert found.latency_bound_s >= fixed + WAIT_S
     assert found.latency_bound_s < fixed + 4 * WAIT_S
@@ -52,8 +51,8 @@ def test_latency_and_its_bound(fixed: float, seed: int, mm_per_rad: float) -> No
 
 
 def test_bounds_cover_further_stops() -> None:
-    found = fit_latency(stops_of(0.006, [20.0], 8, 1), MM_PER_RAD, TOUCH_MM_S, 0.999)
-    later = fit_latency(stops_of(0.006, [20.0], 500, 2), MM_PER_RAD, TOUCH_MM_S, 0.999)
+    found = fit_latency(stops_of(0.006, [20.0], 8, 1), STEP_MM, TOUCH_MM_S, 0.999)
+    later = fit_latency(stops_of(0.006, [20.0], 500, 2), STEP_MM, TOUCH_MM_S, 0.999)
     assert later.overshoots[0].largest_mm <= found.overshoots[0].bound_mm
 
 
@@ -65,16 +64,16 @@ def test_scatter_beyond_the_wait_widens_the_bound() -> None:
             "f1",
             s.speed_mm_s,
             0.0,
-            s.stood_rad + s.speed_mm_s * rng.exponential(0.01) / MM_PER_RAD,
-            s.contact_rad,
+            s.stood_mm + s.speed_mm_s * rng.exponential(0.01),
+            s.contact_mm,
             WAIT_S,
         )
         for s in calm
     ]
-    bounds = [fit_latency(stops, MM_PER_RAD, TOUCH_MM_S, 0.999).latency_bound_s for stops in (calm, late)]
+    bounds = [fit_latency(stops, STEP_MM, TOUCH_MM_S, 0.999).latency_bound_s for stops in (calm, late)]
     assert bounds[1] > 2 * bounds[0]
 
 
 def test_slow_stops_say_nothing() -> None:
     with pytest.raises(InputError, match="finger f1: 2 stops were faster"):
-        fit_latency(stops_of(0.006, [5.0, 20.0], 2, 1), MM_PER_RAD, TOUCH_MM_S, 0.999)
+        fit_latency(stops_of(0.006, [5.0, 20.0], 2, 1), STEP_MM, TOUCH_MM_S, 0.999)

@@ -47,7 +47,7 @@ def test_nothing_moves_unless_somebody_says_yes(
 @pytest.mark.parametrize(
     ("rig_file", "change", "message"),
     [
-        ("two-link-rig.toml", None, 'is of type "two-link"; only rigs whose fingers are all of type "slide"'),
+        ("fresh-arms.toml", None, "links of finger a1 pass at 30 mm: use lower references"),
         ("fresh-rig.toml", ("height_mm = 10.0", "height_mm = 45.0"), "references must stand higher"),
     ],
 )

@@ -75,7 +75,7 @@ def _calibrate(host: Host, _folder: Path) -> None:
         middles = [_middle(prober, finger) for finger in range(len(session.rig.fingers))]
         touched = prober.touch(middles, 0)
         contacts = [
-            Probe(probe.approach, found.servos_rad[1])
+            Probe(probe.approach, _travel_mm(prober, probe, found.servos_rad[1]))
             for probe, found in zip(middles, touched, strict=True)
             if found is not None
         ]
@@ -86,7 +86,12 @@ def _calibrate(host: Host, _folder: Path) -> None:
 def _middle(prober: HandProber, finger: int) -> Probe:
     own = [k for k, item in enumerate(prober.approaches) if item.finger == finger]
     best = own[len(own) // 2]
-    return Probe(best, prober.approaches[best].end_rad)
+    return Probe(best, prober.approaches[best].length_mm)
+
+
+def _travel_mm(prober: HandProber, probe: Probe, slide_rad: float) -> float:
+    approach = prober.approaches[probe.approach]
+    return float(np.interp(slide_rad, approach.servos_rad[:, 1], [0.0, approach.length_mm]))
 
 
 def _check_touch(host: Host, _folder: Path) -> None:

@@ -10,7 +10,7 @@ import shapely
 from emulated_session import EmulatedSession, emulated_session
 from touched_references import DISC, FRESH
 
-from palpate.calibration.prober import Probe, SlideApproach
+from palpate.calibration.prober import Probe, ServoPath
 from palpate.config import RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
@@ -48,10 +48,14 @@ class ProbedRig:
         for index in range(len(self.session.bench.fingers)):
             own = [k for k, item in enumerate(self.prober.approaches) if item.finger == index]
             best = min(own, key=lambda k: abs(self._aside_mm(self.prober.approaches[k])))
-            found.append(Probe(best, self.contact_rad(self.prober.approaches[best])))
+            found.append(Probe(best, self.contact_mm(self.prober.approaches[best])))
         return found
 
-    def contact_rad(self, approach: SlideApproach) -> float:
+    def contact_mm(self, approach: ServoPath) -> float:
+        """Travel of the host's at which a tip begins to touch."""
+        return travel_mm(approach, self.contact_rad(approach))
+
+    def contact_rad(self, approach: ServoPath) -> float:
         """Angle of the slide's servo at which a tip begins to touch: its drive is a half play ahead of it."""
         truth = self.truth(approach.finger)
         shape, direction = self._shape(), self._direction_rad(approach)
@@ -92,14 +96,20 @@ class ProbedRig:
         assert outline is not None
         return shapely.Polygon(outline.start)
 
-    def _direction_rad(self, approach: SlideApproach) -> float:
+    def _direction_rad(self, approach: ServoPath) -> float:
         truth = self.truth(approach.finger)
-        return truth.heading_rad + (approach.aim_rad - truth.aim_zero_rad) / truth.gear_ratio
+        return truth.heading_rad + (float(approach.servos_rad[0, 0]) - truth.aim_zero_rad) / truth.gear_ratio
 
-    def _aside_mm(self, approach: SlideApproach) -> float:
+    def _aside_mm(self, approach: ServoPath) -> float:
         direction, middle = self._direction_rad(approach), self._shape().centroid
         x, y = self.truth(approach.finger).base_mm
         return math.cos(direction) * (middle.y - y) - math.sin(direction) * (middle.x - x)
+
+
+def travel_mm(approach: ServoPath, slide_rad: float) -> float:
+    """Travel of a slide along an approach whose servo stands at an angle."""
+    start, end = approach.servos_rad[:, 1].tolist()
+    return (slide_rad - start) / (end - start) * approach.length_mm
 
 
 @contextmanager

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from slide_press import slide_press
 
-from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement, PressMeasurement
+from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import PartSection, tip_load
@@ -101,19 +102,16 @@ class PressingFinger:
         outward = np.where(leg == OUT, -1.0, 1.0)
         current = push / NEWTON_PER_A + outward * self.truth.friction_a
         drive = (place + outward * self.truth.play_mm + self._rng.uniform(20, 60)) / MM_PER_RAD
-        made = PressMeasurement(
-            "f1",
-            0,
-            aim,
+        made = slide_press(
             np.rint(drive / TICK_RAD) * TICK_RAD,
+            MM_PER_RAD,
             np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A,
             leg,
             raw - zero,
+            newton_per_a=NEWTON_PER_A,
         )
         told = bearing_rad + bearing_sigma_rad * float(self._rng.standard_normal())
-        return PressAtBearing(
-            made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm, NEWTON_PER_A
-        )
+        return PressAtBearing(made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm)
 
     def _felt(self, way: Floats, bearing: float, disc_mm: float | None, aim: float) -> tuple[Floats, Floats]:
         """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which has direction `aim`.

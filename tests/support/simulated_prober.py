@@ -3,6 +3,7 @@
 Thousands of times faster than the emulated bench, for tests of what calibration does with what it measures.
 """
 
+import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,16 +20,16 @@ from palpate.calibration.measurements import (
     StopMeasurement,
     TouchMeasurement,
 )
-from palpate.calibration.prober import Probe, SlideApproach
+from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
-from palpate.config import CalibrationDevice, RigFile, SlideFingerConfig
+from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
-from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.tip import PartSection, separation_mm
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
+from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
+from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.geometry import Counts, Floats
 from palpate.rig.commissioning.calibration import ConnectedRig
-from palpate.rig.commissioning.rig_prober import approaches_of
+from palpate.rig.commissioning.rig_prober import approaches_of, joint_ways
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.reference_table import outline_of
 
@@ -38,6 +39,10 @@ LATENCY_S = 0.02
 RATE_HZ = 250.0
 STEP_MM = 0.04
 """Travel of a press between two samples: 4 mm/s, 100 of them a second."""
+ARM_N_PER_A, ARM_STEP_MM = 25.0, 0.07
+
+Truth = FingerTruth | ArmTruth
+Ways = tuple[float, float]
 
 
 class SimulatedRig:
@@ -72,10 +77,8 @@ class SimulatedRig:
         ]
         yield ConnectedRig(SimulatedProber(self, rig), arrays, devices, emulated=True)
 
-    def truth(self, finger: int) -> FingerTruth:
-        found = self.fingers[finger].truth
-        assert isinstance(found, FingerTruth)
-        return found
+    def truth(self, finger: int) -> Truth:
+        return self.fingers[finger].truth
 
 
 class SimulatedProber:
@@ -83,7 +86,7 @@ class SimulatedProber:
 
     def __init__(self, world: SimulatedRig, rig: RigFile) -> None:
         self._world = world
-        self.approaches: Sequence[SlideApproach] = approaches_of(rig)
+        self.approaches: Sequence[ServoPath] = _approaches(rig)
         self._aims: dict[int, float] = {}
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
@@ -105,14 +108,10 @@ class SimulatedProber:
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         stops = []
         for probe in contacts:
-            item, truth = (
-                self.approaches[probe.approach],
-                self._world.truth(self.approaches[probe.approach].finger),
-            )
+            name = self._world.rig.fingers[self.approaches[probe.approach].finger].name
             late = LATENCY_S + self._world.rng.uniform(0, 1 / RATE_HZ)
-            stood = self._step(probe.end_rad + speed_mm_s * late / truth.mm_per_rad)
-            name = self._world.rig.fingers[item.finger].name
-            stops.append(StopMeasurement(name, speed_mm_s, stood, stood, probe.end_rad, 1 / RATE_HZ))
+            stood = probe.end_mm + speed_mm_s * late
+            stops.append(StopMeasurement(name, speed_mm_s, stood, stood, probe.end_mm, 1 / RATE_HZ))
         return stops
 
     def swing(self) -> list[float]:
@@ -129,91 +128,101 @@ class SimulatedProber:
 
     def home(self, finger: int, stop_mm: float) -> float:
         truth = self._world.truth(finger)
+        assert isinstance(truth, FingerTruth)
         assert truth.stops_mm is not None
         flank = 1.0 if stop_mm == truth.stops_mm[1] else -1.0
         drive = (stop_mm + flank * truth.slide_play_mm - truth.zero_mm) / truth.mm_per_rad
-        return self._step(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
+        return _step(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
 
     def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
-        item = self.approaches[probe.approach]
+        item, rng = self.approaches[probe.approach], self._world.rng
         truth = self._world.truth(item.finger)
-        way = self._way(probe)
-        dent = FORCE_N / truth.stiffness_n_per_mm
-        found = self._contact(truth, item, way, dent)
-        if found is None or found > probe.end_rad:
+        ways = self._ways(probe)
+        found = self._contact(truth, item, ways, FORCE_N / truth.stiffness_n_per_mm)
+        if found is None or found > probe.end_mm:
             return None
-        centre, travel = _centre(truth, item, way, found)
+        centre, facing = _tip(truth, _stood(truth, item, found), ways)
         towards = _towards(self._world.outline, centre)
-        if self._loads(truth):
-            touched = self._contact(truth, item, way, 0.0)
+        if isinstance(truth, FingerTruth) and self._loads(truth):
+            touched = self._contact(truth, item, ways, 0.0)
             assert touched is not None
-            found, towards, travel = self._pressed(truth, item, way, touched)
-        angle = towards - travel - truth.array_heading_rad + self._world.rng.normal(0, math.radians(0.5))
+            found, towards, facing = self._pressed(truth, item, ways[0], touched)
+        angle = towards - facing - truth.array_heading_rad + rng.normal(0, math.radians(0.5))
+        near, far = _stood(truth, item, found)
+        turned, known = 0.0, (int(ways[0]), 0)
         # Rigs measure on the move, over whole steps: hardly anything of their rounding is left.
-        found += self._world.rng.normal(0, 0.004) / truth.mm_per_rad
+        if isinstance(truth, FingerTruth):
+            far += rng.normal(0, 0.004) / truth.mm_per_rad
+        else:
+            near, far = np.array([near, far]) + rng.normal(0, 0.1 * TICK_RAD, 2)
+            turned = facing - _travel_rad(truth, item, ways, found)
+            known = self._known_ways(item, found)
         return TouchMeasurement(
             self._world.rig.fingers[item.finger].name,
             placing,
-            (self._step(item.aim_rad), found),
-            way,
+            (float(near), float(far)),
+            known[0],
             math.remainder(angle, 2 * math.pi),
             math.radians(3.0),
             FORCE_N,
             0.02,
+            known[1],
+            math.remainder(turned, 2 * math.pi),
         )
 
     def bearing_rad(self, number: int) -> float | None:
         """Where an approach really meets what is put, from the direction of travel; None if it does not."""
         item = self.approaches[number]
         truth = self._world.truth(item.finger)
-        found = self._contact(truth, item, 0, 0.0)
+        found = self._contact(truth, item, (0.0, 0.0), 0.0)
         if found is None:
             return None
-        centre, travel = _centre(truth, item, 0, found)
+        centre, _ = _tip(truth, _stood(truth, item, found), (0.0, 0.0))
+        travel = _travel_rad(truth, item, (0.0, 0.0), found)
         return math.remainder(_towards(self._world.outline, centre) - travel, 2 * math.pi)
 
     def _loads(self, truth: FingerTruth) -> bool:
         return self._world.friction > 0 or truth.aim_yield is not None
 
-    def _tip(self, truth: FingerTruth, item: SlideApproach, way: int) -> LoadedTip:
+    def _loaded(self, truth: FingerTruth, item: ServoPath, way: float) -> LoadedTip:
         assert self._world.outline is not None
-        _, travel = _centre(truth, item, 0, item.start_rad)
-        return LoadedTip(truth, self._world.outline, self._world.friction, travel, way)
+        _, travel = _tip(truth, _stood(truth, item, 0.0), (0.0, 0.0))
+        return LoadedTip(truth, self._world.outline, self._world.friction, travel, int(way))
 
     def _pressed(
-        self, truth: FingerTruth, item: SlideApproach, way: int, touched: float
+        self, truth: FingerTruth, item: ServoPath, way: float, touched: float
     ) -> tuple[float, float, float]:
-        """Slide where the tip is pressed as in a touch; directions to where that is felt, and of the way."""
-        tip, slide, pressed = self._tip(truth, item, way), touched, 0.0
-        found = slide
+        """Travel where the tip is pressed as in a touch; directions to where that is felt, and of the way."""
+        tip, travel, pressed = self._loaded(truth, item, way), touched, 0.0
+        found = travel
         while pressed < FORCE_N:
-            before = (slide, pressed)
-            slide += 0.01 / truth.mm_per_rad
-            load, _ = tip.put(_distance(truth, slide))
+            before = (travel, pressed)
+            travel += 0.01
+            load, _ = tip.put(_distance(truth, _stood(truth, item, travel)[1]))
             if load is None:
                 continue
             pressed = float(load.by_ray_n.sum())
             share = min(max((FORCE_N - before[1]) / max(pressed - before[1], 1e-9), 0.0), 1.0)
-            found = before[0] + share * (slide - before[0])
+            found = before[0] + share * (travel - before[0])
         assert load is not None
         felt = np.angle((load.by_ray_n * np.exp(1j * load.angle)).sum())
         return found, float(felt), tip.travel_rad
 
-    def _contact(self, truth: FingerTruth, item: SlideApproach, way: int, dent_mm: float) -> float | None:
-        """Servo angle of the slide at which the tip is dented by so much; None if it meets nothing."""
+    def _contact(self, truth: Truth, item: ServoPath, ways: Ways, dent_mm: float) -> float | None:
+        """Travel at which the tip is dented by so much; None if it meets nothing."""
         outline = self._world.outline
         if outline is None:
             return None
 
-        def gap(slide: float) -> float:
-            centre, _ = _centre(truth, item, way, slide)
+        def gap(travel: float) -> float:
+            centre, _ = _tip(truth, _stood(truth, item, travel), ways)
             return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
 
-        slides = np.linspace(item.start_rad, item.end_rad, 80)
-        first = next((k for k, slide in enumerate(slides) if gap(slide) < 0), 0)
+        travels = np.linspace(0.0, item.length_mm, 80)
+        first = next((k for k, travel in enumerate(travels) if gap(travel) < 0), 0)
         if first == 0:
             return None
-        lo, hi = slides[first - 1], slides[first]
+        lo, hi = travels[first - 1], travels[first]
         for _ in range(30):
             middle = (lo + hi) / 2
             lo, hi = (middle, hi) if gap(middle) > 0 else (lo, middle)
@@ -221,65 +230,126 @@ class SimulatedProber:
 
     def _press(self, probe: Probe, placing: int) -> PressMeasurement:
         item, world = self.approaches[probe.approach], self._world
-        truth, way = world.truth(item.finger), self._way(probe)
-        start = self._contact(truth, item, way, 0.0)
+        truth, ways = world.truth(item.finger), self._ways(probe)
+        start = self._contact(truth, item, ways, 0.0)
         assert start is not None
-        assert world.outline is not None
-        deepest = 3.0 / truth.stiffness_n_per_mm
-        depth = np.arange(-2.0, deepest, STEP_MM)
-        leg = np.where(depth < 0, FREE, IN)
-        forces, push = np.zeros((2 * len(depth), 8, 20)), np.zeros(2 * len(depth))
-        tip = self._tip(truth, item, way)
-        for k, deep in enumerate(np.concatenate([depth - STEP_MM / 2, depth[::-1] + STEP_MM / 2])):
-            # Frames are averaged since the last look, so they are half a sample older than the servo's state.
-            felt, force = tip.put(_distance(truth, start + deep / truth.mm_per_rad))
-            if felt is not None:
-                finger, travel = world.fingers[item.finger], tip.travel_rad
-                columns = np.asarray(finger.array.description.columns)
-                pitch = columns[1] - columns[0]
-                seen = (felt.angle - travel - truth.array_heading_rad + math.pi) % (2 * math.pi) - math.pi
-                slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(int)
-                on = (slot >= 0) & (slot < 20)
-                forces[k] = np.bincount(slot[on], felt.by_ray_n[on], minlength=20)[None, :] / 8
-                push[k] = -float(force @ [math.cos(travel), math.sin(travel)])
+        depth = np.arange(-2.0, 3.0 / truth.stiffness_n_per_mm, STEP_MM)
+        # Frames are averaged since the last look, so they are half a sample older than the servo's state.
+        places = start + np.concatenate([depth - STEP_MM / 2, depth[::-1] + STEP_MM / 2])
+        forces, push = self._felt(truth, item, ways, places)
         world.time_s += 2.0
         now = np.full(len(depth), world.time_s)
         zero = self._counts(item.finger, np.zeros((16, 8, 20)), now[:16]).mean(axis=0)
         counts = np.concatenate(
             [self._counts(item.finger, part, now).astype(float) - zero for part in np.split(forces, 2)]
         )
-        back = np.full(len(depth), OUT)
         out = np.concatenate([np.ones(len(depth)), -np.ones(len(depth))])
-        newton_per_a = NM_PER_A / (truth.mm_per_rad / 1000)
+        leg = np.concatenate([np.where(depth < 0, FREE, IN), np.full(len(depth), OUT)])
+        drive = start + np.concatenate([depth, depth[::-1]])
+        if isinstance(truth, FingerTruth):
+            # The contact was computed with the play taken up; going back, the drive is on the other flank.
+            per_mm = float(np.diff(item.servos_rad[:, 1])[0]) / item.length_mm
+            drive += (out - 1) * truth.slide_play_mm / (abs(truth.mm_per_rad) * abs(per_mm))
+            servo = np.rint((item.servos_rad[0, 1] + drive * per_mm) / TICK_RAD) * TICK_RAD
+            travel, step_mm = (servo - item.servos_rad[0, 1]) / per_mm, TICK_RAD / abs(per_mm)
+            worth = (0.0, NM_PER_A * abs(per_mm) * 1000)
+        else:
+            travel, step_mm = drive + world.rng.normal(0, 0.01, len(drive)), ARM_STEP_MM
+            worth = (ARM_N_PER_A, ARM_N_PER_A)
+        newton_per_a = sum(worth)
         current = push / newton_per_a + out * FRICTION_A
-        # The contact was computed with the play taken up; going back, the drive is on the other flank.
-        drive = start + np.concatenate([depth, depth[::-1]]) / truth.mm_per_rad
-        drive += (out - 1) * truth.slide_play_mm / truth.mm_per_rad
+        facing = _tip(truth, _stood(truth, item, start), ways)[1] - _travel_rad(truth, item, ways, start)
         return PressMeasurement(
             world.rig.fingers[item.finger].name,
             placing,
-            self._step(item.aim_rad),
-            np.rint(drive / TICK_RAD) * TICK_RAD,
-            np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A,
-            np.concatenate([leg, back]),
+            travel,
+            np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A * newton_per_a,
+            leg,
             counts,
+            step_mm,
+            CURRENT_STEP_A * newton_per_a,
+            np.zeros(len(travel)),
+            np.full(len(travel), math.remainder(facing, 2 * math.pi)),
+            worth,
+            (FRICTION_A, FRICTION_A),
         )
+
+    def _felt(self, truth: Truth, item: ServoPath, ways: Ways, places: Floats) -> tuple[Floats, Floats]:
+        """Forces on taxels (n, 8, 20), and along the way (n,), after travels (n,)."""
+        forces, push = np.zeros((len(places), 8, 20)), np.zeros(len(places))
+        tip = self._loaded(truth, item, ways[0]) if isinstance(truth, FingerTruth) else None
+        columns = np.asarray(self._world.fingers[item.finger].array.description.columns)
+        for k, place in enumerate(places):
+            servos = _stood(truth, item, place)
+            if tip is None:
+                felt, force, facing = self._unloaded(truth, servos, ways)
+                travel = _travel_rad(truth, item, ways, place)
+            else:
+                assert isinstance(truth, FingerTruth)
+                felt, force = tip.put(_distance(truth, servos[1]))
+                facing = travel = tip.travel_rad
+            if felt is None:
+                continue
+            seen = (felt.angle - facing - truth.array_heading_rad + math.pi) % (2 * math.pi) - math.pi
+            slot = np.floor((seen - columns[0]) / (columns[1] - columns[0]) + 0.5).astype(int)
+            on = (slot >= 0) & (slot < 20)
+            forces[k] = np.bincount(slot[on], felt.by_ray_n[on], minlength=20)[None, :] / 8
+            push[k] = -float(force @ [math.cos(travel), math.sin(travel)])
+        return forces, push
+
+    def _unloaded(self, truth: Truth, servos: Servos, ways: Ways) -> tuple[TipLoad | None, Floats, float]:
+        """What a tip without friction feels, the force on it, and where it faces."""
+        centre, facing = _tip(truth, servos, ways)
+        assert self._world.outline is not None
+        load = tip_load(self._world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+        return load, np.zeros(2) if load is None else load.force_n, facing
 
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
         return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
 
-    def _way(self, probe: Probe) -> int:
+    def _ways(self, probe: Probe) -> Ways:
+        """On which flanks of their plays joints really are."""
         item = self.approaches[probe.approach]
         spec = self._world.rig.fingers[item.finger]
-        if probe.side and isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None:
-            self._aims[item.finger] = item.aim_rad
-            return probe.side
+        if isinstance(spec, ArmFingerConfig):
+            turned = np.diff(item.servos_at(np.array([probe.end_mm - 2.0, probe.end_mm])), axis=0)[0]
+            near, far = np.sign(turned / [spec.shoulder.gear_ratio, spec.elbow.gear_ratio]).tolist()
+            return near, far
+        aim = float(item.servos_rad[0, 0])
         before = self._aims.get(item.finger)
-        self._aims[item.finger] = item.aim_rad
-        return 0 if before is None or before == item.aim_rad else int(math.copysign(1, item.aim_rad - before))
+        self._aims[item.finger] = aim
+        if probe.side and isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None:
+            return float(probe.side), 0.0
+        return 0.0 if before is None or before == aim else math.copysign(1, aim - before), 0.0
 
-    def _step(self, angle_rad: float) -> float:
-        return round(angle_rad / TICK_RAD) * TICK_RAD
+    def _known_ways(self, item: ServoPath, travel: float) -> tuple[int, int]:
+        """Those of an arm that are sure."""
+        spec = self._world.rig.fingers[item.finger]
+        assert isinstance(spec, ArmFingerConfig)
+        return joint_ways(spec, item.servos_at(np.array([travel - 2.0, travel])))
+
+
+_known: dict[str, Sequence[ServoPath]] = {}
+
+
+def _approaches(rig: RigFile) -> Sequence[ServoPath]:
+    """Those of arms are kept: they take seconds, and hang on nothing that is found before fingers' places."""
+    if not all(isinstance(finger, ArmFingerConfig) for finger in rig.fingers):
+        return approaches_of(rig)
+    key = rig.model_dump_json(exclude={"fingers": {"__all__": {"tip", "array"}}})
+    if key not in _known:
+        _known[key] = approaches_of(rig)
+    return _known[key]
+
+
+def _step(angle_rad: float) -> float:
+    return round(angle_rad / TICK_RAD) * TICK_RAD
+
+
+def _stood(truth: Truth, item: ServoPath, travel: float) -> Servos:
+    """Servo angles after a travel; an aim stands at a whole step."""
+    near, far = item.servos_at(np.array([travel]))[0].tolist()
+    return (_step(near) if isinstance(truth, FingerTruth) else near), far
 
 
 def _distance(truth: FingerTruth, slide_rad: float) -> float:
@@ -287,13 +357,28 @@ def _distance(truth: FingerTruth, slide_rad: float) -> float:
     return truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
 
 
-def _centre(truth: FingerTruth, item: SlideApproach, way: int, slide_rad: float) -> tuple[Floats, float]:
-    """True centre (2,) with the play taken up as in a touch, and the direction of travel."""
-    aim = round(item.aim_rad / TICK_RAD) * TICK_RAD
-    travel = truth.heading_rad + (aim - truth.aim_zero_rad) / truth.gear_ratio - way * truth.aim_play_rad
-    distance = truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
-    x, y = truth.base_mm
-    return np.array([x + distance * math.cos(travel), y + distance * math.sin(travel)]), travel
+def _tip(truth: Truth, servos: Servos, ways: Ways) -> tuple[Floats, float]:
+    """True centre (2,) with the play taken up as in a touch, and where the finger faces."""
+    base = complex(*truth.base_mm)
+    if isinstance(truth, FingerTruth):
+        facing = truth.heading_rad + (servos[0] - truth.aim_zero_rad) / truth.gear_ratio
+        facing -= ways[0] * truth.aim_play_rad
+        tip = base + cmath.rect(_distance(truth, servos[1]), facing)
+    else:
+        first, bend = (
+            (servo - joint.zero_rad) / joint.gear_ratio - way * joint.play_rad
+            for servo, joint, way in zip(servos, (truth.shoulder, truth.elbow), ways, strict=True)
+        )
+        first += truth.heading_rad
+        facing = first + bend
+        tip = base + cmath.rect(truth.upper_mm, first) + cmath.rect(truth.fore_mm, facing)
+    return np.array([tip.real, tip.imag]), facing
+
+
+def _travel_rad(truth: Truth, item: ServoPath, ways: Ways, travel: float) -> float:
+    """True direction of travel there."""
+    near, far = (_tip(truth, _stood(truth, item, travel + by), ways)[0] for by in (-2.0, 2.0))
+    return math.atan2(far[1] - near[1], far[0] - near[0])
 
 
 def _towards(outline: PartSection | None, centre: Floats) -> float:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from repository import EXAMPLES
 
-from palpate.calibration.finger_fit import FingerModel, ReferencePlacement, Touches
+from palpate.calibration.finger_fit import ReferencePlacement, Touches
+from palpate.calibration.fitted_kinematics import SlideModel
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import SlideFingerConfig, load_rig
 from palpate.geometry import Floats
@@ -25,6 +26,7 @@ PLATE = ReferencePlate("plate", SQUARE)
 SIGMA_MM = 0.015
 OFFSETS_MM = (-13.0, -6.5, 0.0, 6.5, 13.0)
 
+COLUMNS = 7
 BASE_X, BASE_Y, HEADING, RADIUS, ZERO, AIM_PLAY, SCALE = range(7)
 # Of the prior: bases and headings as put together from a drawing, slides as homed.
 PRIOR_SIGMA = (1.0, 1.0, math.radians(1.0), 0.15, 0.02, math.radians(0.005), 1e-4)
@@ -53,13 +55,13 @@ class Meeting:
     room_mm: float
 
 
-def models() -> list[FingerModel]:
+def models() -> list[SlideModel]:
     """What is known of the three fingers beforehand."""
     found = []
     for spec, gear, zero, per_rad in zip(SPECS, GEARS, AIM_ZEROS_RAD, MM_PER_RAD, strict=True):
         x, y = spec.base_mm
         prior = np.array([x, y, math.radians(spec.heading_deg), 5.0, 90.0, math.radians(0.01), 0.0])
-        found.append(FingerModel(spec.name, gear, zero, per_rad, prior, np.diag(np.square(PRIOR_SIGMA))))
+        found.append(SlideModel(spec.name, gear, zero, per_rad, prior, np.diag(np.square(PRIOR_SIGMA))))
     return found
 
 
@@ -152,7 +154,8 @@ def touches(
     table = np.array(rows)
     whole = table[:, :2].astype(np.int64)
     spread, used = np.full(len(table), sigma_mm), np.ones(len(table), dtype=bool)
-    return Touches(whole[:, 0], whole[:, 1], table[:, 2], table[:, 3], table[:, 4], table[:, 5], spread, used)
+    ways = np.column_stack([table[:, 4], np.zeros(len(table))])
+    return Touches(whole[:, 0], whole[:, 1], table[:, 2:4], ways, table[:, 5], spread, used)
 
 
 def servos_rad(
@@ -166,9 +169,9 @@ def servos_rad(
 
 def spoilt(given: Touches, number: int, off_mm: float) -> Touches:
     """The same, with the slide of one touch off."""
-    slide = given.slide_rad.copy()
-    slide[number] += off_mm / MM_PER_RAD[int(given.finger[number])]
-    return replace(given, slide_rad=slide)
+    servos = given.servos_rad.copy()
+    servos[number, 1] += off_mm / MM_PER_RAD[int(given.finger[number])]
+    return replace(given, servos_rad=servos)
 
 
 def _to_circle(start: Floats, along: Floats, middle: Floats, radius: float) -> float | None:

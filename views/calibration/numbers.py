@@ -14,9 +14,14 @@ import numpy as np
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
+    ArmActuatorsCalibration,
+    ArmPlaceCalibration,
     ContactBounds,
     FingerCalibration,
+    JointCalibration,
+    Overshoot,
     PlaceCalibration,
+    PlaceInHandFrame,
     TactileCalibration,
 )
 from palpate.geometry import Bools
@@ -57,7 +62,22 @@ def finger_tables(file: CalibrationFile) -> list[RowGroup]:
     groups = [
         _group("Residuals of touches", _RESIDUALS, [_residuals(file, finger) for finger in fingers]),
         _group("Place in the hand frame, ± standard deviation", _PLACE, [f.place for f in fingers]),
-        _group("Servos, ± standard deviation", _ACTUATORS, [f.actuators for f in fingers]),
+        _group("Slides in that fit", _SLIDE_PLACE, _of_type(PlaceCalibration, [f.place for f in fingers])),
+        _group(
+            "Links in that fit, ± standard deviation",
+            _ARM_PLACE,
+            _of_type(ArmPlaceCalibration, [f.place for f in fingers]),
+        ),
+        _group(
+            "Servos, ± standard deviation",
+            _ACTUATORS,
+            _of_type(ActuatorsCalibration, [f.actuators for f in fingers]),
+        ),
+        _group(
+            "Joints, ± standard deviation",
+            _JOINTS,
+            _of_type(ArmActuatorsCalibration, [f.actuators for f in fingers]),
+        ),
         _group("Array and skin", _TACTILE, [f.tactile for f in fingers]),
         _group("Bounds on contacts", _BOUNDS, [f.bounds for f in fingers]),
     ]
@@ -189,8 +209,12 @@ def _percent(share: float) -> str:
     return f"{at_most(100 * share, 1)} %"
 
 
-def _overshoots(actuators: ActuatorsCalibration) -> str:
-    rows = actuators.slide.overshoots
+def _of_type(kind: type[Part], parts: Sequence[object]) -> list[Part | None]:
+    """Parts of fingers of one type; None for those of others."""
+    return [part if isinstance(part, kind) else None for part in parts]
+
+
+def _overshoots(rows: Sequence[Overshoot]) -> str:
     return (
         "; ".join(f"{at_most(row.bound_mm, 2)} mm at {row.speed_mm_s:g} mm/s" for row in rows) or "not tried"
     )
@@ -213,6 +237,17 @@ def _directions(actuators: ActuatorsCalibration) -> str:
     )
 
 
+def _joint_directions(actuators: ArmActuatorsCalibration) -> str:
+    confirmed = (actuators.shoulder.direction_confirmed, actuators.elbow.direction_confirmed)
+    return {(True, True): "as described", (False, False): "not confirmed"}.get(
+        confirmed, "elbow not confirmed" if confirmed[0] else "shoulder not confirmed"
+    )
+
+
+def _play(joint: JointCalibration) -> str:
+    return plus_minus(joint.backlash_deg, joint.backlash_sigma_deg) + "°"
+
+
 def _saturation(tactile: TactileCalibration) -> str:
     return "not seen" if tactile.saturates_n is None else f"{tactile.saturates_n:.2f} N"
 
@@ -228,17 +263,38 @@ _RESIDUALS: tuple[tuple[str, Callable[[_FingerResiduals], str]], ...] = (
     ("outliers, left out", lambda r: str(r.outliers)),
 )
 
-_PLACE: tuple[tuple[str, Callable[[PlaceCalibration], str]], ...] = (
+_PLACE: tuple[tuple[str, Callable[[PlaceInHandFrame], str]], ...] = (
     ("base x", lambda p: plus_minus(p.base_mm[0], p.base_sigma_mm[0]) + " mm"),
     ("base y", lambda p: plus_minus(p.base_mm[1], p.base_sigma_mm[1]) + " mm"),
     ("heading", lambda p: plus_minus(p.heading_deg, p.heading_sigma_deg) + "°"),
     ("tip radius", lambda p: plus_minus(p.tip_radius_mm, p.tip_radius_sigma_mm) + " mm"),
     ("array heading", lambda p: plus_minus(p.array_heading_deg, p.array_heading_sigma_deg) + "°"),
+)
+
+_SLIDE_PLACE: tuple[tuple[str, Callable[[PlaceCalibration], str]], ...] = (
     (
         "distance at Goal Position 0, in touch",
         lambda p: plus_minus(p.zero_mm, math.sqrt(p.covariance[4][4])) + " mm",
     ),
     ("travel per turn", lambda p: f"{p.mm_per_turn:.3f} mm"),
+)
+
+_ARM_PLACE: tuple[tuple[str, Callable[[ArmPlaceCalibration], str]], ...] = (
+    ("upper link", lambda p: plus_minus(p.upper_mm, p.upper_sigma_mm) + " mm"),
+    ("second link", lambda p: plus_minus(p.fore_mm, p.fore_sigma_mm) + " mm"),
+    ("elbow's zero", lambda p: plus_minus(p.elbow_zero_deg, p.elbow_zero_sigma_deg) + "°"),
+)
+
+_JOINTS: tuple[tuple[str, Callable[[ArmActuatorsCalibration], str]], ...] = (
+    ("directions", _joint_directions),
+    ("play of the shoulder, either way", lambda a: _play(a.shoulder)),
+    ("play of the elbow, either way", lambda a: _play(a.elbow)),
+    ("friction, shoulder and elbow", lambda a: f"{a.shoulder.friction_a:.3f} A, {a.elbow.friction_a:.3f} A"),
+    (
+        "latency, mean and bound",
+        lambda a: f"{1000 * a.stops.latency_s:.1f} ms, {at_most(1000 * a.stops.latency_bound_s, 1)} ms",
+    ),
+    ("overshoot, bound", lambda a: _overshoots(a.stops.overshoots)),
 )
 
 _ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
@@ -255,7 +311,7 @@ _ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
         "latency, mean and bound",
         lambda a: f"{1000 * a.slide.latency_s:.1f} ms, {at_most(1000 * a.slide.latency_bound_s, 1)} ms",
     ),
-    ("overshoot, bound", _overshoots),
+    ("overshoot, bound", lambda a: _overshoots(a.slide.overshoots)),
 )
 
 _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (

@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
+from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig, travel_mm
 from touched_references import FRESH
 
-from palpate.calibration.prober import Probe
+from palpate.calibration.prober import Probe, ServoPath
 from palpate.config import SlideFingerConfig
 from palpate.errors import DeviceError
 from palpate.rig.commissioning.rig_prober import approaches_of
@@ -72,16 +72,15 @@ def test_a_touch_ends_at_the_reference_and_a_miss_with_nothing(rig: ProbedRig) -
     truth, approaches = rig.truth(0), rig.prober.approaches
     (contact,) = rig.head_on()
     lower = contact.approach - 4
-    assert approaches[lower].aim_rad < approaches[contact.approach].aim_rad - 0.1
-    short = approaches[lower].start_rad + 10.0 / truth.mm_per_rad
-    assert rig.prober.touch([Probe(lower, short)], 7) == [None]
-    (touched,) = rig.prober.touch([Probe(contact.approach, contact.end_rad + 0.5)], 7)
+    assert aim_rad(approaches[lower]) < aim_rad(approaches[contact.approach]) - 0.1
+    assert rig.prober.touch([Probe(lower, 10.0)], 7) == [None]
+    (touched,) = rig.prober.touch([Probe(contact.approach, contact.end_mm + 8.0)], 7)
     assert rig.waits()
     assert touched is not None
     assert (touched.finger, touched.placing) == ("f1", 7)
     assert touched.aim_way == 1  # from below
-    assert touched.servos_rad[0] == pytest.approx(approaches[contact.approach].aim_rad, abs=0.01)
-    dent = (touched.servos_rad[1] - contact.end_rad) * truth.mm_per_rad
+    assert touched.servos_rad[0] == pytest.approx(aim_rad(approaches[contact.approach]), abs=0.01)
+    dent = travel_mm(approaches[contact.approach], touched.servos_rad[1]) - contact.end_mm
     assert 0.0 < dent < 0.4
     really = dent * truth.stiffness_n_per_mm
     assert abs(touched.force_n - really) < touched.force_bound_n + 0.05
@@ -91,12 +90,12 @@ def test_a_touch_ends_at_the_reference_and_a_miss_with_nothing(rig: ProbedRig) -
 
 def test_stops_end_beyond_the_contact_and_soon(rig: ProbedRig) -> None:
     rig.put_disc()
-    contacts, truth = rig.head_on(), rig.truth(0)
+    contacts = rig.head_on()
     (stop,) = rig.prober.stop(contacts, SPEED_MM_S)
     assert (stop.finger, stop.speed_mm_s) == ("f1", SPEED_MM_S)
     assert stop.samples_s == pytest.approx(1 / 250)
-    assert stop.contact_rad == pytest.approx(contacts[0].end_rad)
-    beyond = [(angle - stop.contact_rad) * truth.mm_per_rad for angle in (stop.felt_rad, stop.stood_rad)]
+    assert stop.contact_mm == pytest.approx(contacts[0].end_mm)
+    beyond = [place - stop.contact_mm for place in (stop.felt_mm, stop.stood_mm)]
     assert 0.0 < beyond[0] <= beyond[1] < SPEED_MM_S * 0.05
     assert 0.3 < rig.hardest_n() <= HARD_N
     assert rig.waits()
@@ -116,9 +115,9 @@ def test_approaches_stay_within_the_rig_file_s_ranges() -> None:
     assert {item.finger for item in found} == {0, 1, 2}
     for item in found:
         # 100 mm a turn, and 40 mm at Goal Position 0, half a turn before 2048.
-        start, end = (90.0 + 100.0 * angle / (2 * math.pi) for angle in (item.start_rad, item.end_rad))
+        start, end = (90.0 + 100.0 * angle / (2 * math.pi) for angle in item.servos_rad[:, 1])
         assert 45.0 <= start < end <= 250.0
-        assert abs(item.aim_rad) <= math.radians(35.0) * 5.0 + 1e-9
+        assert abs(aim_rad(item)) <= math.radians(35.0) * 5.0 + 1e-9
 
 
 def test_aims_come_from_where_a_contact_finds_their_play_taken_up() -> None:
@@ -132,10 +131,14 @@ def test_aims_come_from_where_a_contact_finds_their_play_taken_up() -> None:
         truth, tip = rig.truth(0), rig.session.bench.fingers[0]
         # To either approach the aim would by itself come from the other side.
         for side, other in ((-1, 4), (1, -4)):
-            probe = Probe(contact.approach + other, contact.end_rad + 0.5, side)
+            probe = Probe(contact.approach + other, contact.end_mm + 8.0, side)
             (touched,) = rig.prober.touch([probe], 0)
             assert touched is not None
             assert touched.aim_way == side
             shaft = rig.session.servos[AIM].shaft_rad
             lag = truth.heading_rad + (shaft - truth.aim_zero_rad) / truth.gear_ratio - tip.facing_rad
             assert math.remainder(lag, math.tau) == pytest.approx(side * truth.aim_play_rad)
+
+
+def aim_rad(approach: ServoPath) -> float:
+    return float(approach.servos_rad[0, 0])

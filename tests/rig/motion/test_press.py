@@ -1,5 +1,6 @@
 """Presses of two fingers at once on the emulated bench, against where they really touch."""
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,7 +8,6 @@ import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
-from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import DeviceError, SafetyStop
 
 
@@ -21,11 +21,10 @@ def test_two_fingers_press_at_once() -> None:
     assert [press.finger for press in presses] == ["f1", "f2"]
     for press, contact in zip(presses, contacts, strict=True):
         assert press.placing == 4
-        assert press.aim_rad == pytest.approx(rig.prober.approaches[contact.approach].aim_rad, abs=0.01)
         check_legs(press)
         check_counts(press)
         check_currents(press)
-        check_places(press, contact.end_rad, rig.truth(rig.prober.approaches[contact.approach].finger))
+        check_places(press, contact.end_mm)
     assert 1.5 < rig.hardest_n() <= HARD_N
     assert not any(rig.session.torque().values())
     assert rig.session.rest(0.5) < 0.01
@@ -35,7 +34,7 @@ def check_legs(press: PressMeasurement) -> None:
     assert set(press.leg) == {FREE, IN, OUT}
     assert (np.diff(press.leg) >= 0).all()
     assert press.counts.shape == (len(press.leg), 8, 20)
-    assert press.slide_rad.shape == press.current_a.shape == press.leg.shape
+    assert press.travel_mm.shape == press.push_n.shape == press.leg.shape
 
 
 def check_counts(press: PressMeasurement) -> None:
@@ -50,16 +49,21 @@ def check_counts(press: PressMeasurement) -> None:
 
 def check_currents(press: PressMeasurement) -> None:
     """They push out going in, and pull going back."""
-    assert np.median(press.current_a[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
-    assert press.current_a[press.leg == IN].max() > 1.3 * FRICTION_A
-    assert np.median(press.current_a[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
+    current = press.push_n / press.newton_per_a[1]
+    assert np.median(current[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
+    assert press.free_a[1] == pytest.approx(FRICTION_A, rel=0.15)
+    assert math.isnan(press.free_a[0]), "the aim stands"
+    assert current[press.leg == IN].max() > 1.3 * FRICTION_A
+    assert np.median(current[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
+    # 4.1 N·m at 2.3 A (e-Manual), and 100 mm a turn.
+    assert press.newton_per_a == pytest.approx((0.0, 4.1 / 2.3 * 2 * math.pi / 0.1))
 
 
-def check_places(press: PressMeasurement, contact_rad: float, truth: FingerTruth) -> None:
+def check_places(press: PressMeasurement, contact_mm: float) -> None:
     """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
-    first = press.slide_rad[press.leg == IN][0]
-    assert 0.0 < (first - contact_rad) * truth.mm_per_rad < 0.4
-    assert (contact_rad - press.slide_rad[-1]) * truth.mm_per_rad > 1.5
+    first = press.travel_mm[press.leg == IN][0]
+    assert 0.0 < first - contact_mm < 0.4
+    assert contact_mm - press.travel_mm[-1] > 1.5
 
 
 @pytest.fixture

@@ -102,7 +102,8 @@ def test_a_slide_that_cannot_go_on_is_measured_where_it_rests(watched: Watched) 
     finally:
         del watched.measure
     assert touch.patch is not None
-    assert touch.servos[1] == pytest.approx(rig.head_on()[0].end_rad, abs=0.02)
+    contact = rig.prober.approaches[rig.head_on()[0].approach]
+    assert touch.servos[1] == pytest.approx(rig.contact_rad(contact), abs=0.02)
 
 
 def test_a_creep_that_presses_too_hard_stops_everything() -> None:
