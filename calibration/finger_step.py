@@ -82,13 +82,15 @@ def touch_placing(
         return [item for item in prober.touch(grip, number) if item is not None]
 
     first: list[TouchMeasurement] = []
+    repeated: Sequence[Probe] = []
     for k, grip in enumerate(grips):
         tell(f"touch {k + 1} of {len(grips)}")
         got = carried_out(grip)
-        first = first or got
+        if not first:
+            first, repeated = got, grip
         touched += got
-    if grips:
-        again = carried_out(grips[0])
+    if first:
+        again = carried_out(repeated)
         check_still(first, again, models, placing)
         touched += again
     every = [*known, *touched]
