@@ -35,7 +35,7 @@ _STILL_MM = 0.03
 _STILL_S = 0.25
 _SETTLE_S = 0.15
 _TURN_RAD = 1e-4  # of differences in place of derivatives
-_STANDS_RAD_MM = 1e-6  # a servo that turns less along the way does not move
+_STANDS_RAD_MM = 1e-4  # a servo that turns less along the way does not move: an aim is a little off its line
 _GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
 
 _K = TypeVar("_K")
