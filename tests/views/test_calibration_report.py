@@ -85,7 +85,7 @@ def test_without_matplotlib_there_are_the_numbers_and_a_line(
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     page = report_html(example)
     assert pictures(page) == []
-    assert page.count("palpate[plots]") == 1
+    assert page.count("[plots]") == 1
     for number in ("22 fitted, 1 held out", "1 dead, 1 hot", "outliers, left out", "Devices"):
         assert number in page
 
