@@ -52,7 +52,7 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
     left = {name_of(item) for item in grip.hypotheses}
     if before is not None:
         fell = sorted({name_of(item) for item in before.hypotheses} - left)
-        words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out none of the states left.")
+        words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out no state.")
     words.append(f"Left: {counted(len(grip.hypotheses), 'hypothesis', 'hypotheses')}.")
     return " ".join(words)
 
@@ -61,7 +61,7 @@ def _kind(grip: GripRecord, before: GripRecord | None) -> str:
     if grip.planned is None:
         return "An exploring grip: too little was known for a plan."
     if before is not None and len(before.hypotheses) == 1:
-        return "A confirming grip: does the only hypothesis predict it?"
+        return "A grip that narrows the only hypothesis, or confirms it: does it predict the contacts?"
     if grip.planned["decisive"]:
         return "A planned grip, decisive: whatever it finds, hypotheses fall."
     return "A planned grip: what it is expected to find rules out most."
