@@ -98,7 +98,7 @@ def check_references(rig: RigFile, references: ReferencesFile) -> None:
             raise InputError(
                 f"the {name} is {shape.height_mm:g} mm high, and links of finger {lowest.name} pass at "
                 f"{lowest.links.links_height_mm:g} mm: use lower references, "
-                "and say so with --references FILE (config/references/low.toml names such ones)"
+                "in a file of their own (config/references/low.toml is one)"
             )
 
 
