@@ -83,7 +83,7 @@ def references_from(references: ReferencesFile | PathLike | None) -> ReferencesF
 
 
 def check_references(rig: RigFile, references: ReferencesFile) -> None:
-    """Raise InputError for a rig that cannot be calibrated, and for references that fingers pass above."""
+    """Raise InputError for references that a rig's fingers pass above, or that its arms' links would meet."""
     build_references(references)
     arms = [finger for finger in rig.fingers if isinstance(finger, ArmFingerConfig)]
     lowest = min(arms, key=lambda finger: finger.links.links_height_mm, default=None)

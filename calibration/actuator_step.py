@@ -23,17 +23,16 @@ from palpate.calibration.reference_search import LocatedReference, locate_refere
 from palpate.calibration.stop_latency import StopLatency, fit_latency
 from palpate.config import (
     ActuatorsCalibration,
-    AimCalibration,
     ArmFingerConfig,
     FingerConfig,
     JointConfig,
+    RotaryCalibration,
     SlideCalibration,
     SlideFingerConfig,
 )
 from palpate.config.calibration_finger import (
     Actuators,
     ArmActuatorsCalibration,
-    JointCalibration,
     StopsCalibration,
 )
 from palpate.errors import InputError
@@ -211,7 +210,7 @@ def _result(
         overshoots=latency.overshoots,
     )
     half = spec.aim.backlash_deg / 2
-    aim = AimCalibration(
+    aim = RotaryCalibration(
         direction_confirmed=aim_turns,
         backlash_deg=half,
         backlash_sigma_deg=half / _SIGMAS,
@@ -235,13 +234,13 @@ def _arm_result(
     )
 
 
-def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -> JointCalibration:
+def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -> RotaryCalibration:
     """What the free ways of presses show of a joint; a joint that never moved on them is not confirmed."""
     current = np.array([press.free_a[which] for press in presses])
     moved = np.isfinite(current)
     middle = float(np.median(current[moved])) if moved.any() else 0.0
     half = spec.backlash_deg / 2
-    return JointCalibration(
+    return RotaryCalibration(
         direction_confirmed=bool(moved.any()) and bool((current[moved] > 0).all()),
         backlash_deg=half,
         backlash_sigma_deg=half / _SIGMAS,

@@ -131,11 +131,11 @@ def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> SlideModel:
     covariance += np.diag(np.maximum(sigma, _LEAST) ** 2)
     return SlideModel(
         spec.name,
-        spec.aim.gear_ratio,
-        math.radians(spec.aim.zero_deg) - math.pi,
-        slide.mm_per_rad,
         prior,
         covariance,
+        gear_ratio=spec.aim.gear_ratio,
+        aim_zero_rad=math.radians(spec.aim.zero_deg) - math.pi,
+        mm_per_rad=slide.mm_per_rad,
     )
 
 
@@ -159,10 +159,10 @@ def _arm_model(spec: ArmFingerConfig) -> ArmModel:
     )
     return ArmModel(
         spec.name,
-        np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
-        np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
         np.array([*prior, 0.0, *(play / 2 for play in plays)]),
         np.diag(np.maximum(sigma, _LEAST_OF_ARM) ** 2),
+        gear_ratio=np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
+        zero_rad=np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
     )
 
 

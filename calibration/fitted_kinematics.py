@@ -5,9 +5,10 @@ then its own. All fingers of a rig have rows of one width; what a kind has no us
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
@@ -34,7 +35,8 @@ _MOST_SIDEWAYS = 1.12  # tangent of 48°: touches are not more oblique, and a wa
 _PINNED_SIGMA = 1e-3  # of values that a kind has no use for: nothing moves them
 
 
-class FingerModel(Protocol):
+@dataclass(frozen=True, eq=False)
+class FingerModel(ABC):
     """What of a finger is known: how its values and its servos place the tip.
 
     `prior` (k,) of the values, and its `covariance` (k, k). `values` (n, k), `servos_rad` (n, 2) and `ways`
@@ -42,41 +44,37 @@ class FingerModel(Protocol):
     its play.
     """
 
-    @property
-    def name(self) -> str:
-        """The finger's name."""
-        ...
-
-    @property
-    def prior(self) -> Floats:
-        """Values as they are known beforehand."""
-        ...
-
-    @property
-    def covariance(self) -> Floats:
-        """And how well."""
-        ...
+    name: str
+    prior: Floats
+    covariance: Floats
 
     def widened(self, columns: int) -> Self:
         """The same with so many values, of which those that it has no use for are pinned at 0."""
-        ...
+        own = len(self.prior)
+        prior, covariance = np.zeros(columns), _PINNED_SIGMA**2 * np.eye(columns)
+        prior[:own], covariance[:own, :own] = self.prior, self.covariance
+        return replace(self, prior=prior, covariance=covariance)
 
     def fixed(self, sigma: float) -> Self:
         """The same, all its values known to within a deviation of `sigma` (mm, rad)."""
-        ...
+        return replace(self, covariance=sigma**2 * np.eye(len(self.prior)))
 
+    @abstractmethod
     def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Tip centres (n, 2), mm."""
         ...
 
+    @abstractmethod
     def slopes(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Derivatives (n, 2, k) of the centres by the values."""
         ...
 
+    @abstractmethod
     def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Directions (n,) from which the array's heading counts."""
         ...
 
+    @abstractmethod
     def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
         """By what a turn of each joint moves the tip, mm/rad: (n, 2, 2), the one next to the base first.
 
@@ -84,10 +82,12 @@ class FingerModel(Protocol):
         """
         ...
 
+    @abstractmethod
     def rounding_mm(self, values: Floats, servos_rad: Floats, normal: Floats, /) -> Floats:
         """What encoder steps leave of a touch's distance along a surface's normal (n, 2): deviations (n,)."""
         ...
 
+    @abstractmethod
     def repeated_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
         """How far a touch that was made again stands from the first one, along its way, and what explains.
 
@@ -98,27 +98,15 @@ class FingerModel(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class SlideModel:
+class SlideModel(FingerModel):
     """An aim and a slide: aim = (servo − aim_zero_rad) / gear_ratio.
 
     distance = zero + mm_per_rad · (1 + scale) · servo.
     """
 
-    name: str
     gear_ratio: float
     aim_zero_rad: float
     mm_per_rad: float
-    prior: Floats
-    covariance: Floats
-
-    def widened(self, columns: int) -> Self:
-        """With values that have no meaning."""
-        prior, covariance = _wide(self, columns)
-        return replace(self, prior=prior, covariance=covariance)
-
-    def fixed(self, sigma: float) -> Self:
-        """As certain as that."""
-        return replace(self, covariance=sigma**2 * np.eye(len(self.prior)))
 
     def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Along the slide's direction."""
@@ -176,26 +164,14 @@ class SlideModel:
 
 
 @dataclass(frozen=True, eq=False)
-class ArmModel:
+class ArmModel(FingerModel):
     """A shoulder and an elbow: joint angle = (servo − zero_rad) / gear_ratio, (2,) each.
 
     The shoulder's zero is in the heading, the elbow's error is a value of its own.
     """
 
-    name: str
     gear_ratio: Floats
     zero_rad: Floats
-    prior: Floats
-    covariance: Floats
-
-    def widened(self, columns: int) -> Self:
-        """With values that have no meaning."""
-        prior, covariance = _wide(self, columns)
-        return replace(self, prior=prior, covariance=covariance)
-
-    def fixed(self, sigma: float) -> Self:
-        """As certain as that."""
-        return replace(self, covariance=sigma**2 * np.eye(len(self.prior)))
 
     def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """At the end of both links."""
@@ -262,13 +238,6 @@ def of_one_width(models: Sequence[FingerModel]) -> list[FingerModel]:
     """Models with as many values each as the one that has most."""
     columns = max(len(model.prior) for model in models)
     return [model.widened(columns) for model in models]
-
-
-def _wide(model: FingerModel, columns: int) -> tuple[Floats, Floats]:
-    own = len(model.prior)
-    prior, covariance = np.zeros(columns), _PINNED_SIGMA**2 * np.eye(columns)
-    prior[:own], covariance[:own, :own] = model.prior, model.covariance
-    return prior, covariance
 
 
 def _directions(angle_rad: Floats) -> Floats:

@@ -7,6 +7,7 @@ leaves open, what touches differ by, encoder steps, the aim's play, what stoppin
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri, ndtri
@@ -44,13 +45,13 @@ from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
     Actuators,
     ActuatorsCalibration,
-    AimCalibration,
     ArmPlaceCalibration,
     ContactBounds,
     DirectionParts,
     Place,
     PlaceCalibration,
     PositionParts,
+    RotaryCalibration,
     SlideCalibration,
     TactileCalibration,
 )
@@ -151,17 +152,19 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
     values, covariance = hand.values[index], hand.of(index)
     sigma = np.sqrt(np.diag(covariance))
-    base, base_sigma = (float(values[0]), float(values[1])), (float(sigma[0]), float(sigma[1]))
+    stands: dict[str, Any] = {
+        "base_mm": (float(values[0]), float(values[1])),
+        "base_sigma_mm": (float(sigma[0]), float(sigma[1])),
+        "heading_deg": math.degrees(values[HEADING]),
+        "heading_sigma_deg": math.degrees(sigma[HEADING]),
+        "tip_radius_mm": float(values[RADIUS]),
+        "tip_radius_sigma_mm": float(sigma[RADIUS]),
+        "array_heading_deg": math.degrees(heading[0]),
+        "array_heading_sigma_deg": math.degrees(heading[1]),
+    }
     if isinstance(model, ArmModel):
         return ArmPlaceCalibration(
-            base_mm=base,
-            base_sigma_mm=base_sigma,
-            heading_deg=math.degrees(values[HEADING]),
-            heading_sigma_deg=math.degrees(sigma[HEADING]),
-            tip_radius_mm=float(values[RADIUS]),
-            tip_radius_sigma_mm=float(sigma[RADIUS]),
-            array_heading_deg=math.degrees(heading[0]),
-            array_heading_sigma_deg=math.degrees(heading[1]),
+            **stands,
             upper_mm=float(values[UPPER]),
             upper_sigma_mm=float(sigma[UPPER]),
             fore_mm=float(values[FORE]),
@@ -173,14 +176,7 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
     assert isinstance(model, SlideModel)
     per_rad = model.mm_per_rad * (1 + float(values[SCALE]))
     return PlaceCalibration(
-        base_mm=base,
-        base_sigma_mm=base_sigma,
-        heading_deg=math.degrees(values[HEADING]),
-        heading_sigma_deg=math.degrees(sigma[HEADING]),
-        tip_radius_mm=float(values[RADIUS]),
-        tip_radius_sigma_mm=float(sigma[RADIUS]),
-        array_heading_deg=math.degrees(heading[0]),
-        array_heading_sigma_deg=math.degrees(heading[1]),
+        **stands,
         zero_mm=zero_in_file_mm(float(values[ZERO]), per_rad),
         mm_per_turn=2 * math.pi * per_rad,
         covariance=covariance[np.ix_(_PLACE, _PLACE)].tolist(),
@@ -191,20 +187,24 @@ def calibrate_plays(before: Actuators, hand: AlignedFit, index: int) -> Actuator
     """What touches from both sides have shown of the plays of an aim, or of an arm's joints."""
     values, sigma = hand.values[index], np.sqrt(np.diag(hand.of(index)))
 
-    def found(column: int) -> dict[str, float]:
+    def seen(joint: RotaryCalibration, column: int) -> RotaryCalibration:
         play, own = math.degrees(max(float(values[column]), 0.0)), math.degrees(float(sigma[column]))
-        # As the file rounds them.
-        return AimCalibration(
-            direction_confirmed=True, backlash_deg=play, backlash_sigma_deg=own, friction_a=0.0
-        ).model_dump(include={"backlash_deg", "backlash_sigma_deg"})
+        # Not a copy with other numbers: these are checked, and rounded as the file has them.
+        return RotaryCalibration(
+            direction_confirmed=joint.direction_confirmed,
+            backlash_deg=play,
+            backlash_sigma_deg=own,
+            friction_a=joint.friction_a,
+        )
 
     if isinstance(before, ActuatorsCalibration):
-        return before.model_copy(update={"aim": before.aim.model_copy(update=found(AIM_PLAY))})
-    shoulder, elbow = (
-        joint.model_copy(update=found(column))
-        for joint, column in ((before.shoulder, SHOULDER_PLAY), (before.elbow, ELBOW_PLAY))
+        return before.model_copy(update={"aim": seen(before.aim, AIM_PLAY)})
+    return before.model_copy(
+        update={
+            "shoulder": seen(before.shoulder, SHOULDER_PLAY),
+            "elbow": seen(before.elbow, ELBOW_PLAY),
+        }
     )
-    return before.model_copy(update={"shoulder": shoulder, "elbow": elbow})
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,13 @@ from palpate.config.calibration_file import (
 )
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
-    AimCalibration,
     ContactBounds,
     DirectionParts,
     FingerCalibration,
     Overshoot,
     PlaceCalibration,
     PositionParts,
+    RotaryCalibration,
     SlideCalibration,
     TactileCalibration,
     UnusableTaxel,
@@ -48,7 +48,6 @@ from palpate.config.shipped import shipped_objects, shipped_rig
 __all__ = [
     "ARM_MARGIN_MM",
     "ActuatorsCalibration",
-    "AimCalibration",
     "ArmFingerConfig",
     "ArrayConfig",
     "CalibrationDevice",
@@ -70,6 +69,7 @@ __all__ = [
     "PositionParts",
     "Residuals",
     "RigFile",
+    "RotaryCalibration",
     "Scene",
     "SlideCalibration",
     "SlideFingerConfig",

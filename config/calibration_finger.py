@@ -26,18 +26,17 @@ from palpate.config.rig_fingers import check_gains
 __all__ = [
     "Actuators",
     "ActuatorsCalibration",
-    "AimCalibration",
     "ArmActuatorsCalibration",
     "ArmPlaceCalibration",
     "ContactBounds",
     "DirectionParts",
     "FingerCalibration",
-    "JointCalibration",
     "Overshoot",
     "Place",
     "PlaceCalibration",
     "PlaceInHandFrame",
     "PositionParts",
+    "RotaryCalibration",
     "SlideCalibration",
     "StopsCalibration",
     "TactileCalibration",
@@ -164,11 +163,11 @@ class SlideCalibration(FileModel):
         return self
 
 
-class AimCalibration(FileModel):
-    """What was found of an aim."""
+class RotaryCalibration(FileModel):
+    """What was found of a servo that turns a finger: an aim, or a joint of an arm."""
 
     direction_confirmed: Flag = Field(description="It was seen to turn the way the rig file says.")
-    backlash_deg: MeasuredLength = Field(description="Play of the aim, either way.")
+    backlash_deg: MeasuredLength = Field(description="Play, either way.")
     backlash_sigma_deg: UpLength = Field(description="Standard deviation of backlash_deg.")
     friction_a: MeasuredLength = Field(description="Current that it needs to turn freely.")
 
@@ -177,23 +176,14 @@ class ActuatorsCalibration(FileModel):
     """What was found of the servos of an aim and slide finger and what they drive."""
 
     slide: SlideCalibration = Field(description="The slide.")
-    aim: AimCalibration = Field(description="The aim.")
-
-
-class JointCalibration(FileModel):
-    """What was found of an arm's joint."""
-
-    direction_confirmed: Flag = Field(description="Its current was seen to push it the way that it turned.")
-    backlash_deg: MeasuredLength = Field(description="Play of the joint, either way.")
-    backlash_sigma_deg: UpLength = Field(description="Standard deviation of backlash_deg.")
-    friction_a: MeasuredLength = Field(description="Current that it needs to turn freely.")
+    aim: RotaryCalibration = Field(description="The aim.")
 
 
 class ArmActuatorsCalibration(FileModel):
     """What was found of the servos of an arm."""
 
-    shoulder: JointCalibration = Field(description="The shoulder.")
-    elbow: JointCalibration = Field(description="The elbow.")
+    shoulder: RotaryCalibration = Field(description="The shoulder.")
+    elbow: RotaryCalibration = Field(description="The elbow.")
     stops: StopsCalibration = Field(description="How its tip comes to stand.")
 
 
@@ -257,12 +247,12 @@ class ArmPlaceCalibration(PlaceInHandFrame):
         return self
 
 
-def _by_key(slide: str, arm: str, key: str) -> Discriminator:
+def _by_key(key: str) -> Discriminator:
     """Of which type of finger a table is: an arm's has `key`."""
 
     def kind(value: Any) -> str:
         is_arm = key in value if isinstance(value, dict) else hasattr(value, key)
-        return TAG + (arm if is_arm else slide)
+        return TAG + ("two-link" if is_arm else "slide")
 
     return Discriminator(kind)
 
@@ -270,13 +260,13 @@ def _by_key(slide: str, arm: str, key: str) -> Discriminator:
 Actuators = Annotated[
     Annotated[ActuatorsCalibration, Tag(TAG + "slide")]
     | Annotated[ArmActuatorsCalibration, Tag(TAG + "two-link")],
-    _by_key("slide", "two-link", "shoulder"),
+    _by_key("shoulder"),
 ]
 """What was found of a finger's servos, for a finger of either type."""
 
 Place = Annotated[
     Annotated[PlaceCalibration, Tag(TAG + "slide")] | Annotated[ArmPlaceCalibration, Tag(TAG + "two-link")],
-    _by_key("slide", "two-link", "upper_mm"),
+    _by_key("upper_mm"),
 ]
 """Where a finger of either type stands."""
 

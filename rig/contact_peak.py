@@ -23,6 +23,7 @@ from palpate.config import ArmFingerConfig, FingerConfig, RigFile
 from palpate.drivers.dynamixel.control_table import RAD_PER_TICK
 from palpate.drivers.dynamixel.specifications import specification
 from palpate.rig.bus_latency import array_latency_s, bus_latency_s
+from palpate.rig.conversion import slide_force_n
 
 __all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm", "unstopped_peak_n"]
 
@@ -64,9 +65,7 @@ def _friction_allowance_n(finger: FingerConfig) -> float:
     """What a slide's servo may push with beside max_force_n, in case its friction does not take it."""
     if isinstance(finger, ArmFingerConfig):
         return 0.0
-    motor = specification(finger.slide.model).motor
-    torque_nm = finger.slide.friction_a * motor.stall_torque_nm / motor.stall_current_a
-    return 1e3 * torque_nm / abs(finger.slide.mm_per_rad)
+    return slide_force_n(finger.slide, finger.slide.friction_a)
 
 
 def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:

@@ -16,7 +16,9 @@ from palpate.config import (
     SlideFingerConfig,
     TipConfig,
 )
+from palpate.config.rig_servos import SlideConfig
 from palpate.drivers.arm_finger import ArmKinematics, Joint
+from palpate.drivers.dynamixel.specifications import specification
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.drivers.tactile.messages import Shape
@@ -39,6 +41,7 @@ __all__ = [
     "mounting_of",
     "resolution_of",
     "shear_rad",
+    "slide_force_n",
     "slide_kinematics",
     "tip_bound_mm",
     "undetected_dent_mm",
@@ -98,6 +101,12 @@ def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:
         first=Corner(array.first_texel or "lower-left"),
         upright=array.first_row == "upright",
     )
+
+
+def slide_force_n(slide: SlideConfig, current_a: float) -> float:
+    """Force (N) along a slide for a current of its servo, by the maker's stall torque over stall current."""
+    motor = specification(slide.model).motor
+    return 1e3 * motor.stall_torque_nm / motor.stall_current_a * current_a / abs(slide.mm_per_rad)
 
 
 def kinematics_of(finger: FingerConfig) -> FingerKinematics:

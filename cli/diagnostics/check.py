@@ -63,10 +63,9 @@ def check(
         ExitStack() as looking,
     ):
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
-        if picture is not None:
-            write_text(picture, draw_rig(opened.file))
         err = Terminal(stderr=True, soft_wrap=True)
         if picture is not None:
+            write_text(picture, draw_rig(opened.file))
             err.print(f"picture {escape(str(picture))}", highlight=False)
         doing = looking.enter_context(Doing(err, "checking"))
         moving = False

@@ -6,13 +6,15 @@ carriage that runs more easily leaves the rest to the tip; one that runs harder 
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
 from palpate.calibration.fitted_kinematics import FingerModel, SlideModel
 from palpate.calibration.friction import estimate_friction
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference_search import LocatedReference, probes_at_bearing
 from palpate.config import RigFile, SlideFingerConfig
-from palpate.drivers.dynamixel.specifications import specification
+from palpate.errors import InputError
+from palpate.rig.conversion import slide_force_n
 
 __all__ = ["friction_warnings", "measure_friction"]
 
@@ -25,8 +27,7 @@ def measure_friction(
 ) -> dict[str, float]:
     """Current (A) that each finger's slide needs to move out freely, from the begin of a press head-on.
 
-    Arms are left out, and a finger whose approaches meet what was located too obliquely. Raises InputError if
-    a slide moved too little.
+    Left out are arms, slides that moved too little, and fingers that meet what was located too obliquely.
     """
     slides = {k for k, model in enumerate(models) if isinstance(model, SlideModel)}
     contacts = [
@@ -35,10 +36,11 @@ def measure_friction(
         if prober.approaches[probe.approach].finger in slides
     ]
     presses = {press.finger: press for press in prober.press(contacts, 0)} if contacts else {}
-    return {
-        name: abs(estimate_friction([press]).push_n / press.newton_per_a[1])
-        for name, press in presses.items()
-    }
+    found_a = {}
+    for name, press in presses.items():
+        with suppress(InputError):  # too few samples: what touches have shown must not be lost with it
+            found_a[name] = abs(estimate_friction([press]).push_n / press.newton_per_a[1])
+    return found_a
 
 
 def friction_warnings(rig: RigFile, friction_a: Mapping[str, float]) -> list[str]:
@@ -50,7 +52,7 @@ def friction_warnings(rig: RigFile, friction_a: Mapping[str, float]) -> list[str
 
 def _warning(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> str | None:
     allowed_a = spec.slide.friction_a
-    more_n = (allowed_a - measured_a) * _newton_per_ampere(spec)
+    more_n = slide_force_n(spec.slide, allowed_a - measured_a)
     left_n = rig.closing.max_force_n + more_n
     servo = f"finger {spec.name}: its slide (servo {spec.slide.dxl_id})"
     if more_n > 0:
@@ -66,8 +68,3 @@ def _warning(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> str | 
             "calibrate again"
         )
     return None
-
-
-def _newton_per_ampere(spec: SlideFingerConfig) -> float:
-    motor = specification(spec.slide.model).motor
-    return 1e3 * motor.stall_torque_nm / motor.stall_current_a / abs(spec.slide.mm_per_rad)

@@ -8,7 +8,6 @@ import numpy as np
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.config import (
     ActuatorsCalibration,
-    AimCalibration,
     CalibrationDevice,
     CalibrationFile,
     CalibrationReference,
@@ -20,6 +19,7 @@ from palpate.config import (
     PositionParts,
     Residuals,
     RigFile,
+    RotaryCalibration,
     SlideCalibration,
     SlideFingerConfig,
     TactileCalibration,
@@ -105,7 +105,7 @@ def _finger(finger: SlideFingerConfig, rng: np.random.Generator) -> FingerCalibr
         settle_s=0.015,
         overshoots=[Overshoot(speed_mm_s=20.0, largest_mm=0.31, bound_mm=0.4)],
     )
-    aim = AimCalibration(
+    aim = RotaryCalibration(
         direction_confirmed=True, backlash_deg=0.015, backlash_sigma_deg=0.002, friction_a=0.02
     )
     return FingerCalibration(

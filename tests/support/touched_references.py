@@ -61,7 +61,8 @@ def models() -> list[SlideModel]:
     for spec, gear, zero, per_rad in zip(SPECS, GEARS, AIM_ZEROS_RAD, MM_PER_RAD, strict=True):
         x, y = spec.base_mm
         prior = np.array([x, y, math.radians(spec.heading_deg), 5.0, 90.0, math.radians(0.01), 0.0])
-        found.append(SlideModel(spec.name, gear, zero, per_rad, prior, np.diag(np.square(PRIOR_SIGMA))))
+        sigma = np.diag(np.square(PRIOR_SIGMA))
+        found.append(SlideModel(spec.name, prior, sigma, gear, zero, per_rad))
     return found
 
 

@@ -18,10 +18,10 @@ from palpate.config.calibration_finger import (
     ArmPlaceCalibration,
     ContactBounds,
     FingerCalibration,
-    JointCalibration,
     Overshoot,
     PlaceCalibration,
     PlaceInHandFrame,
+    RotaryCalibration,
     TactileCalibration,
 )
 from palpate.geometry import Bools
@@ -244,7 +244,7 @@ def _joint_directions(actuators: ArmActuatorsCalibration) -> str:
     )
 
 
-def _play(joint: JointCalibration) -> str:
+def _play(joint: RotaryCalibration) -> str:
     return plus_minus(joint.backlash_deg, joint.backlash_sigma_deg) + "°"
 
 
