@@ -44,6 +44,7 @@ _ALL_PROBED, _FEW = 256, 8
 _MAX_CELLS = 64  # per interpretation and pass
 _TRIPLED = 4  # contacts whose triples are looked at again when cells are refined
 _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
+_AS_FAR = 1 - 1e-9  # of the furthest vertex: of those that are, but for rounding, the first is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,8 +236,8 @@ def divide_longest(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, In
         return fine, owner
     leg = cells.polygon - cells.centre[:, None]
     away = np.hypot(leg[..., 0], leg[..., 1])
-    end = leg[np.arange(len(cells)), np.argmax(away, axis=1)]
     size = away.max(axis=1)
+    end = leg[np.arange(len(cells)), np.argmax(away >= _AS_FAR * size[:, None], axis=1)]
     turned = size <= cells.half_width * lever_mm
     owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
     fine = cells.select(owner)

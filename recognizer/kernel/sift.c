@@ -184,6 +184,8 @@ typedef struct {
     Py_ssize_t count, vertices;
 } cell_rows;
 
+#define AS_FAR 0.999999999 /* `region._AS_FAR` */
+
 /* How a cell is divided: by its orientations, or along `ahead` from `least` on in steps. */
 typedef struct {
     int turned;
@@ -196,14 +198,14 @@ static division division_of(const cell_rows *cells, Py_ssize_t k, double lever, 
     const point *polygon = cells->polygon + k * cells->vertices;
     const shape whole = shape_of(polygon, cells->vertices, term);
     division found = {0, {0, 0}, INFINITY, 0};
-    double most = -1, height = -INFINITY;
+    double most = 0, height = -INFINITY;
+    for (Py_ssize_t j = 0; j < cells->vertices; j++)
+        most = larger(most, hypot(polygon[j].x - whole.centre.x, polygon[j].y - whole.centre.y));
     for (Py_ssize_t j = 0; j < cells->vertices; j++) {
-        const double x = polygon[j].x - whole.centre.x, y = polygon[j].y - whole.centre.y, away = hypot(x, y);
-        if (away > most) {
-            most = away;
-            found.ahead.x = x;
-            found.ahead.y = y;
-        }
+        found.ahead.x = polygon[j].x - whole.centre.x;
+        found.ahead.y = polygon[j].y - whole.centre.y;
+        if (hypot(found.ahead.x, found.ahead.y) >= AS_FAR * most)
+            break;
     }
     found.turned = most <= (cells->hi[k] - cells->lo[k]) / 2 * lever;
     found.ahead.x /= larger(most, 1e-300);

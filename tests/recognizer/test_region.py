@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
+from palpate.geometry.plane import rotate
 from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
@@ -159,3 +160,19 @@ def test_volume_and_radius_of_a_square_cell() -> None:
     assert cells.volume[0] == pytest.approx(4 * 0.3)
     assert cells.radius[0] == pytest.approx(math.sqrt(2))
     assert cells.centre[0] == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_which_diagonal_of_a_rectangle_is_cut_does_not_depend_on_rounding(seed: int) -> None:
+    """Both are equally long; in turned rectangles one of them is longer by the last bit."""
+    rng = np.random.default_rng(seed)
+    angle, size, count = rng.uniform(0, 2 * np.pi, 50), rng.uniform(0.5, 2, (50, 2)), np.zeros(50, np.int64)
+    corner = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * size[:, None]
+    rectangle = rotate(corner, angle[:, None]) + rng.normal(0, 30, (50, 1, 2))
+    cells, close = (
+        Cells(count, count, np.zeros(50), np.full(50, 1e-4), polygon)
+        for polygon in (rectangle, rectangle + rng.normal(0, 1e-13, rectangle.shape))
+    )
+    (one, owner), (other, of_other) = divide_longest(cells, 40.0, 4), divide_longest(close, 40.0, 4)
+    assert np.array_equal(owner, of_other)
+    np.testing.assert_allclose(one.centre, other.centre, rtol=0, atol=1e-9)
