@@ -8,7 +8,6 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_cells import FreePaths, Pairings, pairings_of
 from palpate.recognizer.compiled_regions import RegionRules
 from palpate.recognizer.compiled_sweep import path_rows
@@ -17,7 +16,7 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells
-from palpate.recognizer.sweep import free_path_test, free_paths_of, path_outside_outline
+from palpate.recognizer.sweep import free_path_test, free_paths_of
 from palpate.recognizer.tree import Interpretations
 
 __all__ = ["Constraints"]
@@ -104,11 +103,4 @@ class Constraints:
     def allow(self, cells: Cells) -> Bools:
         """Cells (k,) that the free paths do not rule out."""
         skipped = null_mask(self.nodes, cells.node, self.evidence)
-        if KERNEL is None:
-            # A look at paths that come from outside costs less than the sweep, unless that is compiled.
-            if skipped is None:
-                skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
-            skipped[:, self._columns] |= path_outside_outline(
-                self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
-            )
         return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)

@@ -3,10 +3,8 @@
 They are sorted by normal within a state, so that the angle test is a range look-up. Made by `edge_sets`.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,8 +28,6 @@ ROUNDING_RAD = 1e-9
 NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
-_ON_LINE_MM = 1e-7  # a vertex no further out than this is on the edge's line
-_CONES_AT_ONCE = 200_000
 _SUPPORTS = 360
 _NOTHING_MM = -1e4  # support of what is not there
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
@@ -123,19 +119,10 @@ class EdgeSet:
         """Of a state's supports."""
         return (_SUPPORTS,)
 
-    def derived(self, *, cones: bool) -> "dict[str, Floats]":
-        """What is costly to derive of all states: `supports`, and with `cones` `open_left`, `open_right`."""
-        found = {"supports": self._supports}
-        return found | dict(zip(("open_left", "open_right"), self.open_cone, strict=True)) if cones else found
-
-    def with_derived(self, derived: Mapping[str, Floats]) -> "EdgeSet":
-        """The same edges, for which that was `derived` before."""
+    def with_supports(self, supports: Floats) -> "EdgeSet":
+        """The same edges, whose `supports` (S, …) were worked out before."""
         result = replace(self)
-        # Where cached properties keep their values.
-        kept = vars(result)
-        kept["_supports"] = derived["supports"]
-        if "open_left" in derived:
-            kept["open_cone"] = derived["open_left"], derived["open_right"]
+        vars(result)["supports"] = supports  # where a cached property keeps its value
         return result
 
     @cached_property
@@ -211,21 +198,6 @@ class EdgeSet:
         return np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
 
     @cached_property
-    def open_cone(self) -> tuple[Floats, Floats]:
-        """How far to the left and to the right of each edge's normal nothing is in the way, (n,) rad each.
-
-        A straight path that comes to any point of the edge from within this cone meets no other edge. At most
-        a quarter turn to either side; negative where something stands right before the edge.
-        """
-        left, right = np.empty(len(self.state)), np.empty(len(self.state))
-        for begin, end in pairwise(self.first):
-            size = max(1, _CONES_AT_ONCE // max(int(end - begin), 1))
-            for row in range(int(begin), int(end), size):
-                rows = slice(row, min(row + size, int(end)))
-                left[rows], right[rows] = _open_cones(self, rows, slice(int(begin), int(end)))
-        return left, right
-
-    @cached_property
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """What the compiled kernel takes of it, in the order of `recognizer/kernel/edges.h`."""
         values = (
@@ -275,12 +247,12 @@ class EdgeSet:
         place = (angle_rad % (2 * np.pi)) * (_SUPPORTS / (2 * np.pi))
         below = place.astype(np.int64)
         share = place - below
-        table = self._supports
+        table = self.supports
         result: Floats = (1 - share) * table[state, below % _SUPPORTS]
         return result + share * table[state, (below + 1) % _SUPPORTS]
 
     @cached_property
-    def _supports(self) -> Floats:
+    def supports(self) -> Floats:
         """Support of each state (S, _SUPPORTS) in evenly spaced directions."""
         angle = np.arange(_SUPPORTS) * (2 * np.pi / _SUPPORTS)
         towards = np.stack([np.cos(angle), np.sin(angle)])
@@ -325,45 +297,6 @@ class EdgeSet:
         size = self.count[state[owner]]
         within = key - 2 * begin
         return owner, begin + within - np.where(within >= size, size, 0)
-
-
-def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floats]:
-    """Open cones of the edges `rows`, with the edges `block` of their state in the way.
-
-    What is between the left limit's ray from the edge's one end and the right limit's from its other end must
-    hold no vertex, and no edge may run across it: then it crosses the normal from the middle as well.
-    """
-    half = edges.half_length[rows, None]
-    out, aside = _seen_from(edges, rows, edges.start[block])
-    beyond = out > _ON_LINE_MM
-    # Seen along the outward normal, left is where the edge goes on to.
-    seen = [
-        _least_turn(beyond & (aside >= 0), aside - half, out),
-        _least_turn(beyond & (aside < 0), -aside - half, out),
-    ]
-    out_to, aside_to = _seen_from(edges, rows, edges.end[block])
-    across = (aside < 0) != (aside_to < 0)
-    gap = np.where(across, aside_to - aside, 1.0)
-    wall = np.any(across & (out - aside * (out_to - out) / gap > _ON_LINE_MM), axis=1)
-    left, right = (np.where(wall, -1.0, turn) for turn in seen)
-    return left, right
-
-
-def _seen_from(edges: EdgeSet, rows: slice, point: Floats) -> tuple[Floats, Floats]:
-    """How far out and aside points (n, 2) are from the middles of edges (m), (m, n) each."""
-    x, y = (point[:, k] - edges.centre[rows, k, None] for k in (0, 1))
-    normal_x, normal_y = edges.normal[rows, 0, None], edges.normal[rows, 1, None]
-    along_x, along_y = edges.direction[rows, 0, None], edges.direction[rows, 1, None]
-    return x * normal_x + y * normal_y, x * along_x + y * along_y
-
-
-def _least_turn(seen: Bools, aside: Floats, out: Floats) -> Floats:
-    """Least angle (m,) from ahead to what is `seen` (m, n), so far `aside` and `out` > 0; π/2 for nothing."""
-    slope = np.divide(aside, out, out=np.full(seen.shape, np.inf), where=seen)
-    row, least = np.arange(len(seen)), np.argmin(slope, axis=1)
-    turn = np.arctan2(aside[row, least], out[row, least])
-    result: Floats = np.where(seen[row, least], turn, np.pi / 2)
-    return result
 
 
 def ring_order(start: Floats, end: Floats) -> tuple[Ints, list[int]]:

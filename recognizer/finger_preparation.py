@@ -25,7 +25,7 @@ _PLANE = ("start", "end", "direction", "normal", "along")
 """Columns of points and directions."""
 _COUNTED = ("feature", "ring")
 """Columns of whole numbers."""
-_SUPPORTS, _CONES = "supports", ("open_left", "open_right")
+_SUPPORTS = "supports"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,32 +41,25 @@ class FingerPreparation:
     def __len__(self) -> int:
         return len(self.boundary.clearance_mm)
 
-    @property
-    def has_cones(self) -> bool:
-        """Whether the outlines' open cones are prepared: nothing asks for them if a state has a tolerance."""
-        return self.outlines is self.edges
-
     @classmethod
     def joined(cls, parts: Sequence["FingerPreparation"]) -> "FingerPreparation":
         """Of the states of all parts, one part after the other."""
         same = all(part.outlines is part.edges for part in parts)
-        outlines = _joined_edges([part.outlines for part in parts], cones=same)
+        supports = np.concatenate([part.outlines.supports for part in parts])
+        outlines = _joined_edges([part.outlines for part in parts]).with_supports(supports)
         edges = outlines if same else _joined_edges([part.edges for part in parts])
         return cls(outlines, edges, _joined_boundary([part.boundary for part in parts]))
 
     def select(self, states: Ints) -> "FingerPreparation":
         """Of some of the states, in that order."""
-        outlines = _selected_edges(self.outlines, states, cones=self.has_cones)
-        edges = outlines if self.has_cones else _selected_edges(self.edges, states)
+        outlines = _selected_edges(self.outlines, states).with_supports(self.outlines.supports[states])
+        edges = outlines if self.edges is self.outlines else _selected_edges(self.edges, states)
         return FingerPreparation(outlines, edges, _selected_boundary(self.boundary, states))
 
     def arrays(self) -> dict[str, Arrays]:
         """To be kept."""
-        derived = self.outlines.derived(cones=self.has_cones)
-        found = _named("outlines.", self.outlines) | {
-            f"outlines.{name}": value for name, value in derived.items()
-        }
-        if not self.has_cones:
+        found = _named("outlines.", self.outlines) | {f"outlines.{_SUPPORTS}": self.outlines.supports}
+        if self.edges is not self.outlines:
             found |= _named("edges.", self.edges)
         boundary = self.boundary
         found |= _named("pieces.", boundary.pieces) | {"pieces.first": boundary.first_piece}
@@ -78,11 +71,7 @@ class FingerPreparation:
         """What `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
         own, same = replace(arrays, prefix="outlines."), "edges.first" not in arrays
         outlines = _edges_from(own, count)
-        size = len(outlines.length)
-        names = _CONES if same else ()
-        derived = {name: own.floats(name, (size,)) for name in names}
-        derived[_SUPPORTS] = own.floats(_SUPPORTS, (count, *outlines.supports_shape))
-        outlines = outlines.with_derived(derived)
+        outlines = outlines.with_supports(own.floats(_SUPPORTS, (count, *outlines.supports_shape)))
         edges = outlines if same else _edges_from(replace(arrays, prefix="edges."), count)
         first_piece = begins(arrays, "pieces.first", count)
         first_side = begins(arrays, "sides.first", count)
@@ -98,14 +87,13 @@ class FingerPreparation:
 
 
 def prepare_finger(
-    states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float, cones: bool
+    states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float, is_exact: bool
 ) -> FingerPreparation:
-    """Prepare states for a finger; `cones`: none of the states that these are part of has a tolerance."""
+    """Prepare states for a finger; `is_exact`: none of the states that these are part of has a tolerance."""
     outlines = outline_set(states, finger, facet_error_mm)
     edges = pairing_set(states, finger, facet_error_mm, outlines)
-    if not cones and edges is outlines:
+    if not is_exact and edges is outlines:
         edges = replace(outlines)
-    outlines.derived(cones=cones)
     return FingerPreparation(outlines, edges, true_boundary(states, finger))
 
 
@@ -133,33 +121,20 @@ def _edges_from(arrays: NamedArrays, count: int) -> EdgeSet:
     return EdgeSet(**_columns(EdgeSet, arrays, first), first=first)
 
 
-def _joined_edges(parts: Sequence[EdgeSet], *, cones: bool | None = None) -> EdgeSet:
-    """Edges of all parts. `cones`: whether their open cones are known; None: nothing that is derived is."""
+def _joined_edges(parts: Sequence[EdgeSet]) -> EdgeSet:
     first = joined_begins([part.first for part in parts])
     columns = {
         item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(EdgeSet)
     }
     columns |= {"state": np.repeat(np.arange(len(first) - 1), np.diff(first)), "first": first}
-    joined = EdgeSet(**columns)
-    if cones is None:
-        return joined
-    derived = [part.derived(cones=cones) for part in parts]
-    return joined.with_derived(
-        {name: np.concatenate([part[name] for part in derived]) for name in derived[0]}
-    )
+    return EdgeSet(**columns)
 
 
-def _selected_edges(edges: EdgeSet, states: Ints, *, cones: bool | None = None) -> EdgeSet:
+def _selected_edges(edges: EdgeSet, states: Ints) -> EdgeSet:
     count = edges.count[states]
     owner, rows = expand_ranges(edges.first[states], count)
     columns = {item.name: getattr(edges, item.name)[rows] for item in fields(EdgeSet) if item.name != "first"}
-    selected = EdgeSet(**(columns | {"state": owner}), first=begins_of(count))
-    if cones is None:
-        return selected
-    derived = edges.derived(cones=cones)
-    return selected.with_derived(
-        {name: value[states if name == _SUPPORTS else rows] for name, value in derived.items()}
-    )
+    return EdgeSet(**(columns | {"state": owner}), first=begins_of(count))
 
 
 def _joined_boundary(parts: Sequence[TrueBoundary]) -> TrueBoundary:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_sweep import cells_left_free, stops
@@ -22,7 +22,7 @@ from palpate.recognizer.region import Cells
 from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.swept_edges import capsules_of
 
-__all__ = ["StopIntervals", "free_path_test", "free_paths_of", "path_outside_outline", "sweep"]
+__all__ = ["StopIntervals", "free_path_test", "free_paths_of", "sweep"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,51 +99,6 @@ def free_paths_of(contacts: Sequence[Contact]) -> list[Approach]:
         )
         for contact in contacts
     ]
-
-
-def path_outside_outline(
-    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, paired: Ints, contacts: Sequence[Contact]
-) -> Bools:
-    """Cells in which paths of contacts on their edges, `paired` (k, m), are outside of the outline: (k, m).
-
-    A path is, if it comes from within its edge's open cone whatever the orientation, and does not end beyond
-    an end of the edge at which the outline may rise again. Then it is never deeper in the outline of that
-    edge than its end may be. `free_path_test`, which looks at all edges, may drop some of these cells:
-    to keep them is coarser, and loses no answer.
-    """
-    clear = np.zeros(paired.shape, dtype=bool)
-    for finger in dict.fromkeys(contact.finger for contact in contacts):
-        edges = catalogue.edges(finger)
-        columns = [
-            column
-            for column, contact in enumerate(contacts)
-            if contact.finger == finger and contact.free_path_bound_mm >= contact.position_bound_mm
-        ]
-        if columns and len(edges.state) and edges is catalogue.outlines(finger):
-            some = [contacts[column] for column in columns]
-            clear[:, columns] = _clear(edges, cells, anchor_mm, paired[:, columns], some)
-    return clear
-
-
-def _clear(edges: EdgeSet, cells: Cells, anchor_mm: Floats, edge: Ints, contacts: Sequence[Contact]) -> Bools:
-    middle, half_width = cells.middle[:, None], cells.half_width[:, None]
-    against = np.array([contact.direction_rad + np.pi for contact in contacts])
-    off = against - edges.normal_rad[edge] - middle
-    off -= 2 * np.pi * np.rint(off / (2 * np.pi))
-    left, right = edges.open_cone[0][edge], edges.open_cone[1][edge]
-    within = (edge >= 0) & (off + half_width <= left) & (half_width - off <= right)
-    # Seen from the edge's middle: how far along it the contact lies, give or take the cell's extent.
-    x, y = (np.array([contact.end_mm for contact in contacts]) - anchor_mm).T
-    cos, sin = np.cos(middle), np.sin(middle)
-    rel = cells.centre[:, None] + edges.centre[edge]
-    along = edges.direction[edge]
-    aside = (cos * x + sin * y - rel[..., 0]) * along[..., 0] + (cos * y - sin * x - rel[..., 1]) * along[
-        ..., 1
-    ]
-    room = edges.half_length[edge] - half_width * np.hypot(x, y) - cells.radius[:, None]
-    ends = ((aside <= room) | (left >= np.pi / 2)) & ((-aside <= room) | (right >= np.pi / 2))
-    result: Bools = within & ends
-    return result
 
 
 def _stops(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Floats, Floats]:

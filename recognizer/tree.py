@@ -164,7 +164,12 @@ def _second_level_pairs(
     lo, hi = orientation_range(normals_1, first, edge_a)
     lo, hi = intersect(lo, hi, *orientation_range(normals_2, second, edge_b))
     paired = Interpretations(first.state[edge_a], np.column_stack([edge_a, edge_b]), lo, hi)
-    return paired.narrowed(lo, hi), len(paired)
+    return _in_edge_order(paired.narrowed(lo, hi)), len(paired)
+
+
+def _in_edge_order(nodes: Interpretations) -> Interpretations:
+    """The kernel's order: where not all regions can be cut finer, it decides between those of equal size."""
+    return nodes.select(np.lexsort(nodes.edges.T[::-1]))
 
 
 def next_level(
@@ -208,7 +213,7 @@ def _level_by_parts(
         grown = _turned_to_fit(catalogue, grown, contact)
         after_distance += len(grown)
         parts.append(_narrow_by_model(catalogue, grown, contacts, anchor_mm))
-    return Interpretations.joined(parts), after_angle, after_distance
+    return _in_edge_order(Interpretations.joined(parts)), after_angle, after_distance
 
 
 def _third_level(

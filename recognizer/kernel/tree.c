@@ -163,7 +163,8 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
                             &all->looked);
     all->looked = looked;
     int fine = edges->first[state + 1] - edges->first[state] > FINE_EDGES;
-    for (int run = 0; run < looked.count; run++)
+    /* The second run, where there is one, begins at the state's first edge: children are in the edges' order. */
+    for (int run = looked.count - 1; run >= 0; run--)
         for (int64_t from = looked.from[run]; from < looked.to[run]; from += BLOCK) {
             int64_t to = from + BLOCK < looked.to[run] ? from + BLOCK : looked.to[run];
             int32_t found[BLOCK];
@@ -342,7 +343,7 @@ PyObject *extend(PyObject *self, PyObject *arguments)
         double margin = edges->most_span, wide = normals_hi - normals_lo + 2 * margin + hi[cell] - lo[cell];
         runs looked = by_normal(edges, state[cell], normals_lo - margin - hi[cell], smaller(wide, TURN), NULL);
         int large = edges->first[state[cell] + 1] - edges->first[state[cell]] > FINE_EDGES;
-        for (int run = 0; run < looked.count; run++) {
+        for (int run = looked.count - 1; run >= 0; run--) {
             looked_up += large ? 0 : looked.to[run] - looked.from[run];
             for (int64_t edge = looked.from[run]; edge < looked.to[run]; edge++) {
                 double square = point_segment(place[2 * cell], place[2 * cell + 1], edges->start + 2 * edge,

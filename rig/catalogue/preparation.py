@@ -78,7 +78,7 @@ def _prepared_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> Prepar
 def _prepared_finger(
     states: Sequence[CatalogueState], finger: Finger, keeper: "_Keeper"
 ) -> FingerPreparation:
-    cones = not any(state.tolerance_mm > 0 for state in states)
+    is_exact = not any(state.tolerance_mm > 0 for state in states)
 
     def load(arrays: NamedArrays, count: int) -> FingerPreparation:
         return FingerPreparation.from_arrays(arrays, finger, count)
@@ -87,10 +87,10 @@ def _prepared_finger(
         chunks = _chunks(chosen, [_vertices_met(states[number], finger) for number in chosen])
         return keeper.run(
             prepare_finger,
-            [([states[number] for number in chunk], finger, FACET_ERROR_MM, cones) for chunk in chunks],
+            [([states[number] for number in chunk], finger, FACET_ERROR_MM, is_exact) for chunk in chunks],
         )
 
-    about = [finger.tip_radius_mm, finger.height_mm, finger.half_length_mm, FACET_ERROR_MM, float(cones)]
+    about = [finger.tip_radius_mm, finger.height_mm, finger.half_length_mm, FACET_ERROR_MM, float(is_exact)]
     name = f"finger-{hashlib.sha256(repr(about).encode()).hexdigest()[:16]}"
     return keeper.prepared(_Kind(name, load, FingerPreparation.joined, make))
 

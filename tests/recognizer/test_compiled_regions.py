@@ -31,8 +31,7 @@ FEW = 10
 CASES = sample(range(0, 20 * FEW, FEW), range(0, 2 * FEW, FEW))
 SOURCES = ("memo", "own", "loose")
 ROUNDS = 5
-# All but `constraints`: without a kernel, that lets paths pass unseen that come from outside, and keeps cells
-# that the sweep would drop.
+# All but what prepares arrays for the kernel.
 PARTS = (
     "grouping",
     "region",

@@ -8,18 +8,14 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
-from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place, stop, until_touched
+from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
 from palpate.geometry import ObjectModel
-from palpate.recognizer import recognise
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.rays import Approach
-from palpate.recognizer.recognition import intervals_of
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sweep import free_path_test, sweep
-from palpate.recognizer.witness_search import connected_regions, find_witnesses
 
 MODELS = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(MODELS)
@@ -151,56 +147,3 @@ def test_by_normal_is_a_scan(queries: list[tuple[int, float, float]]) -> None:
         possible = same & ((past <= width[query] + 1e-9) | (past >= 2 * math.pi - 1e-9))
         got = {e for o, e in found if o == query}
         assert set(np.flatnonzero(certain).tolist()) <= got <= set(np.flatnonzero(possible).tolist())
-
-
-def test_what_comes_through_an_open_cone_meets_nothing() -> None:
-    """Rays back from any point of an edge, in any direction of its open cone, against shapely."""
-    rng = np.random.default_rng(9)
-    notched = flat("notched", [(0, 0), (60, 0), (60, 30), (34, 30), (30, 12), (25, 30), (0, 30)])
-    catalogue = Catalogue([*MODELS, notched])
-    for radius in (0.0, 5.0):
-        edges = catalogue.edges(Finger(radius, 10.0))
-        left, right = edges.open_cone
-        assert np.mean(left + right > math.pi - 1e-6) > 0.2  # edges of the hull
-        assert np.mean(left + right < math.pi / 2) > 0.02
-        for state in range(len(catalogue.states)):
-            block = slice(edges.first[state], edges.first[state + 1])
-            lines = shapely.linestrings(np.stack([edges.start[block], edges.end[block]], axis=1))
-            for edge in rng.integers(block.start, block.stop, 25):
-                if min(left[edge], right[edge]) < 0:
-                    continue
-                angle = edges.normal_rad[edge] + rng.uniform(-right[edge], left[edge], 6)
-                at = edges.start[edge] + rng.uniform(0.01, 0.99, (6, 1)) * (
-                    edges.end[edge] - edges.start[edge]
-                )
-                out = np.column_stack([np.cos(angle), np.sin(angle)])
-                rays = shapely.linestrings(np.stack([at + 1e-4 * out, at + 300 * out], axis=1))
-                others = np.delete(lines, edge - block.start)
-                assert not shapely.intersects(rays[:, None], others[None]).any()
-
-
-class AllPaths(Constraints):
-    """Tests every free path, also where it is known to be outside of the outline."""
-
-    def allow(self, cells: Cells) -> np.ndarray:
-        return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_skipping_clear_paths_changes_nothing(seed: int) -> None:
-    rng = np.random.default_rng(60 + seed)
-    placed = place(MODELS[seed], rng)
-    bound, half_range = (0.0, 0.3, 1.0)[seed % 3], (None, 0.2)[seed % 2]
-    contacts = until_touched(grip, placed, rng, fingers=2 + seed % 3, bound=bound, half_range=half_range)
-    found = recognise(CATALOGUE, contacts)
-    touched = [contact for contact in contacts if contact.touched]
-    known = (CATALOGUE, found.interpretations, touched, list(contacts), found.anchor_mm)
-    some, every = (
-        connected_regions(constraints, find_witnesses(constraints, intervals_of(found.interpretations)))
-        for constraints in (Constraints(*known), AllPaths(*known))
-    )
-    assert len(some) > 0
-    np.testing.assert_array_equal(some.cells.polygon, every.cells.polygon)
-    np.testing.assert_array_equal(some.first, every.first)
-    np.testing.assert_array_equal(some.position, every.position)
-    np.testing.assert_array_equal(some.verified, every.verified)

@@ -47,8 +47,7 @@ def bits_of(catalogue: Catalogue, fingers: tuple[Finger, ...] = FINGERS) -> dict
         for name, table in tables.items():
             for item in fields(table):
                 found[f"{name}.{item.name} {finger}"] = _bits(getattr(table, item.name))
-        for name, array in outlines.derived(cones=edges is outlines).items():
-            found[f"{name} {finger}"] = _bits(array)
+        found[f"supports {finger}"] = _bits(outlines.supports)
         for name in ("first_piece", "first_side", "clearance_mm"):
             found[f"{name} {finger}"] = _bits(getattr(boundary, name))
         found[f"radius {finger}"] = struct.pack("d", boundary.radius_mm)
