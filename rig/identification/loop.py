@@ -133,6 +133,7 @@ class _Search:
 
     def run(self) -> Identification:
         verdict = None
+        _ = self._bounds.supports  # of all states: worked out before a touched part has to wait for it
         while verdict is None and len(self._grips) < self._rig.search.max_grips:
             verdict, grip = self._next()
             if verdict is None:

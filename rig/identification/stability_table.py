@@ -54,12 +54,8 @@ class StabilityTable:
     def _slide_shares(self) -> Floats:
         bounds = self.bounds or MotionBounds(self.rig, self.catalogue)
         force_n = expected_peak_n(self.rig, self.rig.closing.touch_speed_mm_s)
-        return np.array(
-            [
-                (force_n / item.holds_n, force_n / item.holds_n * item.turn_rad_per_mm)
-                for item in bounds.supports
-            ]
-        ).reshape(-1, 2)
+        slide = force_n / bounds.supports.holds_n
+        return np.column_stack([slide, slide * bounds.supports.turn_rad_per_mm])
 
     def not_bounded(self, recognition: Recognition | None, pushed_n: float) -> tuple[NotBounded, ...]:
         """States that are left in which the part may have tipped or rolled, each once, the heaviest first.

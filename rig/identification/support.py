@@ -6,19 +6,20 @@ at least the declared force times the slide, so the work done on the part bounds
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import shapely
 
 from palpate.config.rig_tables import SearchConfig
-from palpate.geometry import Floats
+from palpate.geometry import Floats, Ints
 from palpate.geometry.object_model import State
 from palpate.recognizer import Catalogue
 from palpate.recognizer.edges import CatalogueState
+from palpate.recognizer.tables import Table
 from palpate.rig.identification.stability import FRICTION_MOST
 
-__all__ = ["Support", "support_of", "supports_of"]
+__all__ = ["Support", "SupportTable", "support_of", "supports_of"]
 
 _SAMPLES = 24  # of an evenly loaded base, along the longer side of its box
 _TURNS = 31  # centres of rotation looked at, along each side of thrice the part's reach
@@ -45,20 +46,36 @@ class Support:
     centre_mm: Floats
     carried: float
 
-    def leverage_at(self, distance_mm: float) -> float:
-        """As `leverage`, of a point at a distance from the centre of mass.
+
+@dataclass(frozen=True, eq=False)
+class SupportTable(Table):
+    """Supports of n states: the columns of `Support`, (n,) each, and `centre_mm` (n, 2)."""
+
+    holds_n: Floats
+    shift: Floats
+    turn_rad_per_mm: Floats
+    leverage: Floats
+    centre_mm: Floats
+    carried: Floats
+
+    def leverage_at(self, states: Ints, distance_mm: Floats) -> Floats:
+        """As `leverage`, of points at distances (m,) from the centre of mass, of `states` (m,).
 
         The centre of friction moves with the mean velocity, and everything turns about it.
         """
-        return min(self.leverage, 1 + distance_mm * self.turn_rad_per_mm)
+        near = 1 + distance_mm * self.turn_rad_per_mm[states]
+        result: Floats = np.minimum(self.leverage[states], near)
+        return result
 
 
-def supports_of(catalogue: Catalogue, search: SearchConfig, height_mm: float) -> tuple[Support, ...]:
-    """Support of every state of a catalogue, touched at `height_mm` at most.
+def supports_of(catalogue: Catalogue, search: SearchConfig, height_mm: float) -> SupportTable:
+    """Supports of all states of a catalogue, touched at `height_mm` at most.
 
     What an object says goes before what the rig file says.
     """
-    return tuple(support_of(item, search, height_mm) for item in catalogue.states)
+    found = [support_of(item, search, height_mm) for item in catalogue.states]
+    columns = (np.array([getattr(item, name.name) for item in found]) for name in fields(SupportTable))
+    return SupportTable(*columns)
 
 
 def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> Support:

@@ -139,7 +139,7 @@ def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
 
 def test_forces_add_up_where_they_are_at_the_same_time() -> None:
     bounds = MotionBounds(declared(2.0), CATALOGUE)
-    most = max(support.leverage for support in bounds.supports)
+    most = bounds.supports.leverage.max()
     force = 2.0 / most / 2.5
     one, other = touched(press(force, 0.2)), touched(press(force, 0.2), 1)
     later = touched(press(force, 0.2, begin_s=2.0), 1)
@@ -168,7 +168,7 @@ def test_ways_that_were_free_are_not_of_a_part_that_has_moved_too_far() -> None:
     """A finger that may push unnoticed on a way that was free, of a part moved by less."""
     bounds = MotionBounds(declared(0.5), CATALOGUE)
     states = np.array([0])
-    reach = bounds.supports[0].leverage
+    reach = bounds.supports.leverage[0]
 
     def moved(work_mj: float, within_mm: float) -> float:
         trace = replace(press(0.3, work_mj), unnoticed_n=np.full(750, 0.2))
