@@ -20,17 +20,16 @@ from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import Servos, Turn
-from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.plugged_ports import renamed
-from palpate.drivers.transport.reopened_port import ReopenedPort
 from palpate.errors import DeviceError, SafetyStop
-from palpate.rig.arrays import array_of, extractor_of, threshold_problem
+from palpate.rig.arrays import extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
+from palpate.rig.motion.hand_arrays import HandArrays
 from palpate.rig.motion.homing import (
     Home,
     forget_turn,
@@ -64,9 +63,6 @@ SPEAK_S = WATCHDOG_S / 3
 _TARE_FRAMES = 64
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
-_ARRAY_POLL_S = 0.25
-_ARRAY_BACK_S = 4.0  # how long to wait for an array that was lost, with fingers stopped and torque on
-_MOST_TAKEN_UP = 3  # arrays in a run; more often, something is wrong that needs a person
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -98,9 +94,7 @@ class Hand:
         self._check = check
         self._array_guard = ArrayGuard(clock, rig.closing)
         self._ports: list[SerialBase] = []
-        self._array_ports: dict[str, ReopenedPort] = {}
-        self._taken_up = 0
-        self._arrays: list[ArrayDriver] = []
+        self._arrays = HandArrays(clock)
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
         self.stage: HostStage | None = None
@@ -144,18 +138,15 @@ class Hand:
             for port in self._ports:
                 with suppress(Exception):  # torque is what matters, and the next port
                     port.close()
-            for array_port in self._array_ports.values():
-                array_port.close()
+            self._arrays.close()
             if self._servos:
                 with suppress(Exception):
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
-            self._servos, self._arrays, self._ports, self._array_ports = [], [], [], {}
+            self._servos, self._ports = [], []
 
     def _switch_off(self) -> list[DeviceError]:
         failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
-        for array in self._arrays:
-            with suppress(Exception):
-                array.stop()  # an array that is gone moves nothing
+        self._arrays.stop()
         return failed
 
     def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
@@ -357,34 +348,13 @@ class Hand:
         """
         hold(self.bus, self.states, self._servos)
         self.disarm()
-        self._taken_up += 1
-        if self._taken_up > _MOST_TAKEN_UP:
-            raise lost
         finger = next(finger for finger in self.fingers if finger.name == lost.finger)
-        before = self._array_ports[finger.name].port
         self._array_guard.stop([other for other in self.fingers if other is not finger])
-        known, found = finger.array.description, self._found_again(finger, lost)
-        if found.unique_id != known.unique_id:
-            raise DeviceError(f"{lost}; another array answers there now: plug the arrays as they were")
-        now_at = self._array_ports[finger.name].port
+        moved = self._arrays.reconnect(finger, lost)
         self.notice(f"{lost}; it is back, and the grip is begun again")
-        if before and now_at and now_at != before:
-            self.notice(renamed(before, now_at))
+        if moved is not None:
+            self.notice(moved)
         self.start_arrays()
-
-    def _found_again(self, finger: HostFinger, lost: ArrayLost) -> Description:
-        """What an array says of itself that answers again; raises `lost` if it does not."""
-        deadline = self.clock.now() + _ARRAY_BACK_S
-        while self.clock.now() < deadline:
-            try:
-                return finger.array.connect()
-            except ArrayLost:
-                self.clock.sleep(_ARRAY_POLL_S)
-            except DeviceError:
-                continue
-            with suppress(DeviceError):
-                self._array_ports[finger.name].reopen()
-        raise lost
 
     def _connect(self, open_port: OpenPort) -> None:
         rig = self.rig
@@ -409,14 +379,9 @@ class Hand:
             servo.check()
         self._reader = StateReader(self.bus, self._servos)
         # All ports first: boards that reset when their port opens then boot at the same time.
-        self._arrays = [self._array(spec, open_port) for spec in rig.fingers]
-        self.fingers = tuple(map(self._finger, rig.fingers, drives, self._arrays))
+        arrays = [self._arrays.open(spec, open_port) for spec in rig.fingers]
+        self.fingers = tuple(map(self._finger, rig.fingers, drives, arrays))
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
-
-    def _array(self, spec: FingerConfig, open_port: OpenPort) -> ArrayDriver:
-        port = ReopenedPort(lambda: open_port(spec.array.port, spec.array.baudrate_bps))
-        self._array_ports[spec.name] = port
-        return array_of(spec, port, self.clock)
 
     def _finger(self, spec: FingerConfig, drive: Drive, array: ArrayDriver) -> HostFinger:
         extractor = extractor_of(self.rig, spec, array.connect())
