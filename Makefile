@@ -93,6 +93,7 @@ bench: $(DEV) $(PEERS)/.installed
 		--python $(PEERS)/bin/python --torch-python $(TORCH)/bin/python
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_import_peer.py --write
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_emulation.py --time --write
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_waiting.py --write
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_growth.py --write
 
 clean:

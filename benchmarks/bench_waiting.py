@@ -2,7 +2,8 @@
 
 Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named), each in
 several sizes until there are as many as `--objects`. The wait is the processor time from the end of a grip to
-the next plan, or to the answer. One row for each rig: median, 90th percentile, maximum.
+the next plan, or to the answer, observers' and emulated devices' own included. One row for each rig: median,
+90th percentile, maximum. With `--write` the table goes into docs/performance.md.
 """
 
 import argparse
@@ -10,12 +11,14 @@ import json
 import sys
 import tempfile
 import time
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from performance_page import markdown_table, milliseconds, update, versions_line
 from shared_files import SHARED_OUTLINE_SETS
 
 import palpate
@@ -64,27 +67,31 @@ def main() -> None:
     parser.add_argument("files", nargs="*", type=Path, help="objects files")
     parser.add_argument("--objects", type=int, default=500)
     parser.add_argument("--runs", type=int, default=10)
+    parser.add_argument("--write", action="store_true", help="into docs/performance.md")
     given = parser.parse_args()
     files = given.files or list(SHARED_OUTLINE_SETS)
     with tempfile.TemporaryDirectory() as folder:
         objects = Path(folder, "objects.json")
-        whole = joined(files, given.objects)
-        objects.write_text(json.dumps(whole), encoding="utf-8")
-        print(f"{len(whole['objects'])} objects, {given.runs} runs each")
-        print("rig                     waits    median      90 %   longest  identified")
-        for rig in RIGS:
-            waits, identified = Waits(), 0
-            for seed in range(given.runs):
-                with palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened:
-                    answer = opened.identify(objects, sessions=Path(folder, "sessions"), on_event=waits)
-                waits.end()
-                identified += answer.verdict.value == "identified"
-            times = np.array(waits.found)
-            print(
-                f"{Path(rig).name:<22} {len(times):>6} {np.median(times):>7.3f} s "
-                f"{np.percentile(times, 90):>7.3f} s {times.max():>7.3f} s  {identified}/{given.runs}",
-                flush=True,
-            )
+        objects.write_text(json.dumps(joined(files, given.objects)), encoding="utf-8")
+        rows = [row_of(rig, objects, given.runs, Path(folder, "sessions")) for rig in RIGS]
+    table = markdown_table(("rig", "waits", "median", "90 %", "longest", "identified"), rows)
+    print(table)
+    if given.write:
+        told = versions_line({"palpate": version("palpate"), "numpy": np.__version__})
+        update("waits", f"{told} {given.objects} outlines, {given.runs} runs.\n\n{table}")
+
+
+def row_of(rig: str, objects: Path, runs: int, sessions: Path) -> tuple[str, ...]:
+    """Runs on a rig."""
+    waits, identified = Waits(), 0
+    for seed in range(runs):
+        with palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened:
+            answer = opened.identify(objects, sessions=sessions, on_event=waits)
+        waits.end()
+        identified += answer.verdict.value == "identified"
+    times = np.array(waits.found)
+    told = (milliseconds(float(item)) for item in (np.median(times), np.percentile(times, 90), times.max()))
+    return f"`{rig}`", f"{len(times)}", *told, f"{identified} of {runs}"
 
 
 if __name__ == "__main__":
