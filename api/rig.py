@@ -253,7 +253,7 @@ class Rig:
     ) -> CalibrationAnswer:
         """Calibrate: measure the rig, write what is found beside the rig file, with a report; fingers move.
 
-        `steps`: of "actuators", "tactile", "fingers". `table` puts references where they are wanted; an
+        `steps`: of "actuators", "tactile", "fingers", "stage". `table` puts references where they are wanted; an
         emulated rig has one. An interrupted calibration is resumed unless `restart`. `on_session`: called
         with the folder of a log for a live view, removed at the end. From now on this rig uses the
         calibration. Raises InputError for the shipped rig, which has no file to lie beside.
