@@ -28,7 +28,10 @@ _LEAST_SIGMA = 1e-6  # of what a calibration takes for certain: mm, rad, a share
 
 @dataclass(frozen=True, eq=False)
 class KnownFingers:
-    """Values (fingers, k) of calibrated fingers in the hand frame, and the covariance of all (fingers · k)²."""
+    """Values (fingers, k) of calibrated fingers in the hand frame, and the covariance of all of them.
+
+    `covariance`: (fingers · k, fingers · k).
+    """
 
     models: Sequence[FingerModel]
     values: Floats

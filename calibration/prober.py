@@ -95,8 +95,8 @@ class Prober(Protocol):
     def turned(self) -> "Prober":
         """The same rig, with paths at all angles of its turning stage, fewer at each.
 
-        A grip is of paths at one angle. Those of a slide whose aim stays where it waits are left out: it is not known
-        on which side its play would be.
+        A grip is of paths at one angle. Those of a slide whose aim stays where it waits are left out: the
+        side of its play would not be known.
         """
         ...
 

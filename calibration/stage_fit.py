@@ -1,4 +1,4 @@
-"""Fit of the turning stage: its axis and its play, from touches of a disc that stands still while fingers turn.
+"""Fit of the turning stage: its axis and its play, by touches of a disc that stands still as fingers turn.
 
 In the frame of the ring that carries the fingers the disc turns back about the axis: at a stage angle φ its
 centre is at c + R(−φ) (d − c). Generalised least squares: what is wrong with the fingers' places, an angle or
@@ -41,7 +41,7 @@ _BY_CHANCE = 1e-5  # of one of some ten tests for another cause
 _SAME_RAD = math.radians(0.5)  # angles that are nearer are one: the stage's error there is the same
 _LEAST_ANGLES = 3
 _LEAST_TURN_RAD = math.radians(2.0)
-_HALVINGS = 40
+_HALVINGS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def stage_touches(
     met = len(np.unique(group))
     if met < _LEAST_ANGLES or float(np.ptp(angle)) < _LEAST_TURN_RAD:
         raise InputError(
-            f"the {disc.name} was met at {met} stage angles, {math.degrees(float(np.ptp(angle))):.1f}° apart: "
+            f"the {disc.name} was met at {met} stage angles, over {math.degrees(float(np.ptp(angle))):.1f}°: "
             f"its axis needs {_LEAST_ANGLES} or more; widen stage.range_deg, or clear what stands in its way"
         )
     step = TICK_RAD / abs(stage.gear_ratio) / math.sqrt(12)
@@ -114,15 +114,15 @@ def stage_touches(
 def fit_stage(known: KnownFingers, given: StageTouches, disc: ReferenceDisc, start: Floats) -> StageFit:
     """Unknowns that explain touches best; `start` (5,): to begin with.
 
-    Touches that are more than 4.5 standard deviations off are left out. Expected errors are scaled to what the
-    others scatter by. Raises InputError, one line, if touches do not agree, with the cause that explains them.
+    Touches that are more than 4.5 standard deviations off are left out. Expected errors are scaled to what
+    the others scatter by. Raises InputError if touches do not agree, with the cause that explains them.
     """
     problem = _Problem(known, given, disc)
     x, used = _without_outliers(problem, start)
     now = problem.at(x, used, 1.0)
     left_out = int((~used).sum())
     ratio = now.chi_square / now.freedom
-    if left_out > max(1, _MOST_OUTLIERS * len(used)) or ratio > _MOST_SQUARES:
+    if ratio > _MOST_SQUARES or not _is_enough(given, used):
         every = np.ones(len(used), dtype=bool)
         _blame(problem, problem.at(problem.solved(x, every, 1.0), every, 1.0))
         raise InputError(
@@ -140,9 +140,11 @@ def fit_stage(known: KnownFingers, given: StageTouches, disc: ReferenceDisc, sta
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The problem round a solution, for the touches `used` (n,): residuals, what weighs them, and what is known.
+    """The problem round a solution, for the m touches of n that are `used` (n,).
 
-    `rest` (m, m): the weight of what the unknowns cannot explain.
+    `rest` (m, m): the weight of what the unknowns cannot explain. `covariance` (5, 5) of the unknowns.
+    `per_stop` (m, 2), `per_rad` (m,): derivatives of residuals by the disc's place at their stop, and by the
+    ring's angle.
     """
 
     x: Floats
@@ -164,11 +166,14 @@ class _Linear:
         return len(self.residual_mm) - _UNKNOWNS
 
     def explained(self, columns: Floats) -> tuple[float, Floats]:
-        """By how much chi square would fall with more unknowns, whose slopes are `columns` (m, k), and these."""
+        """How far chi square would fall with k more unknowns, and these; `columns` (m, k): their slopes."""
         normal = columns.T @ self.rest @ columns
         towards = columns.T @ self.rest @ self.residual_mm
-        more = -np.linalg.lstsq(normal, towards, rcond=1e-9)[0]
+        more: Floats = -np.linalg.lstsq(normal, towards, rcond=1e-9)[0].astype(np.float64)
         return float(-towards @ more), more
+
+
+_Derived = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
 class _Problem:
@@ -179,10 +184,9 @@ class _Problem:
         self._known, self._stop = known, given.touches.placing
         self._placings = [ReferencePlacement(disc, (0.0, 0.0))] * len(given.angle_rad)
 
-    def derived(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """Residuals (n,), derivatives (n, 5), by the fingers' values (n, f), by each stop's pose (n, 2), by its angle.
-
-        The last (n,) are those of the residuals by the ring's angle at their stop.
+    def derived(self, x: Floats) -> _Derived:
+        """Residuals (n,) and their derivatives: by the unknowns (n, 5), by the fingers' values (n, f), by the
+        disc's place at each stop (n, 2) and by the ring's angle there (n,).
         """
         turned = -(self.given.angle_rad - self.given.way * x[PLAY])
         arm = np.tile(x[DISC] - x[CENTRE], (len(turned), 1))
@@ -213,11 +217,15 @@ class _Problem:
 
     def at(self, x: Floats, used: Bools, share: float) -> _Linear:
         """The problem round a solution."""
-        residual, slopes, values, per_stop, per_rad = self.derived(x)
-        weight = np.linalg.inv(self.covariance(values, per_rad, used, share))
+        return self.linear(x, used, share, self.derived(x))
+
+    def linear(self, x: Floats, used: Bools, share: float, derived: _Derived) -> _Linear:
+        """The same, where derivatives are known."""
+        residual, slopes, values, per_stop, per_rad = derived
+        weight: Floats = np.linalg.inv(self.covariance(values, per_rad, used, share)).astype(np.float64)
         own = slopes[used]
-        normal = np.linalg.inv(own.T @ weight @ own)
-        rest = weight - weight @ own @ normal @ own.T @ weight
+        normal: Floats = np.asarray(np.linalg.inv(own.T @ weight @ own), dtype=np.float64)
+        rest: Floats = weight - weight @ own @ normal @ own.T @ weight
         return _Linear(x, used, residual[used], rest, normal, per_stop[used], per_rad[used])
 
     def solved(self, x: Floats, used: Bools, share: float) -> Floats:
@@ -261,12 +269,21 @@ def _without_outliers(problem: _Problem, start: Floats) -> tuple[Floats, Bools]:
     return x, used
 
 
+def _is_enough(given: StageTouches, used: Bools) -> bool:
+    """Whether few touches were left out, and not half of any stop's: that would be a disc that moved."""
+    stop = given.touches.placing
+    left_out, made = np.bincount(stop[~used], minlength=len(given.angle_rad)), np.bincount(stop)
+    few = int(left_out.sum()) <= max(1, _MOST_OUTLIERS * len(used))
+    return few and not ((left_out > 1) & (2 * left_out >= made)).any()
+
+
 def _share(problem: _Problem, now: _Linear) -> float:
     """Share of the expected squares of single touches by which they agree as they should, within limits."""
     low, high = math.log(_LEAST_SHARE), math.log(_MOST_SQUARES)
+    derived = problem.derived(now.x)
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        at = problem.at(now.x, now.used, math.exp(middle))
+        at = problem.linear(now.x, now.used, math.exp(middle), derived)
         low, high = (middle, high) if at.chi_square > at.freedom else (low, middle)
     return math.exp(high)
 
@@ -281,8 +298,8 @@ def _blame(problem: _Problem, now: _Linear) -> None:
         causes.append(
             (
                 fall - float(chdtri(2, _BY_CHANCE)),
-                f"the disc has moved by about {math.hypot(*moved):.2f} mm while the stage turned: keep it from "
-                "sliding (tape, a weight), and begin this step again",
+                f"the disc has moved by about {math.hypot(*moved):.2f} mm while the stage turned: keep it "
+                "from sliding (tape, a weight), and begin this step again",
             )
         )
     turned = now.per_rad * problem.given.angle_rad[stop]
@@ -290,8 +307,8 @@ def _blame(problem: _Problem, now: _Linear) -> None:
     causes.append(
         (
             fall - float(chdtri(1, _BY_CHANCE)),
-            f"the stage turns {1 + float(more[0]):.4f} times as far as its servo says: correct stage.gear_ratio, "
-            "or see that nothing slips",
+            f"the stage turns {1 + float(more[0]):.4f} times as far as its servo says: correct "
+            "stage.gear_ratio, or see that nothing slips",
         )
     )
     beyond, words = max(causes)

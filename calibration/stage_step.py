@@ -7,6 +7,7 @@ angle between the ends is reached from both sides; the first angle is reached on
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -33,7 +34,6 @@ from palpate.config import FingerConfig, RigFile, StageConfig
 from palpate.config.calibration_stage import StageCalibration
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.geometry.plane import rotate
 
 __all__ = ["calibrate_stage", "measure_stage", "place_disc"]
@@ -48,7 +48,7 @@ _KNOWN_MM = 1e-3
 
 
 def place_disc(rig: RigFile, disc: ReferenceDisc) -> tuple[float, float]:
-    """Where the disc is to lie, in W: beside the axis, on the side where fingers see it well inside at all angles."""
+    """Where the disc is to lie, in W: beside the axis, where fingers see it well inside at all angles."""
     stage = _stage_of(rig)
     radius = rig.workspace.radius_mm
     away = max(min(_AWAY * radius, radius - disc.radius_mm - 10.0), 1.0)
@@ -64,41 +64,17 @@ def place_disc(rig: RigFile, disc: ReferenceDisc) -> tuple[float, float]:
 def measure_stage(
     prober: Prober, rig: RigFile, disc: ReferenceDisc, *, tell: Callable[[str], None]
 ) -> list[TouchMeasurement]:
-    """Have the disc put beside the axis and touch it at all stops; `rig`: with its fingers' places calibrated.
+    """Have the disc put beside the axis and touch it at all stops; `rig`: with calibrated fingers.
 
     Raises InputError for a disc that is not found or moves, and for a stage that hardly turns.
     """
-    specs, stage, about = rig.fingers, _stage_of(rig), place_disc(rig, disc)
-    models = certain_models(specs)
+    about = place_disc(rig, disc)
     prober.put(disc, about)
     tell(f"{disc.name} near ({about[0]:.0f}, {about[1]:.0f}) mm, the stage at 0°")
-    placing = ReferencePlacement(disc, about)
-    found = locate_reference(prober, models, [placing], [], specs)
-    touched = list(found.touched)
-    turned = prober.turned
-    angles = _angles(turned)
-    tour = [*angles, *angles[-2::-1]]
-    before, first = 0.0, _Stop((), ())
-    for number, angle in enumerate(tour, start=1):
-        tell(f"stop {number} of {len(tour)}: the stage at {math.degrees(angle):.1f}°")
-        way = _way(stage, angle - before)
-        if number == len(tour) and first.grips:
-            grips: Sequence[Sequence[Probe]] = first.grips
-        else:
-            grips = _grips(turned, angle, models, placing, found.fit, stage)
-        got = _touched(turned, grips, number, way, tell)
-        if not got and grips:
-            raise InputError(
-                f"with the stage at {math.degrees(angle):.1f}° fingers met nothing where the {disc.name} should be: "
-                "check stage.gear_ratio with its sign, stage.zero_deg and stage.centre_mm, and that it has not moved"
-            )
-        if number == 1:
-            first = _Stop(tuple(grips), tuple(got))
-        elif number == len(tour):
-            _check_still(first.touched, got, models, placing)
-        touched += got
-        before = angle
-    return touched
+    models, placing = certain_models(rig.fingers), ReferencePlacement(disc, about)
+    found = locate_reference(prober, models, [placing], [], rig.fingers)
+    tour = _Tour(prober.turned, _stage_of(rig), models, placing, found.fit, tell)
+    return [*found.touched, *tour.touched()]
 
 
 def calibrate_stage(
@@ -110,9 +86,10 @@ def calibrate_stage(
     offset_bound_mm: float,
     coverage: float,
 ) -> StageCalibration:
-    """The stage by its touches, compared with the rig file; `specs`: fingers with what is known of their arrays.
+    """The stage by its touches, compared with the rig file.
 
-    `offset_bound_mm`: how far the axis may be from the drawing's because the hand frame may be. Raises InputError.
+    `rig`: as described; `specs`: its fingers with what is known of them. `offset_bound_mm`: how far the axis
+    may be from the drawing's because the hand frame may be. Raises InputError.
     """
     stage = _stage_of(rig)
     given = stage_touches(touched, stage, known.models, specs, disc)
@@ -140,12 +117,62 @@ def calibrate_stage(
     )
 
 
-@dataclass(frozen=True)
-class _Stop:
-    """What was done at a stop of the stage."""
+@dataclass(frozen=True, eq=False)
+class _Tour:
+    """All stops of the stage. `fit`: of the disc as it is seen with the stage at 0."""
 
-    grips: tuple[Sequence[Probe], ...]
-    touched: tuple[TouchMeasurement, ...]
+    turned: Prober
+    stage: StageConfig
+    models: Sequence[FingerModel]
+    placing: ReferencePlacement
+    fit: Fit
+    tell: Callable[[str], None]
+
+    def touched(self) -> list[TouchMeasurement]:
+        """Touches of all stops, each with the number of its stop; the last is the first one again."""
+        angles = _angles(self.turned)
+        stops = [*angles, *angles[-2::-1]]
+        grips = {angle: self._grips(angle) for angle in angles}
+        found = [
+            self._stop(number, len(stops), grips[angle], angle, angle - before)
+            for number, (before, angle) in enumerate(pairwise([0.0, *stops]), start=1)
+        ]
+        for model in self.models:
+            first, again = (
+                [item for item in found[k] if item.finger == model.name] for k in (0, len(found) - 1)
+            )
+            for k, item in enumerate(first):
+                check_still([item], again[k : k + 1], self.models, self.placing)
+        return [item for touched in found for item in touched]
+
+    def _stop(
+        self, number: int, count: int, grips: Sequence[Sequence[Probe]], angle_rad: float, turn_rad: float
+    ) -> list[TouchMeasurement]:
+        """Touches of all grips at one stop, to which the stage turns by an angle."""
+        at, name = f"the stage at {math.degrees(angle_rad):.1f}°", self.placing.reference.name
+        self.tell(f"stop {number} of {count}: {at}")
+        way, found = _way(self.stage, turn_rad), list[TouchMeasurement]()
+        for k, grip in enumerate(grips, start=1):
+            self.tell(f"touch {k} of {len(grips)}")
+            met = [item for item in self.turned.touch(grip, number) if item is not None]
+            found += [replace(item, stage_way=way) for item in met]
+        if grips and not found:
+            raise InputError(
+                f"with {at} fingers met nothing where the {name} should be: check stage.gear_ratio with its "
+                "sign, and stage.centre_mm, and that it has not moved"
+            )
+        return found
+
+    def _grips(self, angle_rad: float) -> list[list[Probe]]:
+        """The most informative touches at a stage angle, as the disc is seen from there."""
+        numbers = [k for k, item in enumerate(self.turned.approaches) if item.stage_rad == angle_rad]
+        paths = [self.turned.approaches[k] for k in numbers]
+        centre, pose = np.array(self.stage.centre_mm), self.fit.poses[:1].copy()
+        pose[:, :2] = centre + rotate(pose[:, :2] - centre, np.array([-angle_rad]))
+        predicted = predict_touches(self.models, [self.placing], replace(self.fit, poses=pose), 0, paths)
+        unsure = block_diag(_KNOWN_MM**2 * np.eye(self.fit.values.size), _PLACED_MM**2 * np.eye(3))
+        grips = choose_touches(predicted, paths, self.models, unsure, _TYPICAL_MM, _GRIPS)
+        return [[replace(probe, approach=numbers[probe.approach]) for probe in grip] for grip in grips]
 
 
 def _stage_of(rig: RigFile) -> StageConfig:
@@ -168,51 +195,6 @@ def _way(stage: StageConfig, turned_rad: float) -> int:
     return int(math.copysign(1, turned_rad)) if abs(turned_rad) > least else 0
 
 
-def _grips(
-    turned: Prober,
-    angle_rad: float,
-    models: Sequence[FingerModel],
-    placing: ReferencePlacement,
-    fit: Fit,
-    stage: StageConfig,
-) -> list[list[Probe]]:
-    """The most informative touches at a stage angle, as the disc is seen from there."""
-    numbers = [k for k, item in enumerate(turned.approaches) if item.stage_rad == angle_rad]
-    paths = [turned.approaches[k] for k in numbers]
-    centre = np.array(stage.centre_mm)
-    pose = fit.poses[:1].copy()
-    pose[:, :2] = centre + rotate(pose[:, :2] - centre, np.array([-angle_rad]))
-    there = replace(fit, poses=pose)
-    predicted = predict_touches(models, [placing], there, 0, paths)
-    unsure = block_diag(_KNOWN_MM**2 * np.eye(fit.values.size), _PLACED_MM**2 * np.eye(3))
-    grips = choose_touches(predicted, paths, models, unsure, _TYPICAL_MM, _GRIPS)
-    return [[replace(probe, approach=numbers[probe.approach]) for probe in grip] for grip in grips]
-
-
-def _touched(
-    turned: Prober, grips: Sequence[Sequence[Probe]], number: int, way: int, tell: Callable[[str], None]
-) -> list[TouchMeasurement]:
-    """Touches of all grips at a stop of the stage."""
-    got: list[TouchMeasurement] = []
-    for k, grip in enumerate(grips, start=1):
-        tell(f"touch {k} of {len(grips)}")
-        got += [replace(item, stage_way=way) for item in turned.touch(grip, number) if item is not None]
-    return got
-
-
-def _check_still(
-    first: Sequence[TouchMeasurement],
-    again: Sequence[TouchMeasurement],
-    models: Sequence[FingerModel],
-    placing: ReferencePlacement,
-) -> None:
-    """Compare what was touched at the first stop with the same in the end, grip by grip."""
-    for model in models:
-        one, other = ([item for item in touched if item.finger == model.name] for touched in (first, again))
-        for k, item in enumerate(one):
-            check_still([item], other[k : k + 1], models, placing)
-
-
 def _check_bounds(stage: StageConfig, fit: StageFit, offset_bound_mm: float) -> None:
     """Refuse values that the rig file rules out."""
     sigma = np.sqrt(np.diag(fit.covariance))
@@ -232,6 +214,6 @@ def _check_bounds(stage: StageConfig, fit: StageFit, offset_bound_mm: float) -> 
         )
     if play < -4 * own:
         raise InputError(
-            f"the stage stands further round than its servo where it comes from below, by {-play:.3f}°: something "
-            "holds or pushes it where it stops; free it, and begin this step again"
+            f"the stage goes {-play:.3f}° further than its servo, from either side: something pushes it "
+            "where it stops; free it, and begin this step again"
         )

@@ -26,9 +26,9 @@ class CalibratedFingerOut(Out):
 
 
 class CalibratedStageOut(Out):
-    """The turning stage: its axis in W and the bound on that, how far it is from what the rig file says, its play.
+    """The turning stage: its axis in W with the bound on that, and its play.
 
-    `rms_mm`: residuals of the touches at its angles.
+    `moved_mm`: how far the axis is from what the rig file says. `rms_mm`: residuals of touches at its angles.
     """
 
     centre_mm: tuple[Rounded, Rounded]

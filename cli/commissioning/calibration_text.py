@@ -197,8 +197,8 @@ def show(out: CalibrateOut, console: Console) -> None:
         stage = out.stage
         console.print(
             f"The stage turns about ({stage.centre_mm[0]:.2f}, {stage.centre_mm[1]:.2f}) mm, "
-            f"± {at_most(stage.centre_bound_mm, 3)} mm, {stage.moved_mm:.2f} mm from where it was said to, with "
-            f"{stage.backlash_deg:.3f}° of play either way; {stage.touches} touches agree within "
+            f"± {at_most(stage.centre_bound_mm, 3)} mm, {stage.moved_mm:.2f} mm from where the rig file "
+            f"says, with {stage.backlash_deg:.3f}° of play either way; {stage.touches} touches agree within "
             f"{stage.rms_mm:.3f} mm."
         )
     minutes = out.rig_seconds / 60

@@ -18,7 +18,7 @@ from palpate.calibration.measurements import (
 )
 from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD, FingerKinematics, Line
 from palpate.geometry import Floats
 from palpate.geometry.plane import wrap_angle
@@ -73,7 +73,7 @@ class HandProber:
         *,
         turned: bool = False,
     ) -> None:
-        """`turned`: with paths at several angles of the stage. Raises InputError for a finger without room."""
+        """`turned`: with paths at several angles of the stage. Raises InputError for fingers without room."""
         self._hand, self._table, self._tell = hand, table, tell
         self._specs = [finger.spec for finger in hand.fingers]
         self._kinematics = [finger.kinematics for finger in hand.fingers]
@@ -286,7 +286,7 @@ class HandProber:
 
 
 def approaches_of(rig: RigFile, *, turned: bool = False) -> list[ServoPath]:
-    """Every way that the fingers of a rig can go, as their servos go it; `turned`: with its stage at any angle."""
+    """Every way that the fingers of a rig can go, as their servos go it; `turned`: at all stage angles."""
     reach, numbers = (_turned_reach if turned else _middle_reach)(rig)
     kinematics = [kinematics_of(finger) for finger in rig.fingers]
     return [_approach(rig, reach, index, kinematics) for index in numbers]

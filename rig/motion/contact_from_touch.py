@@ -31,8 +31,8 @@ _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 class Touch(ShortRepr):
     """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
 
-    `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: angle of the turning stage, by
-    its servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
+    `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: the turning stage's, by its
+    servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
     """
 
     finger_index: int

@@ -65,7 +65,8 @@ class SimulatedRig:
         self.outline: PartSection | None = None
         self.slid_mm = 0.0
         self.time_s = 0.0
-        self.stage = None if emulated.bench.stage is None else SimulatedStage(emulated.bench.stage, rig, self.rng)
+        stage = emulated.bench.stage
+        self.stage = None if stage is None else SimulatedStage(stage, rig, self.rng)
 
     @contextmanager
     def connect(self, rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:
@@ -84,7 +85,7 @@ class SimulatedRig:
 
 
 class SimulatedStage:
-    """A stage with the emulated one's truth: its servo stops near its goal, and its ring follows with play."""
+    """A stage with the emulated one's truth: its servo stops near its goal, its ring follows with play."""
 
     def __init__(self, truth: EmulatedStage, rig: RigFile, rng: np.random.Generator) -> None:
         assert rig.stage is not None
