@@ -40,7 +40,7 @@ _LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm
 _BY_CHANCE = 1e-5  # of one of some ten tests for another cause
 _SAME_RAD = math.radians(0.5)  # angles that are nearer are one: the stage's error there is the same
 _LEAST_ANGLES = 3
-_LEAST_TURN_RAD = math.radians(2.0)
+_LEAST_TURN_DEG = 2.0
 _HALVINGS = 20
 
 
@@ -94,12 +94,7 @@ def stage_touches(
     angle = np.bincount(stop, reading, minlength=len(numbers)) / np.maximum(count, 1)
     way = np.array([next(item.stage_way for item in own if item.placing == k) for k in range(len(numbers))])
     group = _alike(angle)
-    met = len(np.unique(group))
-    if met < _LEAST_ANGLES or float(np.ptp(angle)) < _LEAST_TURN_RAD:
-        raise InputError(
-            f"the {disc.name} was met at {met} stage angles, over {math.degrees(float(np.ptp(angle))):.1f}°: "
-            f"its axis needs {_LEAST_ANGLES} or more; widen stage.range_deg, or clear what stands in its way"
-        )
+    _check_angles(angle, way, group, len(own), stage, disc)
     step = TICK_RAD / abs(stage.gear_ratio) / math.sqrt(12)
     unsure = np.where(way == 0, math.radians(stage.backlash_deg) / math.sqrt(3), 0.0)
     error = math.radians(stage.bound_deg) / math.sqrt(3)
@@ -109,6 +104,24 @@ def stage_touches(
     shared = [np.where(touches.finger == k, give, 0.0) for k in range(len(models))]
     shared.append(np.full(len(own), disc.tolerance_mm / math.sqrt(3)))
     return StageTouches(touches, angle, way.astype(np.float64), covariance, np.column_stack(shared))
+
+
+def _check_angles(
+    angle_rad: Floats, way: Ints, group: Ints, count: int, stage: StageConfig, disc: ReferenceDisc
+) -> None:
+    """InputError for stops (v,) or touches that cannot show an axis and a play."""
+    met, turned_deg = len(np.unique(group)), math.degrees(float(np.ptp(angle_rad)))
+    if met < _LEAST_ANGLES or turned_deg < _LEAST_TURN_DEG or count <= 2 * _UNKNOWNS:
+        raise InputError(
+            f"the {disc.name} was met {count} times at {met} stage angles, over {turned_deg:.1f}°: "
+            f"the axis needs {_LEAST_ANGLES} or more; widen stage.range_deg, or clear its way"
+        )
+    if not {1, -1} <= set(way.tolist()):
+        raise InputError(
+            f"the stage's play, up to {stage.backlash_deg:g}° either way by stage.backlash_deg, is too large "
+            f"beside the {turned_deg:.1f}° that it turns: it is not known on which side it stops; measure the "
+            "play, or widen stage.range_deg"
+        )
 
 
 def fit_stage(known: KnownFingers, given: StageTouches, disc: ReferenceDisc, start: Floats) -> StageFit:

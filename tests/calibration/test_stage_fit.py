@@ -211,9 +211,16 @@ def test_touches_that_turn_the_other_way_are_refused() -> None:
 def test_an_axis_needs_several_angles() -> None:
     rng = np.random.default_rng(9)
     with pytest.raises(
-        InputError, match=r"was met at 2 stage angles, over 30\.\d°: its axis needs 3 or more"
+        InputError, match=r"was met 12 times at 2 stage angles, over 30\.\d°: the axis needs 3"
     ):
         calibrated(touched(drawn_truth(rng), rng, (-15.0, 15.0)))
+
+
+def test_a_play_needs_stops_from_both_sides() -> None:
+    rng = np.random.default_rng(11)
+    unknown = [replace(item, stage_way=0) for item in touched(drawn_truth(rng), rng)]
+    with pytest.raises(InputError, match=r"play, up to 0\.1° either way .* large beside the 60\.\d°"):
+        fitted(unknown)
 
 
 def test_derivatives_are_those_of_the_residuals() -> None:
