@@ -119,7 +119,7 @@ def _check_angles(
     if not {1, -1} <= set(way.tolist()):
         raise InputError(
             f"the stage's play, up to {stage.backlash_deg:g}° either way by stage.backlash_deg, is too large "
-            f"beside the {turned_deg:.1f}° that it turns: it is not known on which side it stops; measure the "
+            f"beside the {turned_deg:.1f}° that it turns: on which side it stops is not known; measure the "
             "play, or widen stage.range_deg"
         )
 

@@ -219,7 +219,7 @@ def test_an_axis_needs_several_angles() -> None:
 def test_a_play_needs_stops_from_both_sides() -> None:
     rng = np.random.default_rng(11)
     unknown = [replace(item, stage_way=0) for item in touched(drawn_truth(rng), rng)]
-    with pytest.raises(InputError, match=r"play, up to 0\.1° either way .* large beside the 60\.\d°"):
+    with pytest.raises(InputError, match=r"play, up to 0\.1° either way .* too large beside the 60\.\d°"):
         fitted(unknown)
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from calibrations import full_calibration, true_calibration
 from command import run_here
-from firm_rig import firm_rig
-from quick_rig import STAGE, small
+from quick_rig import STAGE, quick_bench
 from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
@@ -92,10 +91,9 @@ def check_found(file: CalibrationFile, rig: RigFile, truth: EmulatedStage, frame
     assert (known.bound_deg, known.gear_ratio) == (rig.stage.bound_deg, rig.stage.gear_ratio)
 
 
-def loose_stage() -> RigFile:
+def loose_stage(folder: Path) -> RigFile:
     """A small firm rig of two fingers on a stage of which little is known."""
-    data = tomllib.loads(small(firm_rig()))
-    data["fingers"] = data["fingers"][:2]
+    data = tomllib.loads(quick_bench(folder, fingers=2)[0].read_text(encoding="utf-8"))
     data["stage"] = STAGE | {"backlash_deg": 0.2, "centre_bound_mm": 1.5}
     data["emulation"] |= {"stage_backlash_deg": 0.2, "stage_error_deg": 0.02, "stage_centre_error_mm": 1.5}
     return RigFile.model_validate(data)
@@ -114,9 +112,10 @@ def known_but_for_the_stage(rig: RigFile, seed: int) -> CalibrationFile:
     return exact.model_copy(update={"fingers": fingers})
 
 
-def test_a_stage_is_calibrated_on_the_emulated_bench() -> None:
+@pytest.mark.slow
+def test_a_stage_is_calibrated_on_the_emulated_bench(tmp_path: Path) -> None:
     """Its step alone, servos and all, with fingers that were calibrated before."""
-    rig = loose_stage()
+    rig = loose_stage(tmp_path)
     bench = set_up(rig, None, SEED)
     before = known_but_for_the_stage(rig, SEED)
     table = emulated_table(bench, SEED)
