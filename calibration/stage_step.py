@@ -73,8 +73,8 @@ def measure_stage(
     tell(f"{disc.name} near ({about[0]:.0f}, {about[1]:.0f}) mm, the stage at 0°")
     models, placing = certain_models(rig.fingers), ReferencePlacement(disc, about)
     found = locate_reference(prober, models, [placing], [], rig.fingers)
-    tour = _Tour(prober.turned, _stage_of(rig), models, placing, found.fit, tell)
-    return [*found.touched, *tour.touched()]
+    # Touches that look for it are made with aims and a stage of which no side is known: they do not count.
+    return _Tour(prober.turned, _stage_of(rig), models, placing, found.fit, tell).touched()
 
 
 def calibrate_stage(
