@@ -253,10 +253,11 @@ class Rig:
     ) -> CalibrationAnswer:
         """Calibrate: measure the rig, write what is found beside the rig file, with a report; fingers move.
 
-        `steps`: of "actuators", "tactile", "fingers". `table` puts references where they are wanted; an
-        emulated rig has one. An interrupted calibration is resumed unless `restart`. `on_session`: called
-        with the folder of a log for a live view, removed at the end. From now on this rig uses the
-        calibration. Raises InputError for the shipped rig, which has no file to lie beside.
+        `steps`: of "actuators", "tactile", "fingers", "stage", of which a rig without a turning stage has no
+        last one. `table` puts references where they are wanted; an emulated rig has one. An interrupted
+        calibration is resumed unless `restart`. `on_session`: called with the folder of a log for a live
+        view, removed at the end. From now on this rig uses the calibration. Raises InputError for the shipped
+        rig, which has no file to lie beside.
         """
         if self.path is None:
             raise InputError(SHIPPED_RIG)

@@ -10,8 +10,8 @@ time between: twenty times faster. Parts are identified on the emulated bench in
 With `--load`, tips stick (friction 0 to 0.6), aims give way to forces across the slide by up to 0.05 mm/N and
 forces of 0 to 0.5 N take up their play, all drawn per seed and declared; `--simulated` has it, too.
 
-Every seed is a rig as `examples/fresh-rig.toml` describes it (with `--rig arms`, `examples/fresh-arms.toml`),
-with other hidden errors. Each is calibrated as
+Every seed is a rig as `examples/fresh-rig.toml` describes it (with `--rig arms`, `examples/fresh-arms.toml`;
+with `--rig stage`, `examples/fresh-stage.toml`), with other hidden errors. Each is calibrated as
 `palpate calibrate` does it, and its values are compared with the truth; then parts of the shipped catalogue
 are put on it and identified, with the rig file alone and with the calibration. A line of JSON a seed is
 appended, so that a campaign can be stopped and taken up.
@@ -29,12 +29,13 @@ import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2, kstest
 
 from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal, nominal_poses
 from palpate.calibration.run_record import RunRecord
 from palpate.config import (
     ArmFingerConfig,
@@ -68,6 +69,7 @@ _ROOT = Path(__file__).parents[1]
 RIGS = {
     "slides": (_ROOT / "examples" / "fresh-rig.toml", _ROOT / "config" / "references" / "standard.toml"),
     "arms": (_ROOT / "examples" / "fresh-arms.toml", _ROOT / "config" / "references" / "low.toml"),
+    "stage": (_ROOT / "examples" / "fresh-stage.toml", _ROOT / "config" / "references" / "standard.toml"),
 }
 """Rigs that nothing has been measured of, and the references that suit them."""
 LOADED = 0.15  # taxels whose gain is known better than this have been pressed well
@@ -125,6 +127,7 @@ def one(
         "wall_s": time.perf_counter() - begin,
         "rig_s": bench.clock.now(),
         "fingers": compared(bench, file),
+        "stage": compared_stage(bench, file),
     }
     assert file.residuals is not None
     row["residuals"] = file.residuals.model_dump(mode="json", exclude={"touches_seen"})
@@ -251,6 +254,57 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
     return rows
 
 
+def compared_stage(bench: BenchRig, file: CalibrationFile) -> dict[str, object] | None:
+    """What was found of the stage less the truth, in the hand frame; None without one."""
+    assert bench.mock is not None
+    emulated, found = bench.mock.rig.bench, file.stage
+    if emulated.stage is None or found is None:
+        return None
+    built = [
+        built_pose(spec, item.truth) for spec, item in zip(bench.rig.fingers, emulated.fingers, strict=True)
+    ]
+    frame = align_to_nominal(nominal_poses(bench.rig.fingers), built)
+    off = np.array(found.centre_mm) - frame.point_mm(emulated.stage.centre_mm)
+    play_deg = math.degrees(emulated.stage.truth.play_rad)
+    return {
+        "off_mm": off.tolist(),
+        "square": float(off @ np.linalg.solve(np.array(found.covariance), off)),
+        "bound_mm": found.centre_bound_mm,
+        "play_off_deg": found.backlash_deg - play_deg,
+        "play_sigma_deg": found.backlash_sigma_deg,
+        "play_deg": play_deg,
+        "rms_mm": found.rms_mm,
+        "outliers": found.outliers,
+    }
+
+
+def tell_stages(rows: list[dict[str, Any]]) -> None:
+    """The figures of the stages of a campaign."""
+    stages = [row["stage"] for row in rows if row.get("stage")]
+    if not stages:
+        return
+    away = np.array([math.hypot(*item["off_mm"]) for item in stages])
+    bound = np.array([item["bound_mm"] for item in stages])
+    play = np.array([item["play_off_deg"] for item in stages])
+    sigma = np.array([item["play_sigma_deg"] for item in stages])
+    squares = np.array([item["square"] for item in stages]) + (play / sigma) ** 2
+    print(
+        f"stage's axis: off by {np.median(away):.4f} mm in the median, {away.max():.4f} at most; bounds "
+        f"{np.median(bound):.4f} in the median, {bound.max():.4f} at most, {(away > bound).sum()} broken"
+    )
+    off = np.abs(play)
+    print(
+        f"stage's play: off by {np.median(off):.4f} deg in the median, {off.max():.4f} at most; "
+        f"{(play < -3.3 * sigma).sum()} larger than the bound; {sum(item['outliers'] for item in stages)} "
+        "outliers"
+    )
+    total, free = squares.sum(), 3 * len(stages)
+    print(
+        f"normalised errors of axis and play: mean square {total / free:.2f} ({total:.0f} for {free}: "
+        f"p {chi2.sf(total, free):.3f} too large, {chi2.cdf(total, free):.3f} too small)"
+    )
+
+
 def _mechanics(found: Actuators, truth: FingerTruth | ArmTruth) -> dict[str, float]:
     """Play and travel of a slide, plays of an arm's joints, less the truth."""
     if isinstance(found, ActuatorsCalibration):
@@ -308,6 +362,7 @@ def tell(path: Path) -> None:
         f"Kolmogorov-Smirnov p {kstest(squares, chi2(free).cdf).pvalue:.3f}; largest {squares.max():.1f}"
     )
     print(f"dead taxels found: {sum(finger['dead'] for finger in fingers)} of {len(fingers)} fingers")
+    tell_stages(rows)
     print(f"gain bounds broken: {sum(finger['gain_broken'] for finger in fingers)}")
     print(
         f"position bounds: median {np.median([finger['position_mm'] for finger in fingers]):.3f} mm, largest "

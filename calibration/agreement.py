@@ -57,7 +57,8 @@ class SurfaceContacts:
     """Where n touches met a surface: finger (n,), the surface's outward normal and the travel (n, 2), in W.
 
     `dent_mm` (n,): by how much the tip's dent may be other than it is taken to be. `tolerance_mm`: how far
-    the surface may be from what is said of it.
+    the surface may be from what is said of it. `shared_mm` (n, m): standard deviations along the normal that
+    some contacts have in common, a column for each cause; None without.
     """
 
     finger: Ints
@@ -65,6 +66,7 @@ class SurfaceContacts:
     travel: Floats
     dent_mm: Floats
     tolerance_mm: float
+    shared_mm: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +143,8 @@ def touch_covariance(surface: SurfaceContacts, uncertainties: Sequence[ContactUn
     own = scatter**2 + (surface.dent_mm / sigmas) ** 2 + surface.tolerance_mm**2 / 3
     own += (cosine * along) ** 2 + (1 - cosine**2) * across**2
     result: Floats = shared + np.diag(own)
+    if surface.shared_mm is not None:
+        result = result + surface.shared_mm @ surface.shared_mm.T
     return result
 
 

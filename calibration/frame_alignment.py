@@ -59,6 +59,8 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.geometry import Bools, Floats
 
 __all__ = [
+    "ARM_PLACE",
+    "PLACE",
     "AlignedFit",
     "align_fit",
     "bound_contacts",
@@ -72,8 +74,9 @@ __all__ = [
 _STEP = 1e-5
 _DIRECTIONS = 16
 _ALONG = 5
-_PLACE = [0, 1, HEADING, RADIUS, ZERO]
-_ARM_PLACE = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
+PLACE = [0, 1, HEADING, RADIUS, ZERO]
+ARM_PLACE = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
+"""Values whose covariance a calibration file has, of a slide and of an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +174,7 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
             fore_sigma_mm=float(sigma[FORE]),
             elbow_zero_deg=math.degrees(values[ELBOW_ZERO]),
             elbow_zero_sigma_deg=math.degrees(sigma[ELBOW_ZERO]),
-            covariance=covariance[np.ix_(_ARM_PLACE, _ARM_PLACE)].tolist(),
+            covariance=covariance[np.ix_(ARM_PLACE, ARM_PLACE)].tolist(),
         )
     assert isinstance(model, SlideModel)
     per_rad = model.mm_per_rad * (1 + float(values[SCALE]))
@@ -179,7 +182,7 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
         **stands,
         zero_mm=zero_in_file_mm(float(values[ZERO]), per_rad),
         mm_per_turn=2 * math.pi * per_rad,
-        covariance=covariance[np.ix_(_PLACE, _PLACE)].tolist(),
+        covariance=covariance[np.ix_(PLACE, PLACE)].tolist(),
     )
 
 

@@ -25,7 +25,7 @@ class TouchMeasurement:
     it determines the side of its backlash; `elbow_way` likewise. `angle_rad` ± `angle_half_rad`: direction
     from the tip's axis to the contact, from the array's middle. `force_n` ± `force_bound_n`: by the array,
     with its gains as known then. `facing_rad`: where the finger faces, from its direction of travel: 0 for a
-    slide.
+    slide. `stage_rad`: angle of the turning stage, by its servo; `stage_way`: from which side it came.
     """
 
     finger: str
@@ -38,6 +38,8 @@ class TouchMeasurement:
     force_bound_n: float
     elbow_way: int = 0
     facing_rad: float = 0.0
+    stage_rad: float = 0.0
+    stage_way: int = 0
 
 
 @dataclass(frozen=True, eq=False)

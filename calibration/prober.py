@@ -88,7 +88,16 @@ class Prober(Protocol):
 
     @property
     def approaches(self) -> Sequence[ServoPath]:
-        """Every free path."""
+        """Every free path with the turning stage, if there is one, where it is nearest to 0."""
+        ...
+
+    @property
+    def turned(self) -> "Prober":
+        """The same rig, with paths at all angles of its turning stage, fewer at each.
+
+        A grip is of paths at one angle. Those of a slide whose aim stays where it waits are left out: the
+        side of its play would not be known.
+        """
         ...
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:

@@ -30,6 +30,9 @@ class RunRecord(FileModel):
     touched: Items[Items[TouchMeasurement]] = Field(
         default=[], description="Touches of every placing that is done."
     )
+    stage: Items[TouchMeasurement] | None = Field(
+        default=None, description="Touches of the disc at several angles of the turning stage."
+    )
 
     def is_for(self, other: "RunRecord") -> bool:
         """Whether this is about the same rig, references, devices and steps as another one."""

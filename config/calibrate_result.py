@@ -4,7 +4,7 @@ from typing import Literal
 
 from palpate.config.results import Out, Rounded
 
-__all__ = ["CalibrateOut", "CalibratedFingerOut"]
+__all__ = ["CalibrateOut", "CalibratedFingerOut", "CalibratedStageOut"]
 
 
 class CalibratedFingerOut(Out):
@@ -25,10 +25,25 @@ class CalibratedFingerOut(Out):
     unusable: int | None
 
 
+class CalibratedStageOut(Out):
+    """The turning stage: its axis in W with the bound on that, and its play.
+
+    `moved_mm`: how far the axis is from what the rig file says. `rms_mm`: residuals of touches at its angles.
+    """
+
+    centre_mm: tuple[Rounded, Rounded]
+    centre_bound_mm: Rounded
+    moved_mm: Rounded
+    backlash_deg: Rounded
+    touches: int
+    rms_mm: Rounded
+
+
 class CalibrateOut(Out):
     """A calibration that was carried out. `steps`: those that it was asked for; `file`, `report`: written.
 
     `rms_mm`, `held_out_rms_mm`: residuals of touches, fitted and predicted; null before fingers were placed.
+    `stage`: null if there is none, or if it is not calibrated.
     `rig_seconds` is the rig's own time (virtual when emulated), `wall_seconds` what the user waited.
     """
 
@@ -44,5 +59,6 @@ class CalibrateOut(Out):
     outliers: int | None
     rms_mm: Rounded | None
     held_out_rms_mm: Rounded | None
+    stage: CalibratedStageOut | None
     rig_seconds: Rounded
     wall_seconds: Rounded

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
+from palpate.config.calibration_stage import StageCalibration
 from palpate.config.fields import Count, FileModel, Flag, Items, Name, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import problem
@@ -90,6 +91,9 @@ class CalibrationFile(FileModel):
     devices: Items[CalibrationDevice] = Field(description="Every device that took part.")
     fingers: Items[FingerCalibration] = Field(
         min_length=1, description="The rig's fingers, in the rig file's order."
+    )
+    stage: StageCalibration | None = Field(
+        default=None, description="The turning stage; left out if there is none, or if it was not measured."
     )
     residuals: Residuals | None = Field(
         default=None, description="How well the fingers' places agree with the touches."

@@ -1,7 +1,7 @@
 """How far the frame of a calibration may be from the drawing's: what that leaves open of a stage's centre.
 
 A calibration speaks of the frame in which bases and headings are nearest to the rig file's (ADR 0018). The
-centre of a stage is not measured: it is where the drawing has it, but in the drawing's frame.
+centre of a stage that was not measured is where the drawing has it, but in the drawing's frame.
 """
 
 import math

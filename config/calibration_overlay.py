@@ -22,6 +22,7 @@ from palpate.config.calibration_frame import frame_offset_bound_mm
 from palpate.config.fields import FileModel
 from palpate.config.rig_file import RigFile
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TaxelsConfig
+from palpate.config.rig_servos import StageConfig
 from palpate.errors import InputError
 
 __all__ = ["apply_calibration", "check_calibration", "geometry_sha256"]
@@ -103,12 +104,26 @@ def apply_calibration(rig: RigFile, file: CalibrationFile) -> RigFile:
     off of the rig as described, and that is more than calibration leaves.
     """
     fingers = [_calibrated(finger, found) for finger, found in zip(rig.fingers, file.fingers, strict=True)]
-    stage = rig.stage
-    if stage is not None and any(found.place is not None for found in file.fingers):
-        # It is not measured, and the calibration's frame may be another than the drawing's.
-        wide = stage.centre_bound_mm + frame_offset_bound_mm(rig, stage.centre_mm)
-        stage = stage.model_copy(update={"centre_bound_mm": wide})
-    return rig.model_copy(update={"fingers": fingers, "stage": stage})
+    return rig.model_copy(update={"fingers": fingers, "stage": _calibrated_stage(rig, file)})
+
+
+def _calibrated_stage(rig: RigFile, file: CalibrationFile) -> StageConfig | None:
+    """The stage as it was measured; what its angle may be off by besides the play no touch can show."""
+    stage, found = rig.stage, file.stage
+    if stage is None:
+        return None
+    if found is not None:
+        measured = {
+            "centre_mm": found.centre_mm,
+            "centre_bound_mm": found.centre_bound_mm,
+            "backlash_deg": found.backlash_deg + _SIGMAS * found.backlash_sigma_deg,
+        }
+        return stage.model_copy(update=measured)
+    if all(finger.place is None for finger in file.fingers):
+        return stage
+    # It is not measured, and the calibration's frame may be another than the drawing's.
+    wide = stage.centre_bound_mm + frame_offset_bound_mm(rig, stage.centre_mm)
+    return stage.model_copy(update={"centre_bound_mm": wide})
 
 
 def _calibrated(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:

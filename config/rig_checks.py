@@ -31,7 +31,11 @@ ARM_MARGIN_MM = 2.0
 _MOCK = "mock://"
 """Ports of emulated devices begin so."""
 
-_DRAWN_BY_STAGE = (("stage_backlash_deg", "backlash_deg"), ("stage_error_deg", "bound_deg"))
+_DRAWN_BY_STAGE = (
+    ("stage_backlash_deg", "backlash_deg"),
+    ("stage_error_deg", "bound_deg"),
+    ("stage_centre_error_mm", "centre_bound_mm"),
+)
 _DRAWN_BY_ANY = (
     ("gain_spread", "array.gain_spread"),
     ("drift_counts_per_s", "array.drift_counts_per_s"),

@@ -221,6 +221,9 @@ class EmulationConfig(FileModel):
     dead_taxels: Count = Field(default=0, description="So many taxels of each array are stuck at 0.")
     stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
     stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
+    stage_centre_error_mm: Length = Field(
+        default=0.0, description="The stage's axis is up to this far from where it should be."
+    )
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
     deflection_mm_per_n: Annotated[Length, Field(le=1)] = Field(
         default=0.0,

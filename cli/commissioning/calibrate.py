@@ -19,6 +19,7 @@ class _What(Enum):
     TACTILE = "tactile"
     ACTUATORS = "actuators"
     FINGERS = "fingers"
+    STAGE = "stage"
 
 
 @if_interrupted("what was done is kept; the same command goes on from there")
@@ -56,11 +57,11 @@ def calibrate(
     from palpate.cli.terminal import Terminal
     from palpate.cli.view_process import view_starter
     from palpate.config.results import to_json
-    from palpate.rig.commissioning.calibration import STEPS
+    from palpate.rig.commissioning.calibration import STEPS, steps_of
 
     begin = time.perf_counter()
-    steps = STEPS if what is _What.ALL else (what.value,)
     opened, shapes = open_rig(rig, seed=seed, calibration=False), load_references(references)
+    steps = steps_of(opened.file, STEPS if what is _What.ALL else (what.value,))
     check_references(opened.file, shapes)
     console = Terminal(stderr=True, highlight=False, soft_wrap=True)
     announce(console, opened.file, shapes, steps, CalibrationPaths.beside(rig))

@@ -10,10 +10,12 @@ from palpate.api.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.calibration.finger_step import plan_placements
 from palpate.cli.terminal import Doing
 from palpate.config import RigFile, SlideFingerConfig
-from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
+from palpate.config.calibrate_result import CalibratedFingerOut, CalibratedStageOut, CalibrateOut
 from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration
+from palpate.config.calibration_stage import StageCalibration
 from palpate.config.references_file import ReferencesFile
 from palpate.rig.commissioning.calibration import STEPS, build_references
+from palpate.views.calibration.numbers import at_most
 from palpate.views.tables import table
 
 __all__ = ["Progress", "announce", "calibrate_out", "show"]
@@ -30,8 +32,13 @@ _TITLES = (
 )
 
 
-_STEP_S = {"actuators": (50.0, 65.0), "tactile": (115.0, 140.0), "fingers": (50.0, 135.0)}
-"""Least and most time that emulated rigs took: for a finger, in the last step for a finger at a placing.
+_STEP_S = {
+    "actuators": (50.0, 65.0),
+    "tactile": (115.0, 140.0),
+    "fingers": (50.0, 135.0),
+    "stage": (100.0, 270.0),
+}
+"""Least and most time that emulated rigs took: for a finger, in the third step for a finger at a placing.
 
 Most with a touch speed of 1 mm/s and a search speed of 4 mm/s, least with 5 mm/s and none.
 """
@@ -74,12 +81,14 @@ def announce(
         "actuators": f"actuators  {_exercises(rig)}fingers press and hit a disc",
         "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
         "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
+        "stage": "stage      the disc beside the stage's axis, touched at several of its angles",
     }
     console.print(f"Calibrating rig {rig.name} ({len(rig.fingers)} fingers):", markup=False)
     counts = {
         "actuators": len(rig.fingers),
         "tactile": len(rig.fingers),
         "fingers": len(rig.fingers) * placings,
+        "stage": len(rig.fingers),
     }
     least, most = 0.0, 0.0
     for step in STEPS:
@@ -124,10 +133,24 @@ def calibrate_out(
         fingers=tuple(_finger(found, rig, k) for k, found in enumerate(file.fingers)),
         touches=None if residuals is None else residuals.touches,
         outliers=None if residuals is None else residuals.outliers,
+        stage=_stage(file.stage, rig),
         rms_mm=None if residuals is None else residuals.rms_mm,
         held_out_rms_mm=None if residuals is None else residuals.held_out_rms_mm,
         rig_seconds=answer.rig_seconds,
         wall_seconds=wall_seconds,
+    )
+
+
+def _stage(found: StageCalibration | None, rig: RigFile) -> CalibratedStageOut | None:
+    if found is None or rig.stage is None:
+        return None
+    return CalibratedStageOut(
+        centre_mm=found.centre_mm,
+        centre_bound_mm=found.centre_bound_mm,
+        moved_mm=math.dist(found.centre_mm, rig.stage.centre_mm),
+        backlash_deg=found.backlash_deg,
+        touches=found.touches,
+        rms_mm=found.rms_mm,
     )
 
 
@@ -169,6 +192,14 @@ def show(out: CalibrateOut, console: Console) -> None:
             f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
             f"{out.held_out_rms_mm:.3f} mm where they were predicted, not fitted; {out.outliers} left out. "
             f"Bounds are for {out.coverage:.1%} of contacts."
+        )
+    if out.stage is not None:
+        stage = out.stage
+        console.print(
+            f"The stage turns about ({stage.centre_mm[0]:.2f}, {stage.centre_mm[1]:.2f}) mm, "
+            f"± {at_most(stage.centre_bound_mm, 3)} mm, {stage.moved_mm:.2f} mm from where the rig file "
+            f"says, with {stage.backlash_deg:.3f}° of play either way; {stage.touches} touches agree within "
+            f"{stage.rms_mm:.3f} mm."
         )
     minutes = out.rig_seconds / 60
     console.print(

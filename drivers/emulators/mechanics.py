@@ -286,6 +286,16 @@ class EmulatedStage:
         self._play = Play(joint.play_rad, self._drive())
 
     @property
+    def centre_mm(self) -> tuple[float, float]:
+        """Where its axis really is, in W."""
+        return self._centre.real, self._centre.imag
+
+    @property
+    def truth(self) -> JointTruth:
+        """How it is really geared."""
+        return self._joint
+
+    @property
     def angle_rad(self) -> float:
         """True angle of the ring."""
         self.servo.catch_up()

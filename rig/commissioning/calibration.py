@@ -14,11 +14,12 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibration.actuator_step import measure_actuators
-from palpate.calibration.finger_fit import ReferencePlacement
+from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches
 from palpate.calibration.finger_model import calibrated_models
 from palpate.calibration.finger_step import fit_touches, hold_out, plan_placements, touch_placing
 from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.frame_alignment import (
+    AlignedFit,
     align_fit,
     bound_contacts,
     calibrate_place,
@@ -26,9 +27,12 @@ from palpate.calibration.frame_alignment import (
     estimate_array_headings,
     summarise_residuals,
 )
+from palpate.calibration.known_fingers import KnownFingers
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.calibration.run_record import RunRecord
+from palpate.calibration.stage_step import calibrate_stage, measure_stage
 from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import (
     CalibrationDevice,
@@ -40,6 +44,8 @@ from palpate.config import (
 )
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import Actuators, FingerCalibration, TactileCalibration
+from palpate.config.calibration_frame import frame_offset_bound_mm
+from palpate.config.calibration_stage import StageCalibration
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
@@ -57,10 +63,11 @@ __all__ = [
     "RunRecordStore",
     "build_references",
     "calibrate",
+    "steps_of",
 ]
 
-STEPS = ("actuators", "tactile", "fingers")
-"""Steps in the order in which they build on one another."""
+STEPS = ("actuators", "tactile", "fingers", "stage")
+"""Steps in the order in which they build on one another; the last is for rigs with a turning stage only."""
 
 _TARE_S = 0.5
 
@@ -127,13 +134,20 @@ def calibrate(
     with BackgroundCall("the run record", keeper.save) as save:
         run = _Run(job, connect, save, tell)
         run.begin(keeper.load())
-        for step in STEPS:
-            if step in job.steps:
-                run.carry_out(step)
+        for step in steps_of(job.rig, job.steps):
+            run.carry_out(step)
         file = run.file()
     if save.late_failure is not None:
         tell(str(save.late_failure))
     return file
+
+
+def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
+    """The steps that were asked for and that a rig has, in their order; InputError if that is none."""
+    found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
+    if not found:
+        raise InputError(f'rig "{rig.name}" has no turning stage to calibrate: calibrate the other steps')
+    return found
 
 
 def build_references(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:
@@ -143,6 +157,18 @@ def build_references(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlat
     except ValueError as error:
         raise InputError(f"references: plate.outline_mm {error}") from None
     return ReferenceDisc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """All fingers' places, as `fit_touches` finds them, and in the hand frame."""
+
+    models: Sequence[FingerModel]
+    touched: Sequence[TouchMeasurement]
+    touches: Touches
+    fit: Fit
+    without: Fit
+    hand: AlignedFit
 
 
 class _Run:
@@ -158,6 +184,7 @@ class _Run:
         self._job, self._connect, self._save, self._tell = job, connect, save, tell
         self._disc, self._plate = build_references(job.references)
         self._emulated = False
+        self._last_fit: _Fitted | None = None
 
     def begin(self, kept: RunRecord | None) -> None:
         """Connect once, see which devices these are, and take up a record of them if there is one."""
@@ -180,7 +207,7 @@ class _Run:
         if getattr(self._record, step, None) is not None:
             self._tell(f"{step}: done already")
             return
-        rig = self._rig_so_far()
+        rig = self._rig_with_places() if step == "stage" else self._rig_so_far()
         specs = rig.fingers
         self._tell(f"{step}:")
         with self._connect(rig, moving=True) as there:
@@ -203,6 +230,10 @@ class _Run:
                     )
                 )
                 self._tell_doubts(there)
+            elif step == "stage":
+                found_of_stage = measure_stage(prober, rig, self._disc, tell=self._tell)
+                self._stage_of(found_of_stage, rig)  # raises what is wrong with them
+                self._keep(stage=found_of_stage)
             else:
                 self._touch(prober, specs)
             prober.clear()
@@ -221,17 +252,53 @@ class _Run:
 
     def file(self) -> CalibrationFile:
         """The calibration file of what is known now; what this run did not do is as it was before."""
-        file = self._file_of_devices()
+        file = self._file_with_places()
+        if self._record.stage is None:
+            return file
+        rig = apply_calibration(self._job.rig, file)
+        return file.model_copy(update={"stage": self._stage_of(self._record.stage, rig)})
+
+    def _file_with_places(self) -> CalibrationFile:
+        """The file without what this run has found of the stage."""
+        file, before = self._file_of_devices(), self._job.before
         if self._record.touched:
             return self._with_places(file)
-        if self._job.before is None:
+        if before is None:
             return file
-        before = {item.name: item for item in self._job.before.fingers}
+        places = {item.name: item for item in before.fingers}
         fingers = [
-            item.model_copy(update={"place": before[item.name].place, "bounds": before[item.name].bounds})
+            item.model_copy(update={"place": places[item.name].place, "bounds": places[item.name].bounds})
             for item in file.fingers
         ]
-        return file.model_copy(update={"fingers": fingers, "residuals": self._job.before.residuals})
+        return file.model_copy(
+            update={"fingers": fingers, "residuals": before.residuals, "stage": before.stage}
+        )
+
+    def _rig_with_places(self) -> RigFile:
+        """The rig with its fingers where they were found; InputError if they were not."""
+        file = self._file_with_places()
+        if any(item.place is None or item.actuators is None for item in file.fingers):
+            raise InputError(
+                "the stage is measured with fingers whose places are known: calibrate these first, or all at "
+                "once with `palpate calibrate --rig FILE all`"
+            )
+        return apply_calibration(self._job.rig, file)
+
+    def _stage_of(self, touched: Sequence[TouchMeasurement], rig: RigFile) -> StageCalibration:
+        """The stage by its touches; `rig`: with its fingers where they were found."""
+        drawn = self._job.rig
+        assert drawn.stage is not None
+        offset_mm = frame_offset_bound_mm(drawn, drawn.stage.centre_mm)
+        return calibrate_stage(
+            drawn, self._known_fingers(rig), rig.fingers, touched, self._disc, offset_mm, self._job.coverage
+        )
+
+    def _known_fingers(self, rig: RigFile) -> KnownFingers:
+        """Fingers with what is not known of them: from this run's fit, else from the file."""
+        if not self._record.touched:
+            return KnownFingers.from_calibration(rig.fingers, self._file_with_places().fingers)
+        fitted = self._fitted()
+        return KnownFingers(fitted.models, fitted.hand.values, fitted.hand.covariance)
 
     def _file_of_devices(self) -> CalibrationFile:
         """The file without places: what is known of actuators and arrays."""
@@ -271,11 +338,9 @@ class _Run:
 
     def _with_places(self, file: CalibrationFile) -> CalibrationFile:
         """The file with fingers' places and bounds."""
-        specs = self._rig_so_far().fingers
-        models = self._models(specs)
-        touched = [item for touches in self._record.touched for item in touches]
-        touches, fit, without = fit_touches(specs, models, self._placings(), touched)
-        hand = align_fit(self._job.rig.fingers, fit)
+        specs, fitted = self._rig_so_far().fingers, self._fitted()
+        models, hand, touched = fitted.models, fitted.hand, fitted.touched
+        touches, fit, without = fitted.touches, fitted.fit, fitted.without
         out = hold_out(len(touched))
         residuals = summarise_residuals(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
         headings = estimate_array_headings(touched, touches, models, specs, fit)
@@ -302,6 +367,16 @@ class _Run:
             seen = calibrate_plays(item.actuators, hand, index)
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
+
+    def _fitted(self) -> "_Fitted":
+        """The fit of the fingers' places; it is made once for the same touches."""
+        touched = [item for touches in self._record.touched for item in touches]
+        if self._last_fit is None or self._last_fit.touched != touched:
+            specs = self._rig_so_far().fingers
+            models = self._models(specs)
+            found = fit_touches(specs, models, self._placings(), touched)
+            self._last_fit = _Fitted(models, touched, *found, align_fit(self._job.rig.fingers, found[1]))
+        return self._last_fit
 
     def _placings(self) -> list[ReferencePlacement]:
         return plan_placements(self._disc, self._plate, self._job.rig.workspace.radius_mm)
@@ -340,7 +415,7 @@ class _Run:
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
         return RunRecord(
-            steps=list(self._job.steps),
+            steps=steps_of(self._job.rig, self._job.steps),
             geometry_sha256=geometry_sha256(self._job.rig),
             references_sha256=references_sha256(self._job.references),
             places=[(item.reference.name, *item.about_mm) for item in self._placings()],

@@ -18,7 +18,7 @@ from palpate.calibration.measurements import (
 )
 from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD, FingerKinematics, Line
 from palpate.geometry import Floats
 from palpate.geometry.plane import wrap_angle
@@ -26,7 +26,14 @@ from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import kinematics_of, line_of
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.end_stops import stall, swing
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, aim, carry_out_grip, retract_all
+from palpate.rig.motion.guarded_approach import (
+    GripPhase,
+    Touch,
+    aim,
+    carry_out_grip,
+    retract_all,
+    turn_stage,
+)
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.press import press, stop_at_speed
 from palpate.rig.motion.quasi_static_touch import measure_quasi_statically
@@ -36,6 +43,7 @@ from palpate.rig.turning_stage import planned_turn
 __all__ = ["HandProber", "Table", "approaches_of"]
 
 _AIMS, _ARM_AIMS = 81, 61  # an arm has about five ways for each
+_TURNED_AIMS, _TURNED_ARM_AIMS = 21, 13  # at each of several angles of a stage
 _SURE_MOVE_RAD = math.radians(1.0)  # of an aim's servo: less may not take up its play
 _POSTURES = 65  # of an arm's approach
 _PRESSED_MM = 4.0  # a press goes so far beyond its contact
@@ -57,17 +65,29 @@ class Table(Protocol):
 class HandProber:
     """Does for calibration what a hand can do. The hand must be prepared."""
 
-    def __init__(self, hand: Hand, table: Table, tell: Callable[[GripPhase], None] = lambda _: None) -> None:
-        """Raises InputError for a finger that has no room."""
+    def __init__(
+        self,
+        hand: Hand,
+        table: Table,
+        tell: Callable[[GripPhase], None] = lambda _: None,
+        *,
+        turned: bool = False,
+    ) -> None:
+        """`turned`: with paths at several angles of the stage. Raises InputError for fingers without room."""
         self._hand, self._table, self._tell = hand, table, tell
         self._specs = [finger.spec for finger in hand.fingers]
         self._kinematics = [finger.kinematics for finger in hand.fingers]
-        self._reach: Reach = _reach_of(hand.rig)
-        self._number = self._reach.of_stage(self._reach.middle_rad)
+        self._reach, self._number = (_turned_reach if turned else _middle_reach)(hand.rig)
         self.approaches: Sequence[ServoPath] = [
-            _approach(self._reach, index, self._specs, self._kinematics) for index in self._number
+            _approach(hand.rig, self._reach, index, self._kinematics) for index in self._number
         ]
         self._aims: dict[int, tuple[float, int]] = {}
+        self._stage_rad = self._reach.middle_rad
+
+    @property
+    def turned(self) -> "HandProber":
+        """The same rig with paths at several angles of its stage."""
+        return HandProber(self._hand, self._table, self._tell, turned=True)
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
         """Have a reference put near a place."""
@@ -81,6 +101,7 @@ class HandProber:
         """Close fingers on approaches, as many at once as do not come too near to one another."""
         found: dict[int, TouchMeasurement | None] = {}
         for some in self._together(grip):
+            self._turn_to(self.approaches[some[0].approach].stage_rad)
             self._take_up_play(some)
             approaches = [self._to_contact(probe)[0] for probe in some]
             ways = [self._ways(probe.approach) for probe in some]
@@ -158,6 +179,14 @@ class HandProber:
         own = self._number[probe.approach]
         return bool(self._reach.together(own, probe.end_mm + _PRESSED_MM, others, ends).all())
 
+    def _turn_to(self, stage_rad: float) -> None:
+        """Note that the stage is going to turn: every aim goes home for it, to come from there."""
+        if stage_rad != self._stage_rad:
+            for index, spec in enumerate(self._specs):
+                if isinstance(spec, SlideFingerConfig):
+                    self._aims[index] = (_home_rad(spec), 0)
+        self._stage_rad = stage_rad
+
     def _take_up_play(self, probes: Sequence[Probe]) -> None:
         """Let aims whose play a force may take up stand beside their goals, on the side to come from."""
         beside = [
@@ -169,7 +198,7 @@ class HandProber:
             return
         self._hand.arm()
         retract_all(self._hand)
-        turn = planned_turn(self._hand.rig.stage, 0.0)
+        turn = turn_stage(self._hand, {self.approaches[number].stage_rad for number in beside})
         aim(
             self._hand,
             [
@@ -198,6 +227,7 @@ class HandProber:
             (further, number)
             for number, other in enumerate(self.approaches)
             if other.finger == item.finger
+            and other.stage_rad == item.stage_rad
             and (further := probe.side * (_aim_rad(item) - _aim_rad(other)) / spec.aim.gear_ratio) > 1e-6
         ]
         return min(before)[1] if before else None
@@ -236,7 +266,7 @@ class HandProber:
         facing = 0.0
         if ways is None:
             assert isinstance(spec, ArmFingerConfig)
-            line = planned_turn(self._hand.rig.stage, approach.stage_rad).line_back(line_of(approach))
+            line = _ring_line(self._hand.rig, approach)
             facing = wrap_angle(kinematics.facing_rad(touch.servos) - line.direction_rad)
             last = line.travel_mm(kinematics.centre_mm(touch.servos))
             ways = joint_ways(spec, servo_table(kinematics, line, (last - _LAST_MM, last)))
@@ -251,19 +281,46 @@ class HandProber:
             patch.force_bound_n,
             ways[1],
             float(facing),
+            touch.stage_rad,
         )
 
 
-def approaches_of(rig: RigFile) -> list[ServoPath]:
-    """Every way that the fingers of a rig can go, as their servos go it."""
-    reach = _reach_of(rig)
+def approaches_of(rig: RigFile, *, turned: bool = False) -> list[ServoPath]:
+    """Every way that the fingers of a rig can go, as their servos go it; `turned`: at all stage angles."""
+    reach, numbers = (_turned_reach if turned else _middle_reach)(rig)
     kinematics = [kinematics_of(finger) for finger in rig.fingers]
-    return [_approach(reach, index, rig.fingers, kinematics) for index in reach.of_stage(reach.middle_rad)]
+    return [_approach(rig, reach, index, kinematics) for index in numbers]
 
 
-def _reach_of(rig: RigFile) -> Reach:
-    arms = any(isinstance(finger, ArmFingerConfig) for finger in rig.fingers)
-    return reach_of(rig, aims=_ARM_AIMS if arms else _AIMS)
+def _middle_reach(rig: RigFile) -> tuple[Reach, list[int]]:
+    """The reach of a rig, and its approaches with the stage where it is nearest to 0."""
+    reach = reach_of(rig, aims=_ARM_AIMS if _has_arms(rig) else _AIMS)
+    return reach, reach.of_stage(reach.middle_rad)
+
+
+def _turned_reach(rig: RigFile) -> tuple[Reach, list[int]]:
+    """The reach at several angles of the stage, and those of its approaches whose play is taken up."""
+    reach = reach_of(rig, aims=_TURNED_ARM_AIMS if _has_arms(rig) else _TURNED_AIMS)
+    kinds = [kinematics_of(spec) for spec in rig.fingers]
+
+    def counts(number: int) -> bool:
+        item = reach.approaches[number]
+        spec = rig.fingers[item.finger_index]
+        if isinstance(spec, ArmFingerConfig):
+            return True
+        aim_rad, _ = kinds[item.finger_index].servos_rad(_ring_line(rig, item), 0.0)
+        return abs(aim_rad - _home_rad(spec)) > _SURE_MOVE_RAD
+
+    return reach, [number for number in range(len(reach.approaches)) if counts(number)]
+
+
+def _has_arms(rig: RigFile) -> bool:
+    return any(isinstance(finger, ArmFingerConfig) for finger in rig.fingers)
+
+
+def _home_rad(spec: SlideFingerConfig) -> float:
+    """Servo angle of a slide's aim where it waits while the stage turns."""
+    return math.radians(spec.aim.zero_deg) - math.pi
 
 
 def joint_ways(spec: ArmFingerConfig, servos_rad: Floats) -> tuple[int, int]:
@@ -286,14 +343,18 @@ def servo_table(kinematics: FingerKinematics, line: Line, travels_mm: Sequence[f
     return np.array([kinematics.servos_rad(line, travel) for travel in travels_mm])
 
 
-def _approach(
-    reach: Reach, index: int, specs: Sequence[FingerConfig], kinematics: Sequence[FingerKinematics]
-) -> ServoPath:
+def _approach(rig: RigFile, reach: Reach, index: int, kinematics: Sequence[FingerKinematics]) -> ServoPath:
     item = reach.approaches[index]
-    is_arm = isinstance(specs[item.finger_index], ArmFingerConfig)
+    is_arm = isinstance(rig.fingers[item.finger_index], ArmFingerConfig)
     travels = np.linspace(0.0, item.travel_mm, _POSTURES if is_arm else 2).tolist()
-    servos = servo_table(kinematics[item.finger_index], line_of(item), travels)
+    line = _ring_line(rig, item)
+    servos = servo_table(kinematics[item.finger_index], line, travels)
     return ServoPath(item.finger_index, servos, item.travel_mm, item.stage_rad)
+
+
+def _ring_line(rig: RigFile, item: FingerApproach) -> Line:
+    """An approach's line in the frame that carries the fingers."""
+    return planned_turn(rig.stage, item.stage_rad).line_back(line_of(item))
 
 
 def _aim_rad(approach: ServoPath) -> float:

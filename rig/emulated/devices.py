@@ -188,7 +188,12 @@ def _stage(rig: RigFile, start_rad: float, seed: int) -> EmulatedStage | None:
     start = joint.zero_rad + spec.gear_ratio * start_rad
     off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
     joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
-    return EmulatedStage(spec.centre_mm, joint, _servo(rig, spec.dxl_id, spec.model, start))
+    # The centre's error came later: a seed keeps what it has drawn before.
+    away = rig.emulation.stage_centre_error_mm * math.sqrt(rng.uniform())
+    bearing = rng.uniform(0, 2 * math.pi)
+    x, y = spec.centre_mm
+    centre = x + away * math.cos(bearing), y + away * math.sin(bearing)
+    return EmulatedStage(centre, joint, _servo(rig, spec.dxl_id, spec.model, start))
 
 
 def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedServo:

@@ -31,8 +31,8 @@ _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 class Touch(ShortRepr):
     """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
 
-    `servos`: angles (rad) at which the finger's servos stood then. `loads`: on the part, in order of time;
-    `trace`: frame by frame, None where it was not metered.
+    `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: the turning stage's, by its
+    servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
     """
 
     finger_index: int
@@ -41,13 +41,13 @@ class Touch(ShortRepr):
     servos: Servos
     loads: tuple[ContactLoad, ...] = ()
     trace: LoadTrace | None = None
+    stage_rad: float = 0.0
 
 
 def conclude(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
-    if patch is None:
-        return Touch(run.approach.finger_index, _miss(run, closing, turn), None, run.servos)
-    return Touch(run.approach.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
+    contact = _miss(run, closing, turn) if patch is None else _contact(run, patch, closing, turn)
+    return Touch(run.approach.finger_index, contact, patch, run.servos, stage_rad=turn.angle_rad)
 
 
 def dent_range_mm(

@@ -4,6 +4,7 @@ The object that was identified is a thing of known shape: at its best pose its c
 from its outline than the calibration explains (`calibration.agreement`).
 """
 
+import math
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -18,20 +19,22 @@ from palpate.calibration.agreement import (
     contact_uncertainties,
     touch_covariance,
 )
-from palpate.config import CalibrationFile, RigFile
+from palpate.config import CalibrationFile, RigFile, StageConfig
 from palpate.config.identification_result import CalibrationUsedOut
 from palpate.geometry import Floats
-from palpate.geometry.plane import rotation_matrix
+from palpate.geometry.plane import rotate, rotation_matrix
 from palpate.recognizer import Hypothesis
 from palpate.rig.conversion import deflection_mm
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
 from palpate.rig.motion.guarded_approach import Touch
+from palpate.rig.turning_stage import planned_turn
 from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["calibration_used", "session_agreement"]
 
 _STEP = 1e-6
+_TURNED_RAD = math.radians(0.2)  # less is what the stage's servo stops beside its goal
 _ARM_MM = 50.0  # a turn counts like a shift so far out: unknowns of one size
 
 
@@ -111,6 +114,7 @@ def _agreement(
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
+        shared_mm=None if rig.stage is None else _turned_mm(touches, centre, normal, rig.stage),
     )
     return compare_touches(residual, slopes, touch_covariance(surface, uncertainties))
 
@@ -121,6 +125,22 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
     patch, finger = touch.patch, rig.fingers[touch.finger_index]
     least, most = dent_range_mm(patch.force_n, patch.force_bound_n, finger.tip, rig.closing.max_force_n)
     return (most - least) / 2 + deflection_mm(finger, patch.force_n)
+
+
+def _turned_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: StageConfig) -> Floats:
+    """What the turning stage puts contacts off by along their normals: deviations (n, m).
+
+    Its axis is alike in all of them; its angle in those between which it did not turn, because where it
+    turns its play may be taken up on the other side.
+    """
+    angle = np.array([touch.stage_rad for touch in touches])
+    stop = np.concatenate([[0], np.cumsum(np.abs(np.diff(angle)) > _TURNED_RAD)])
+    arm = centre - np.array(stage.centre_mm)
+    across = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    off_rad = planned_turn(stage, 0.0).angle_bound_rad / math.sqrt(3)
+    turned = (stop[:, None] == np.unique(stop)) * (across * off_rad)[:, None]
+    shifted = (normal - rotate(normal, -angle)) * stage.centre_bound_mm / 2
+    return np.hstack([turned, shifted])
 
 
 def _edges_met(found: Hypothesis, span_mm: tuple[float, float]) -> Floats:

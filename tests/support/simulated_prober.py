@@ -24,7 +24,8 @@ from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
 from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
-from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
+from palpate.drivers.emulators.joints import Play
+from palpate.drivers.emulators.mechanics import ArmTruth, EmulatedStage, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.geometry import Counts, Floats
@@ -64,6 +65,8 @@ class SimulatedRig:
         self.outline: PartSection | None = None
         self.slid_mm = 0.0
         self.time_s = 0.0
+        stage = emulated.bench.stage
+        self.stage = None if stage is None else SimulatedStage(stage, rig, self.rng)
 
     @contextmanager
     def connect(self, rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:
@@ -81,13 +84,55 @@ class SimulatedRig:
         return self.fingers[finger].truth
 
 
+class SimulatedStage:
+    """A stage with the emulated one's truth: its servo stops near its goal, its ring follows with play."""
+
+    def __init__(self, truth: EmulatedStage, rig: RigFile, rng: np.random.Generator) -> None:
+        assert rig.stage is not None
+        self.centre_mm, self._joint = truth.centre_mm, truth.truth
+        self._zero_rad = math.radians(rig.stage.zero_deg) - math.pi
+        self._rng, self._goal_rad, self._shaft_rad = rng, math.nan, self._zero_rad
+        self._play = Play(self._joint.play_rad, self._driven())
+        self.turn_to(0.0)
+
+    def turn_to(self, angle_rad: float) -> None:
+        """Nothing if it is there."""
+        if angle_rad != self._goal_rad:
+            goal = self._zero_rad + self._joint.gear_ratio * angle_rad
+            self._shaft_rad = goal + self._rng.normal(0, 0.5 * TICK_RAD)
+            self._play.follow(self._driven())
+        self._goal_rad = angle_rad
+
+    @property
+    def read_rad(self) -> float:
+        """Angle by the servo."""
+        return (_step(self._shaft_rad) - self._zero_rad) / self._joint.gear_ratio
+
+    def seen(self, outline: PartSection | None) -> PartSection | None:
+        """An outline of W as the ring sees it."""
+        if outline is None:
+            return None
+        c, s = math.cos(self._play.at), math.sin(self._play.at)
+        back, centre = np.array([[c, -s], [s, c]]), np.array(self.centre_mm)
+        start, end = ((corners - centre) @ back + centre for corners in (outline.start, outline.end))
+        return PartSection(start, end, outline.top_mm)
+
+    def _driven(self) -> float:
+        return (self._shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio
+
+
 class SimulatedProber:
     """Measures a simulated rig; `rig` says what is known of it by now, which decides the approaches."""
 
-    def __init__(self, world: SimulatedRig, rig: RigFile) -> None:
-        self._world = world
-        self.approaches: Sequence[ServoPath] = _approaches(rig)
+    def __init__(self, world: SimulatedRig, rig: RigFile, *, turned: bool = False) -> None:
+        self._world, self._rig = world, rig
+        self.approaches: Sequence[ServoPath] = _approaches(rig, turned=turned)
         self._aims: dict[int, float] = {}
+        self._stage_rad = 0.0
+
+    @property
+    def turned(self) -> "SimulatedProber":
+        return SimulatedProber(self._world, self._rig, turned=True)
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
         world = self._world
@@ -137,12 +182,13 @@ class SimulatedProber:
     def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
         item, rng = self.approaches[probe.approach], self._world.rng
         truth = self._world.truth(item.finger)
+        self._turn_to(item.stage_rad)
         ways = self._ways(probe)
         found = self._contact(truth, item, ways, FORCE_N / truth.stiffness_n_per_mm)
         if found is None or found > probe.end_mm:
             return None
         centre, facing = _tip(truth, _stood(truth, item, found), ways)
-        towards = _towards(self._world.outline, centre)
+        towards = _towards(self._outline, centre)
         if isinstance(truth, FingerTruth) and self._loads(truth):
             touched = self._contact(truth, item, ways, 0.0)
             assert touched is not None
@@ -168,7 +214,24 @@ class SimulatedProber:
             0.02,
             known[1],
             math.remainder(turned, 2 * math.pi),
+            0.0 if self._world.stage is None else self._world.stage.read_rad,
         )
+
+    @property
+    def _outline(self) -> PartSection | None:
+        """What lies on the table, as the fingers' ring sees it."""
+        outline, stage = self._world.outline, self._world.stage
+        return outline if stage is None else stage.seen(outline)
+
+    def _turn_to(self, stage_rad: float) -> None:
+        """Turn the stage; aims go home for it."""
+        if self._world.stage is None or stage_rad == self._stage_rad:
+            return
+        self._world.stage.turn_to(stage_rad)
+        self._stage_rad = stage_rad
+        for k, spec in enumerate(self._rig.fingers):
+            if isinstance(spec, SlideFingerConfig):
+                self._aims[k] = math.radians(spec.aim.zero_deg) - math.pi
 
     def bearing_rad(self, number: int) -> float | None:
         """Where an approach really meets what is put, from the direction of travel; None if it does not."""
@@ -179,15 +242,16 @@ class SimulatedProber:
             return None
         centre, _ = _tip(truth, _stood(truth, item, found), (0.0, 0.0))
         travel = _travel_rad(truth, item, (0.0, 0.0), found)
-        return math.remainder(_towards(self._world.outline, centre) - travel, 2 * math.pi)
+        return math.remainder(_towards(self._outline, centre) - travel, 2 * math.pi)
 
     def _loads(self, truth: FingerTruth) -> bool:
         return self._world.friction > 0 or truth.aim_yield is not None
 
     def _loaded(self, truth: FingerTruth, item: ServoPath, way: float) -> LoadedTip:
-        assert self._world.outline is not None
+        outline = self._outline
+        assert outline is not None
         _, travel = _tip(truth, _stood(truth, item, 0.0), (0.0, 0.0))
-        return LoadedTip(truth, self._world.outline, self._world.friction, travel, int(way))
+        return LoadedTip(truth, outline, self._world.friction, travel, int(way))
 
     def _pressed(
         self, truth: FingerTruth, item: ServoPath, way: float, touched: float
@@ -210,7 +274,7 @@ class SimulatedProber:
 
     def _contact(self, truth: Truth, item: ServoPath, ways: Ways, dent_mm: float) -> float | None:
         """Travel at which the tip is dented by so much; None if it meets nothing."""
-        outline = self._world.outline
+        outline = self._outline
         if outline is None:
             return None
 
@@ -300,8 +364,9 @@ class SimulatedProber:
     def _unloaded(self, truth: Truth, servos: Servos, ways: Ways) -> tuple[TipLoad | None, Floats, float]:
         """What a tip without friction feels, the force on it, and where it faces."""
         centre, facing = _tip(truth, servos, ways)
-        assert self._world.outline is not None
-        load = tip_load(self._world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+        outline = self._outline
+        assert outline is not None
+        load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
         return load, np.zeros(2) if load is None else load.force_n, facing
 
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
@@ -332,10 +397,10 @@ class SimulatedProber:
 _known: dict[str, Sequence[ServoPath]] = {}
 
 
-def _approaches(rig: RigFile) -> Sequence[ServoPath]:
+def _approaches(rig: RigFile, *, turned: bool) -> Sequence[ServoPath]:
     """Those of arms are kept: they take seconds, and hang on nothing that is found before fingers' places."""
-    if not all(isinstance(finger, ArmFingerConfig) for finger in rig.fingers):
-        return approaches_of(rig)
+    if turned or not all(isinstance(finger, ArmFingerConfig) for finger in rig.fingers):
+        return approaches_of(rig, turned=turned)
     key = rig.model_dump_json(exclude={"fingers": {"__all__": {"tip", "array"}}})
     if key not in _known:
         _known[key] = approaches_of(rig)

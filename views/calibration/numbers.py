@@ -24,6 +24,7 @@ from palpate.config.calibration_finger import (
     RotaryCalibration,
     TactileCalibration,
 )
+from palpate.config.calibration_stage import StageCalibration
 from palpate.geometry import Bools
 
 __all__ = ["RowGroup", "at_most", "finger_tables", "never_pressed", "plus_minus", "residuals_mm", "summary"]
@@ -124,10 +125,29 @@ def summary(file: CalibrationFile) -> list[tuple[str, str]]:
         if found.degrees_of_freedom:
             share = found.chi_square / found.degrees_of_freedom
             rows.append(("χ² by degree of freedom", f"{share:.2f} ({found.degrees_of_freedom} degrees)"))
+    if file.stage is not None:
+        rows += _stage(file.stage)
     worst = [finger.bounds.position_mm for finger in file.fingers if finger.bounds is not None]
     if worst:
         rows.append(("Worst bound on a position", f"± {at_most(max(worst), 3)} mm"))
     return rows
+
+
+def _stage(found: StageCalibration) -> list[tuple[str, str]]:
+    """The turning stage's rows."""
+    (x, y), (own_x, own_y) = found.centre_mm, found.centre_sigma_mm
+    share = found.chi_square / max(found.degrees_of_freedom, 1)
+    return [
+        ("Axis of the stage, x, ± standard deviation", f"{plus_minus(x, own_x)} mm"),
+        ("Axis of the stage, y", f"{plus_minus(y, own_y)} mm"),
+        ("Axis of the stage, bound", f"± {at_most(found.centre_bound_mm, 3)} mm"),
+        ("Play of the stage, either way", f"{plus_minus(found.backlash_deg, found.backlash_sigma_deg)}°"),
+        (
+            "Touches at stage angles",
+            f"{found.touches} at {found.stops} stops, rms {found.rms_mm:.3f} mm, χ² by degree of freedom "
+            f"{share:.2f}, {found.outliers} left out",
+        ),
+    ]
 
 
 @dataclass(frozen=True)

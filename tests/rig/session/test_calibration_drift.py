@@ -1,6 +1,7 @@
 """Sessions on a calibrated rig: one that has changed a little is noticed, one that has not is not."""
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -11,7 +12,7 @@ import pytest
 from command import Ended, log_lines, run_here, write_log
 from firm_rig import firm_rig
 from json_schema import violations
-from quick_rig import quick_rig
+from quick_rig import STAGE, quick_rig
 from shapely_bench import SHIPPED_OBJECTS, outlines, place_within
 from simulated_touches import SimulatedTouches
 from truth_calibration import MADE, bench_calibration, truth_calibration
@@ -20,6 +21,7 @@ from wording import missing
 from palpate.config import (
     CalibrationFile,
     RigFile,
+    StageConfig,
     apply_calibration,
     calibration_path,
     calibration_toml,
@@ -232,3 +234,26 @@ def test_the_age_counts_from_the_start_of_the_session(here: Here) -> None:
     header = json.loads(first) | {"started": "some day"}
     write_log(log, [json.dumps(header) + "\n", *rest])
     assert '"started" must be a date and time in UTC' in here("replay", folder).err
+
+
+def test_what_a_stage_puts_contacts_off_by_is_no_change_of_the_rig(
+    file: CalibrationFile, rig: RigFile, reach: Reach
+) -> None:
+    """Every other grip at another angle, its contacts turned by as much as the rig file allows of a stage."""
+    result, off_rad = session(rig, reach, 0), math.radians(0.3)
+    stage = StageConfig(**STAGE | {"bound_deg": 0.3})
+    c, s = math.cos(off_rad), math.sin(off_rad)
+
+    def turned(touch: Touch) -> Touch:
+        x, y = np.array(touch.contact.end_mm) - stage.centre_mm
+        end = (stage.centre_mm[0] + c * x - s * y, stage.centre_mm[1] + s * x + c * y)
+        return replace(touch, contact=replace(touch.contact, end_mm=end), stage_rad=0.3)
+
+    grips = [[turned(item) if k % 2 else item for item in grip] for k, grip in enumerate(result.grips)]
+    again = replace(result, grips=grips)
+    without = session_agreement(again, rig, file)
+    staged = session_agreement(again, rig.model_copy(update={"stage": stage}), file)
+    assert without is not None
+    assert without.drifted
+    assert staged is not None
+    assert not staged.drifted
