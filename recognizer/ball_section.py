@@ -1,17 +1,18 @@
 """Balls: what a tip that is a ball can meet of a state, as polygons to be grown by discs.
 
-A ball of radius R, its equator at height h, meets a section at height z as a disc of radius √(R² − (z − h)²). In
-a section that is the same from z to z' the largest such disc touches first: that at the height nearest to h. So
-the obstacle for the ball's axis is the union of all sections, each grown by its own radius. Where one of them
-covers all others for certain, as upright walls do at the equator, the ball is a disc of its radius.
+A ball of radius R, its equator at height h, meets a section at height z as a disc of radius √(R² − (z − h)²).
+In a section that is the same from z to z' the largest such disc touches first: that at the height nearest to
+h. So the obstacle for the ball's axis is the union of all sections, each grown by its own radius. Where one
+of them covers all others for certain, as upright walls do at the equator, the ball is a disc of its radius.
 
-With outlines that are off by up to δ, walls may lean within a section: then the ball may touch at another height
-than the nearest to h, with a radius r(z) smaller than r. But the section at that nearest height is within 2δ of
-the point that is touched, and nowhere nearer to the axis than r: r − 2δ ≤ r(z) ≤ r. So what is touched is within
-3δ of where a disc of radius r would touch. Normals are those of the section that is touched.
+With outlines that are off by up to δ, walls may lean within a section: then the ball may touch at another
+height than the nearest to h, with a radius r(z) smaller than r. But the section at that nearest height is
+within 2δ of the point that is touched, and nowhere nearer to the axis than r: r − 2δ ≤ r(z) ≤ r. So what is
+touched is within 3δ of where a disc of radius r would touch. Normals are those of the section that is
+touched.
 
-What the obstacle covers for certain is one section for a single disc again: all polygons are brought to the least
-radius ρ among theirs, by growing each by what it has more. Arcs are faceted from inside then.
+What the obstacle covers for certain is one section for a single disc again: all polygons are brought to the
+least radius ρ among theirs, by growing each by what it has more. Arcs are faceted from inside then.
 """
 
 import math
@@ -144,9 +145,10 @@ def _sagitta_mm(
 def _steep_text(item: CatalogueState, finger: Finger, part: _Part) -> str:
     low, high = part.z_mm
     return (
-        f'object "{item.object_name}", state "{item.state.name}": a ball of radius {finger.tip_radius_mm:g} mm at '
-        f"{finger.height_mm:g} mm may touch what stands from {low:g} to {high:g} mm more than 60° from its "
-        "equator; set the finger to another height, give it a smaller ball, or leave the state out"
+        f'object "{item.object_name}", state "{item.state.name}": '
+        f"a ball of radius {finger.tip_radius_mm:g} mm at {finger.height_mm:g} mm may touch what stands from "
+        f"{low:g} to {high:g} mm more than 60° from its equator; set the finger to another height, give it a "
+        "smaller ball, or leave the state out"
     )
 
 
@@ -160,7 +162,7 @@ def _standing_out(parts: Sequence[_Part], tolerance_mm: float) -> list[_Part]:
 
 
 def _is_covered(part: _Part, by: _Part, tolerance_mm: float) -> bool:
-    """Whether a part grown by its radius and tolerance lies in another one that is grown by less than its own.
+    """Whether a part grown by radius and tolerance lies in another one that is grown by less than its radius.
 
     So it does if the part lies in the other one grown by the difference of radii less twice the tolerance.
     """

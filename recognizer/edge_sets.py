@@ -10,15 +10,15 @@ from scipy.spatial import cKDTree
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotation_matrix
 from palpate.geometry.segments import cross
+from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
-from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.met_section import met_section
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.round_edges import anchors, round_outlines, round_touchable
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
-from palpate.recognizer.tolerance_band import Touchable, ToleranceBand, touchable_edges
+from palpate.recognizer.tolerance_band import ToleranceBand, Touchable, touchable_edges
 
 __all__ = ["MOST_EDGES", "outline_set", "pairing_set"]
 

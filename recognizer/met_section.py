@@ -62,9 +62,7 @@ def met_section(item: CatalogueState, finger: Finger, covered_mm: float | None =
         polygons = standing_out(polygons, item.tolerance_mm if covered_mm is None else covered_mm)
     section, radius = Section(finger.span_mm, polygons), finger.tip_radius_mm
     along = finger.half_length_mm > 0
-    return MetSection(
-        ((section, radius),), section, radius, item.tolerance_mm, item.normal_bound_rad, along
-    )
+    return MetSection(((section, radius),), section, radius, item.tolerance_mm, item.normal_bound_rad, along)
 
 
 def _beside_ball(item: CatalogueState, finger: Finger) -> MetSection | None:

@@ -191,9 +191,7 @@ def _common_normals(pieces: Pieces, lo: Floats, width: Floats) -> tuple[Ints, Fl
     )
 
 
-def _offsets(
-    pieces: Pieces, begin: Floats, turn: Floats, point: Floats
-) -> tuple[Floats, Floats]:
+def _offsets(pieces: Pieces, begin: Floats, turn: Floats, point: Floats) -> tuple[Floats, Floats]:
     """From each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
 
     Normals are from `begin` on by `turn` (k,) rad; of those that are as good it is the first one tried.

@@ -130,8 +130,8 @@ def doubt_warning(rig: RigFile, spec: FingerConfig, extractor: ContactExtractor)
 def _seen_stiffness(tip: TipConfig) -> tuple[float, float]:
     """Stiffness (N/mm) for which patterns are looked for, and the share by which it may be off.
 
-    Beside its equator a ball shows the wider patterns of a softer cylinder: the circle that touches is smaller
-    by some share, and dented more by the same share.
+    Beside its equator a ball shows the wider patterns of a softer cylinder: the circle that touches is
+    smaller by some share, and dented more by the same share.
     """
     if not tip.is_ball:
         return tip.stiffness_n_per_mm, tip.stiffness_spread

@@ -211,7 +211,7 @@ def undetected_force_n(closing: ClosingConfig) -> float:
 
 
 def largest_on_skin_n(tip: TipConfig, closing: ClosingConfig) -> float:
-    """The greatest force that an array may show: what a finger presses aside with, and a ball's skin bears more."""
+    """Greatest force that an array may show: a ball's skin may bear more than its finger presses with."""
     return closing.max_force_n / tip.least_share
 
 
@@ -259,7 +259,10 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     tip = finger.tip
     late_s = 2 / closing.sample_rate_hz + _STOP_S
     stiffest = stiffest_n_per_mm(tip)
-    force = min(closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s, largest_on_skin_n(tip, closing))
+    force = min(
+        closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s,
+        largest_on_skin_n(tip, closing),
+    )
     unsure = measured_force_share(finger) * force
     deepest = (force + unsure) / softest_n_per_mm(tip)
     shallowest = max(force - unsure, 0.0) / stiffest

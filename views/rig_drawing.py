@@ -181,7 +181,8 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
     yield f"array: {finger.array.port}"
     long = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm long"
     what = "ball" if finger.tip.is_ball else "tip"
-    yield f"{what}: radius {finger.tip.radius_mm:g} mm{long}, its middle {finger.height_mm:g} mm above the table"
+    place = f"its middle {finger.height_mm:g} mm above the table"
+    yield f"{what}: radius {finger.tip.radius_mm:g} mm{long}, {place}"
 
 
 def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:

@@ -25,7 +25,7 @@ LEAST_BUDGET = 10_000
 
 
 LEAST_BALL_SHARE = 0.5
-"""A ball may touch a part where its circle is at least this share of its radius: within 60° of its equator."""
+"""A ball touches parts where its circle is at least this share of its radius: within 60° of its equator."""
 
 
 class TipShape(StrEnum):

@@ -98,7 +98,7 @@ class TipLoad:
 
     @property
     def on_skin_n(self) -> Floats:
-        """What presses on the skin at each ray (m,): more than the ray bears where a ball touches obliquely."""
+        """What presses on the skin at each ray (m,): more than it bears where a ball touches obliquely."""
         upright = self.contact.upright
         return self.by_ray_n if upright is None else self.by_ray_n / upright
 
@@ -247,7 +247,8 @@ class SkinContact:
     def _nearest(self) -> Ints:
         """Which of the near edges each touched ray (m,) meets first."""
         looked, _ = self._touched
-        return np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
+        found: Ints = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
+        return found
 
     @cached_property
     def _touched(self) -> tuple[Ints, Floats]:

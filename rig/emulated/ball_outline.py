@@ -38,7 +38,7 @@ def outline_beside_ball(
     radius_mm: float,
     top_mm: float,
 ) -> PartSection | None:
-    """Edges for a disc of a radius that is theirs, where a ball at a height is stopped; None if nothing is there.
+    """Edges for a disc, its radius with them, that stops where a ball at a height does; None for nothing.
 
     `sections`: from which height to which, and in W.
     """
@@ -75,7 +75,7 @@ def _beside(
 
 
 def _standing_out(beside: list[_Beside]) -> list[_Beside]:
-    """Without those that the ball never comes to: what others, grown by their circles, cover of them is all."""
+    """Without those that the ball never comes to: others, grown by their circles, cover all of them."""
     kept = sorted(beside, key=lambda item: item.circle_mm)
     whole = {id(item): _dilated(item.shape, item.circle_mm) for item in kept}
     for item in list(kept):

@@ -105,8 +105,12 @@ def outline_at(
     to first (`ball_outline`).
     """
     if ball_mm is not None:
-        return outline_beside_ball([(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
-                                   height_mm, ball_mm, placement.state.top_mm)
+        return outline_beside_ball(
+            [(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
+            height_mm,
+            ball_mm,
+            placement.state.top_mm,
+        )
     if half_length_mm > 0:
         return _outline_along(placement, height_mm - half_length_mm, height_mm + half_length_mm)
     for section in placement.state.sections:

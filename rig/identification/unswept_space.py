@@ -29,8 +29,8 @@ Span = tuple[float, float]
 class Disc:
     """A disc that fits inside of what one tip can meet of each of these states (indices).
 
-    The radius is negative if a state is so thin that its tolerance leaves nothing for certain, or a ball meets
-    it by a circle that is so small.
+    The radius is negative if a state is so thin that its tolerance leaves nothing for certain, or a ball
+    meets it by a circle that is so small.
     """
 
     radius_mm: float

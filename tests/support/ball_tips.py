@@ -37,7 +37,7 @@ def nearest_point(triangles: Floats, middle: Floats) -> Floats:
 
 
 def first_touch_of_ball(triangles: Floats, start: Floats, heading: Floats, radius_mm: float) -> float:
-    """Travel at which a ball that starts free with its middle at `start` (3,) stops; infinite if it passes by."""
+    """Travel at which a ball with its middle at `start` (3,), free there, stops; infinite if it passes by."""
     travel = 0.0
     for _ in range(_STEPS):
         middle = start + travel * heading
