@@ -1,6 +1,8 @@
 """Emulated balls: what stops them, and whole runs of rigs with balls."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,14 +13,15 @@ from quick_rig import small_objects, small_rig
 from sampling import sample
 from upright_tips import Block, Stack, drawn_stack, model_of
 
-from palpate.config import RigFile
+from palpate.config import RigFile, load_contacts
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.skin import Skin
 from palpate.drivers.emulators.tip import separation_mm
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect
-from palpate.rig.conversion import finger_of
+from palpate.rig.catalogue.reachability_text import finding_lines
+from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import identify
@@ -118,3 +121,43 @@ def test_balls_that_cannot_be(changes: dict[str, float], message: str) -> None:
 def test_a_study_refuses_balls() -> None:
     with pytest.raises(InputError, match="its tip is a ball"):
         with_motion(ball_rig(), small_objects(), PartMotion.STILL)
+
+
+def test_states_that_balls_meet_obliquely_are_named_before_anything_moves() -> None:
+    low, box = model_of(LOW, "low"), model_of(Stack((Block(BODY, (0.0, 30.0)),)), "box")
+    (line,) = finding_lines(ball_rig(), [low, box], "parts.json")
+    assert "low, standing (finger f1, 24°): balls meet these beside their equators" in line
+    assert "up to 0.4 times as much" in line
+    step = model_of(
+        Stack((Block(shapely.box(-30, -25, 30, 25), (0.0, 5.5)), Block(BODY, (5.5, 30.0)))), "step"
+    )
+    refused = (
+        r'finger f1: object "step", state "standing": a ball of radius 5 mm at 10 mm may touch what stands'
+    )
+    with pytest.raises(InputError, match=refused):
+        finding_lines(ball_rig(), [low, step], "parts.json")
+
+
+def test_contacts_of_balls_in_files(tmp_path: Path) -> None:
+    touch = {
+        "finger": "f1",
+        "touched": True,
+        "height": 10.0,
+        "tip_radius": 5.0,
+        "tip_shape": "ball",
+        "position_bound": 0.1,
+        "centre": [20.0, 0.0],
+        "approach": {"direction": math.pi, "start": [80.0, 0.0]},
+    }
+    path = tmp_path / "contacts.json"
+    for change, message in ({"tip_length": 4.0}, "a radius only"), ({"tip_radius": 11.0}, "more than height"):
+        path.write_text(_contacts(touch | change), encoding="utf-8")
+        with pytest.raises(InputError, match=message):
+            load_contacts(path)
+    path.write_text(_contacts(touch), encoding="utf-8")
+    ((contact,),) = grips_of(load_contacts(path))
+    assert contact.finger == Finger(5.0, 10.0, shape=TipShape.BALL)
+
+
+def _contacts(touch: dict[str, object]) -> str:
+    return json.dumps({"format": "palpate/contacts@1", "units": "mm", "grips": [{"contacts": [touch]}]})
