@@ -58,15 +58,16 @@ def oblique_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
     if not found:
         return []
     shown = "; ".join(
-        f"{item.object_name}, {item.state_name} (finger {item.finger}, {math.degrees(item.latitude_rad):.0f}°)"
+        f"{item.object_name}, {item.state_name} "
+        f"(finger {item.finger}, {math.degrees(item.latitude_rad):.0f}°)"
         for item in found[:_SHOWN]
     )
     more = len(found) - _SHOWN
     rest = f" and {counted(more, 'more state', 'more states')}" if more > 0 else ""
     worst = math.tan(found[0].latitude_rad)
     return [
-        f"{shown}{rest}: balls meet these beside their equators; what height_mm and the sections' heights are "
-        f"off by puts a contact off by up to {worst:.1f} times as much, which no bound contains"
+        f"{shown}{rest}: balls meet these beside their equators; what height_mm and the sections' heights "
+        f"are off by puts a contact off by up to {worst:.1f} times as much, which no bound contains"
     ]
 
 

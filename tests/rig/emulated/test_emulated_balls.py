@@ -160,4 +160,4 @@ def test_contacts_of_balls_in_files(tmp_path: Path) -> None:
 
 
 def _contacts(touch: dict[str, object]) -> str:
-    return json.dumps({"format": "palpate/contacts@1", "units": "mm", "grips": [{"contacts": [touch]}]})
+    return json.dumps({"format": "palpate/contacts@1", "units": "mm, rad", "grips": [{"contacts": [touch]}]})
