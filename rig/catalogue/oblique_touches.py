@@ -37,7 +37,7 @@ def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Obliqu
     """For each state the worst. Raises InputError, which names the finger, for one that is too oblique."""
     balls = {finger_of(finger): finger.name for finger in reversed(rig.fingers) if finger.tip.is_ball}
     found = []
-    for model, state in ((model, state) for model in models for state in model.states):
+    for model, state in [(item, state) for item in models for state in item.states]:
         worst = ObliqueTouch(model.name, state.name, "", 0.0)
         for ball, name in balls.items():
             try:
