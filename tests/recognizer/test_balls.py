@@ -1,11 +1,13 @@
 """Balls: what stops them beside stacks of prisms and frusta, judged by distances from meshes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
-from ball_tips import ball_contacts, first_touch_of_ball, triangles_of
+from ball_tips import ball_contacts, first_touch_of_ball, triangles_of, wobbly_triangles
+from kernel_switch import needs_kernel, without_kernel
 from sampling import sample
 from upright_tips import Block, Stack, cone_model, drawn_stack, holds, model_of, square
 
@@ -74,6 +76,46 @@ def test_the_truth_is_never_lost(seed: int, leaning: bool) -> None:
     contacts = ball_contacts(triangles_of(stacks[0], at), finger, at[:2], rng, count=4)
     if any(contact.touched for contact in contacts):
         assert holds(list(recognise(catalogue, contacts).hypotheses), "a", at)
+
+
+@pytest.mark.parametrize("seed", sample(range(120), range(10)))
+def test_the_truth_is_kept_where_parts_are_off_by_their_tolerance(seed: int) -> None:
+    rng = np.random.default_rng([86, seed])
+    off = float(rng.choice([0.05, 0.2, 0.5]))
+    stacks = [drawn_stack(rng, leaning=False) for _ in range(2)]
+    models = [
+        replace(model_of(stack, name), tolerance_mm=off + 1e-9)
+        for stack, name in zip(stacks, "ab", strict=True)
+    ]
+    catalogue, finger = Catalogue(models), drawn_ball(rng, stacks[0].top_mm)
+    at = (*rng.uniform(-15, 15, 2).tolist(), float(rng.uniform(-math.pi, math.pi)))
+    try:
+        catalogue.edges(finger)
+    except InputError:
+        return  # it is met too obliquely
+    triangles = wobbly_triangles(stacks[0], off, rng, at)
+    contacts = ball_contacts(triangles, finger, at[:2], rng, count=4, bound_mm=0.05, half_rad=0.08)
+    if any(contact.touched for contact in contacts):
+        assert holds(list(recognise(catalogue, contacts).hypotheses), "a", at)
+
+
+@needs_kernel
+@pytest.mark.parametrize("seed", sample(range(12), range(4)))
+def test_answers_are_the_same_without_the_kernel(seed: int) -> None:
+    rng = np.random.default_rng([87, seed])
+    foot, body = shapely.box(-21, -16, 21, 16), shapely.box(-19, -9, 15, 18)
+    stack = Stack((Block(foot, (0.0, 7.0)), Block(body, (7.0, 30.0))))
+    models = [model_of(stack, "a")]
+    finger, at = ball(6.0, 10.5 + 0.1 * seed), (3.0, -2.0, 0.4 + seed)
+    contacts = ball_contacts(triangles_of(stack, at), finger, at[:2], rng, count=4)
+    with_it = recognise(Catalogue(models), contacts).hypotheses
+    with without_kernel():
+        alone = recognise(Catalogue(models), contacts).hypotheses
+    assert len(with_it) == len(alone)
+    for one, other in zip(with_it, alone, strict=True):
+        for name in ("x_mm", "y_mm", "theta_rad"):
+            assert getattr(one.bounds, name) == pytest.approx(getattr(other.bounds, name), abs=1e-9)
+    assert holds(list(with_it), "a", at)
 
 
 def test_a_disc_at_the_equator_loses_the_truth() -> None:

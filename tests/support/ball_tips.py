@@ -13,7 +13,7 @@ from upright_tips import Stack
 from palpate.geometry import Floats
 from palpate.recognizer import Contact, Finger, NormalRange
 
-__all__ = ["ball_contacts", "first_touch_of_ball", "nearest_point", "triangles_of"]
+__all__ = ["ball_contacts", "first_touch_of_ball", "nearest_point", "triangles_of", "wobbly_triangles"]
 
 _REACH_MM = 220.0
 _TOUCHES_MM = 1e-7
@@ -27,6 +27,26 @@ def triangles_of(stack: Stack, at: tuple[float, float, float] = (0.0, 0.0, 0.0))
     turn[:2, 3] = x, y
     found: Floats = np.concatenate([block.mesh().apply_transform(turn).triangles for block in stack.blocks])
     return found
+
+
+def wobbly_triangles(
+    stack: Stack, off_mm: float, rng: np.random.Generator, at: tuple[float, float, float]
+) -> Floats:
+    """The same with every corner moved aside by `off_mm` at most: walls lean, and none is in its place."""
+    x, y, theta = at
+    turn = trimesh.transformations.rotation_matrix(theta, [0, 0, 1])
+    turn[:2, 3] = x, y
+    found = []
+    for block in stack.blocks:
+        mesh = block.mesh()
+        points, around = mesh.vertices.copy(), rng.uniform(-math.pi, math.pi, len(mesh.vertices))
+        away = off_mm * (np.sqrt(rng.uniform(size=len(points))) if rng.uniform() < 0.5 else 1.0)
+        points[:, 0] += away * np.cos(around)
+        points[:, 1] += away * np.sin(around)
+        moved = trimesh.Trimesh(points, mesh.faces, process=False)
+        found.append(moved.apply_transform(turn).triangles)
+    result: Floats = np.concatenate(found)
+    return result
 
 
 def nearest_point(triangles: Floats, middle: Floats) -> Floats:
