@@ -4,6 +4,7 @@ A finger is of one of two types: "slide", an aim that turns a slide, or "two-lin
 an elbow. The values keep the file's units: mm, degrees, N.
 """
 
+import math
 from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import (
@@ -61,6 +62,11 @@ class TipConfig(FileModel):
         description="Length of the cylinder's straight part, its middle at height_mm: the tip meets the "
         "sections all along it. Left out: the one at height_mm only, as for parts with upright walls there.",
     )
+    max_latitude_deg: Annotated[Length, Field(le=60)] | None = Field(
+        default=None,
+        description="Bound: a ball touches parts no further from its equator than this; left out, 60. Parts "
+        "that it may touch elsewhere are refused.",
+    )
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
     max_friction: Annotated[Length, Field(le=2)] = Field(
@@ -76,6 +82,8 @@ class TipConfig(FileModel):
             )
         if self.is_ball and self.length_mm is not None:
             raise problem("is for cylinders; a ball has a radius only", "length_mm")
+        if not self.is_ball and self.max_latitude_deg is not None:
+            raise problem("is for balls; a cylinder touches at its own radius", "max_latitude_deg")
         if self.is_ball and self.radius_bound_mm > _BALL_RADIUS_SHARE * self.radius_mm:
             raise problem(
                 f"is {self.radius_bound_mm:g}; that of a ball is at most a tenth of radius_mm "
@@ -95,7 +103,10 @@ class TipConfig(FileModel):
 
         A force on the skin there has at least this share aside, and a dent is that share of the way in.
         """
-        return LEAST_BALL_SHARE if self.is_ball else 1.0
+        if not self.is_ball:
+            return 1.0
+        latitude = self.max_latitude_deg
+        return LEAST_BALL_SHARE if latitude is None else math.cos(math.radians(latitude))
 
     @property
     def half_length_mm(self) -> float:

@@ -21,6 +21,7 @@ __all__ = ["ObliqueTouch", "oblique_lines", "oblique_touches"]
 
 _SLIGHTLY_RAD = math.radians(20.0)  # up to which a height counts for a third of a place
 _SHOWN = 5
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -35,16 +36,28 @@ class ObliqueTouch:
 
 def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObliqueTouch, ...]:
     """For each state the worst. Raises InputError, which names the finger, for one that is too oblique."""
-    balls = {finger_of(finger): finger.name for finger in reversed(rig.fingers) if finger.tip.is_ball}
+    balls = {
+        (finger_of(finger), finger.tip.least_share): finger.name
+        for finger in reversed(rig.fingers)
+        if finger.tip.is_ball
+    }
     found = []
     for model, state in [(item, state) for item in models for state in item.states]:
         worst = ObliqueTouch(model.name, state.name, "", 0.0)
-        for ball, name in balls.items():
+        item = _of_catalogue(model, state)
+        for (ball, least_share), name in balls.items():
             try:
-                met = met_by_ball(_of_catalogue(model, state), ball)
+                met = met_by_ball(item, ball)
             except InputError as error:
                 raise InputError(f"finger {name}: {error}") from error
-            share = 1.0 if met is None else min(met.radius_mm / ball.tip_radius_mm, 1.0)
+            least = ball.tip_radius_mm if met is None else met.radius_mm - 2 * item.tolerance_mm
+            share = min(least / ball.tip_radius_mm, 1.0)
+            if share < least_share - _ROUNDING:
+                raise InputError(
+                    f'finger {name}: object "{model.name}", state "{state.name}": its ball may touch up to '
+                    f"{math.degrees(math.acos(share)):.1f}° from its equator, more than tip.max_latitude_deg "
+                    f"({math.degrees(math.acos(least_share)):g}); give that another value, at most 60"
+                )
             if math.acos(share) > worst.latitude_rad:
                 worst = ObliqueTouch(model.name, state.name, name, math.acos(share))
         if worst.latitude_rad > _SLIGHTLY_RAD:

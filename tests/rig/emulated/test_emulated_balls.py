@@ -20,6 +20,7 @@ from palpate.drivers.emulators.tip import separation_mm
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect
+from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.reachability_text import finding_lines
 from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.emulated.answer_error import compare
@@ -35,11 +36,11 @@ OTHER = Stack((Block(shapely.box(-26, -22, 26, 22), (0.0, 6.0)), Block(BODY, (6.
 LOW = Stack((Block(shapely.Polygon([(-25, -16), (24, -12), (2, 22)]), (0.0, 8.0)),))
 
 
-def ball_rig(radius_mm: float = 5.0) -> RigFile:
+def ball_rig(radius_mm: float = 5.0, latitude_deg: float | None = None) -> RigFile:
     """The small rig with balls."""
     data = small_rig().model_dump(exclude_unset=True)
     for finger in data["fingers"]:
-        finger["tip"] |= {"shape": "ball", "radius_mm": radius_mm}
+        finger["tip"] |= {"shape": "ball", "radius_mm": radius_mm, "max_latitude_deg": latitude_deg}
     return RigFile.model_validate(data)
 
 
@@ -109,6 +110,7 @@ def test_the_rig_files_ball_is_the_recognisers() -> None:
         ({"length_mm": 12.0}, "a ball has a radius only"),
         ({"radius_mm": 12.0}, r"is 12, more than height_mm \(10\)"),
         ({"radius_bound_mm": 0.7}, "at most a tenth of radius_mm"),
+        ({"shape": "cylinder", "max_latitude_deg": 20.0}, "is for balls"),
     ],
 )
 def test_balls_that_cannot_be(changes: dict[str, float], message: str) -> None:
@@ -136,6 +138,21 @@ def test_states_that_balls_meet_obliquely_are_named_before_anything_moves() -> N
     )
     with pytest.raises(InputError, match=refused):
         finding_lines(ball_rig(), [low, step], "parts.json")
+
+
+def test_a_bound_on_the_latitude_makes_contacts_finer_and_is_held_to() -> None:
+    low, box = model_of(LOW, "low"), model_of(Stack((Block(BODY, (0.0, 30.0)),)), "box")
+    bounds = [contact_bound_mm(rig) for rig in (small_rig(), ball_rig(latitude_deg=0.0), ball_rig())]
+    assert bounds[0] == bounds[1]
+    assert bounds[1] is not None
+    assert bounds[2] is not None
+    assert bounds[1] < bounds[2]
+    assert finding_lines(ball_rig(latitude_deg=0.0), [box], "parts.json") == []
+    assert finding_lines(ball_rig(latitude_deg=24.0), [low], "parts.json")
+    with pytest.raises(
+        InputError, match=r'"low", state "standing": its ball may touch up to 23\.6° .* \(20\)'
+    ):
+        finding_lines(ball_rig(latitude_deg=20.0), [low], "parts.json")
 
 
 def test_contacts_of_balls_in_files(tmp_path: Path) -> None:
