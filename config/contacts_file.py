@@ -43,7 +43,11 @@ class ContactEntry(FileModel):
     finger: Name
     touched: Flag
     height: Length = Field(description="Height of the contact above the support plane, mm.")
-    tip_radius: Length = Field(description="Radius of the cylindrical tip, mm; 0 is the point finger.")
+    tip_radius: Length = Field(description="Radius of the tip, mm; 0 is the point finger.")
+    tip_shape: Literal["cylinder", "ball"] = Field(
+        default="cylinder",
+        description="Shape of the tip: an upright cylinder, or a ball with its equator at `height`.",
+    )
     tip_length: Annotated[Length, Field(le=1e4)] = Field(
         default=0.0,
         description="Length of the tip's straight part, its middle at `height`, mm; 0: as thin as a disc.",
@@ -66,6 +70,14 @@ class ContactEntry(FileModel):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
+        if self.tip_shape == "ball" and self.tip_length:
+            raise problem("is for cylinders; a ball has a radius only", "tip_length")
+        if self.tip_shape == "ball" and self.tip_radius > self.height:
+            raise problem(
+                f"is {self.tip_radius:g}, more than height ({self.height:g}), "
+                "so the ball would reach below the support plane",
+                "tip_radius",
+            )
         if self.tip_length > 2 * self.height:
             raise problem(
                 f"is {self.tip_length:g}: half of that is more than height ({self.height:g}), "

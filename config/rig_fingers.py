@@ -4,6 +4,7 @@ A finger is of one of two types: "slide", an aim that turns a slide, or "two-lin
 an elbow. The values keep the file's units: mm, degrees, N.
 """
 
+import math
 from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import (
@@ -22,6 +23,7 @@ from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, 
 from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
 from palpate.extensions import TACTILE_ARRAYS, broken
+from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = [
     "PALPATE_PROTOCOL",
@@ -43,16 +45,27 @@ PALPATE_PROTOCOL = "palpate"
 SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
 """Protocols of the plug-ins that come with palpate; the rig file's JSON Schema shows their keys."""
 
+_BALL_RADIUS_SHARE = 0.1
+
 
 class TipConfig(FileModel):
-    """The cylindrical fingertip."""
+    """The fingertip: an upright cylinder, or a ball."""
 
-    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
+    shape: Literal["cylinder", "ball"] = Field(
+        default="cylinder",
+        description="Shape of what touches: an upright cylinder, or a ball with its equator at height_mm.",
+    )
+    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder or the ball.")
     radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
     length_mm: Positive | None = Field(
         default=None,
         description="Length of the cylinder's straight part, its middle at height_mm: the tip meets the "
         "sections all along it. Left out: the one at height_mm only, as for parts with upright walls there.",
+    )
+    max_latitude_deg: Annotated[Length, Field(le=60)] | None = Field(
+        default=None,
+        description="Bound: a ball touches parts no further from its equator than this; left out, 60. Parts "
+        "that it may touch elsewhere are refused.",
     )
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
@@ -67,12 +80,43 @@ class TipConfig(FileModel):
             raise problem(
                 f"is {self.radius_bound_mm:g}, not below radius_mm ({self.radius_mm:g})", "radius_bound_mm"
             )
+        if self.is_ball and self.length_mm is not None:
+            raise problem("is for cylinders; a ball has a radius only", "length_mm")
+        if not self.is_ball and self.max_latitude_deg is not None:
+            raise problem("is for balls; a cylinder touches at its own radius", "max_latitude_deg")
+        if self.is_ball and self.radius_bound_mm > _BALL_RADIUS_SHARE * self.radius_mm:
+            raise problem(
+                f"is {self.radius_bound_mm:g}; that of a ball is at most a tenth of radius_mm "
+                f"({self.radius_mm:g}): beside its equator errors of the radius count more",
+                "radius_bound_mm",
+            )
         return self
 
     @property
+    def is_ball(self) -> bool:
+        """Whether it is a ball."""
+        return self.shape == "ball"
+
+    @property
+    def least_share(self) -> float:
+        """Radius of the least circle that touches parts, as a share of the tip's: the cosine of its latitude.
+
+        A force on the skin there has at least this share aside, and a dent is that share of the way in.
+        """
+        if not self.is_ball:
+            return 1.0
+        latitude = self.max_latitude_deg
+        return LEAST_BALL_SHARE if latitude is None else math.cos(math.radians(latitude))
+
+    @property
     def half_length_mm(self) -> float:
-        """From the tip's middle to either end; 0 for one that is taken to be as thin as a disc."""
+        """From a cylinder's middle to either end; 0 for one that is taken to be as thin as a disc."""
         return (self.length_mm or 0.0) / 2
+
+    @property
+    def half_height_mm(self) -> float:
+        """From the tip's middle to its highest and lowest point."""
+        return self.radius_mm if self.is_ball else self.half_length_mm
 
 
 def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple[int, int]:
@@ -242,6 +286,12 @@ class _MountedFinger(FileModel):
 
     @model_validator(mode="after")
     def _stands_clear(self) -> Self:
+        if self.tip.is_ball and self.tip.radius_mm > self.height_mm:
+            raise problem(
+                f"is {self.tip.radius_mm:g}, more than height_mm ({self.height_mm:g}), "
+                "so the ball would reach below the support plane",
+                *("tip", "radius_mm"),
+            )
         if self.tip.half_length_mm > self.height_mm:
             raise problem(
                 f"is {self.tip.length_mm:g}: half of that is more than height_mm ({self.height_mm:g}), "
@@ -253,7 +303,7 @@ class _MountedFinger(FileModel):
     @property
     def span_mm(self) -> tuple[float, float]:
         """Heights (from, to) of the tip's lower and upper end."""
-        return self.height_mm - self.tip.half_length_mm, self.height_mm + self.tip.half_length_mm
+        return self.height_mm - self.tip.half_height_mm, self.height_mm + self.tip.half_height_mm
 
 
 class SlideFingerConfig(_MountedFinger):
@@ -306,7 +356,7 @@ class ArmFingerConfig(_MountedFinger):
         if self.span_mm[1] > self.links.links_height_mm:
             raise problem(
                 f"is {self.links.links_height_mm:g}, below the tip's upper end ({self.span_mm[1]:g}): "
-                "half of length_mm above height_mm",
+                f"{'radius_mm' if self.tip.is_ball else 'half of length_mm'} above height_mm",
                 *("links", "links_height_mm"),
             )
         return self

@@ -61,7 +61,7 @@ class Pieces(Table):
     """n pieces, sorted by state: `state` (n,); a segment from `start` along `along` (n, 2), `length` (n,) mm.
 
     Outward normals: from `normal_rad` counter-clockwise by `turn_rad` (n,). A true point of the feature is
-    within `off` (n,) mm of the segment.
+    within `off` (n,) mm of the segment. What touches has the `radius` (n,) mm.
     """
 
     state: Ints
@@ -71,6 +71,7 @@ class Pieces(Table):
     normal_rad: Floats
     turn_rad: Floats
     off: Floats
+    radius: Floats
 
     @cached_property
     def is_face(self) -> Bools:
@@ -88,8 +89,10 @@ class Pieces(Table):
         foot = self.start + self.along * np.where(self.is_face, at, 0.0)[:, None]
         return foot + radius_mm * np.column_stack([np.cos(normal), np.sin(normal)])
 
-    def circles(self, radius_mm: float) -> Floats:
+    @property
+    def circles(self) -> Floats:
         """Circles (n, 3) round all places of a tip's true centre on each: middle x, y, radius mm."""
+        radius_mm = self.radius
         half = self.turn_rad / 2
         middle, narrow = self.normal_rad + half, half < np.pi / 2
         out = radius_mm * np.where(narrow, np.cos(half), 0.0)

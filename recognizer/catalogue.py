@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.geometry import Floats, Ints, ObjectModel, State
+from palpate.geometry import Bools, Floats, Ints, ObjectModel, State
+from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edge_sets import outline_set, pairing_set
@@ -70,6 +71,7 @@ class Catalogue:
         self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
         self._strips: dict[Finger, StripForest] = {}
         self._boundaries: dict[Finger, TrueBoundary] = {}
+        self._tolerant: dict[Finger, Bools] = {}
         self._pockets: dict[tuple[Finger, float, float], Pockets] = {}
 
     def __repr__(self) -> str:
@@ -100,6 +102,12 @@ class Catalogue:
         if finger not in self._boundaries:
             self._boundaries[finger] = true_boundary(self.states, finger)
         return self._boundaries[finger]
+
+    def has_tolerance(self, finger: Finger) -> Bools:
+        """Which states' outlines (S,), as a finger meets them, may be off by more than rounding."""
+        if finger not in self._tolerant:
+            self._tolerant[finger] = np.array([not is_exact(state, finger) for state in self.states])
+        return self._tolerant[finger]
 
     def pairs(self, first: Finger, second: Finger) -> PairTable:
         """Pairs of an edge for `first` and one for `second`, by relative normal and distance."""

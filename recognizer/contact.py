@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from palpate.errors import InputError
+from palpate.vocabulary import TipShape
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["LARGEST_MM", "Contact", "Finger", "NormalRange"]
@@ -44,12 +45,14 @@ class Finger:
     """What of a finger decides which grown cross section its centre meets (memo §3.1 and footnote 3).
 
     The tip is an upright cylinder of length 2 `half_length_mm`, its middle at `height_mm`; 0: a disc. It
-    meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length").
+    meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length"). Or it
+    is a ball with its equator at `height_mm` (the same page, "A ball").
     """
 
     tip_radius_mm: float
     height_mm: float
     half_length_mm: float = 0.0
+    shape: TipShape = TipShape.CYLINDER
 
     def __post_init__(self) -> None:
         if not 0 <= self.tip_radius_mm <= _LARGEST_TIP_MM:
@@ -63,11 +66,29 @@ class Finger:
                 f"half the length of a finger's tip must be from 0 to {LARGEST_MM:g} mm, "
                 f"not {self.half_length_mm:g}"
             )
+        if self.is_ball and self.half_length_mm:
+            raise InputError("a ball has no length, only a radius")
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the tip is a ball."""
+        return self.shape == TipShape.BALL
 
     @property
     def span_mm(self) -> tuple[float, float]:
         """Heights (from, to) of the tip's lower and upper end."""
-        return self.height_mm - self.half_length_mm, self.height_mm + self.half_length_mm
+        half = self.tip_radius_mm if self.is_ball else self.half_length_mm
+        return self.height_mm - half, self.height_mm + half
+
+    def radius_beside_mm(self, z_mm: tuple[float, float]) -> float:
+        """Radius of the tip's largest circle at heights (from, to); 0 above it and below."""
+        low, high = self.span_mm
+        if z_mm[0] > high or z_mm[1] < low:
+            return 0.0
+        if not self.is_ball:
+            return self.tip_radius_mm
+        away = max(z_mm[0] - self.height_mm, self.height_mm - z_mm[1], 0.0)
+        return math.sqrt(max(self.tip_radius_mm**2 - away**2, 0.0))
 
 
 @dataclass(frozen=True, repr=False)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotation_matrix
 from palpate.geometry.segments import cross
+from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
 from palpate.recognizer.met_section import met_section
@@ -17,7 +18,7 @@ from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.round_edges import anchors, round_outlines, round_touchable
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
-from palpate.recognizer.tolerance_band import ToleranceBand, touchable_edges
+from palpate.recognizer.tolerance_band import ToleranceBand, Touchable, touchable_edges
 
 __all__ = ["MOST_EDGES", "outline_set", "pairing_set"]
 
@@ -53,16 +54,15 @@ def pairing_set(
     states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float, outlines: EdgeSet
 ) -> EdgeSet:
     """Edges that a contact of the finger may be paired with: the `outlines` if no state has a tolerance."""
-    if not any(state.tolerance_mm > 0 for state in states):
+    exact = [is_exact(state, finger) for state in states]
+    if all(exact):
         return outlines
     return _joined(
         states,
         finger,
         [
-            _touchable(state, finger, facet_error_mm)
-            if state.tolerance_mm > 0
-            else _outline(state, finger, facet_error_mm)
-            for state in states
+            _outline(state, finger, facet_error_mm) if known else _touchable(state, finger, facet_error_mm)
+            for state, known in zip(states, exact, strict=True)
         ],
     )
 
@@ -100,33 +100,38 @@ def _joined(states: Sequence[CatalogueState], finger: Finger, parts: Sequence[_P
 
 
 def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = met_section(item.state, finger, 0.0)
-    if section is None:
+    met = met_section(item, finger, 0.0)
+    if met is None:
         return _NOTHING
-    delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
+    delta, tip = met.tolerance_mm, met.radius_mm
+    radius = max(0.0, tip - delta)
     if item.state.is_round:
-        grown = round_outlines(section, radius, united=finger.half_length_mm > 0)
+        grown = round_outlines(met.section, radius, united=met.united)
     else:
-        grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
+        grown = simplify_outline(grow(met.section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
     grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
     return _Part(
         edges=grown,
-        slack_in=grown.dent + max(0.0, delta - finger.tip_radius_mm),
-        slack_out=grown.bulge + finger.tip_radius_mm + delta - radius,
+        slack_in=grown.dent + max(0.0, delta - tip),
+        slack_out=grown.bulge + tip + delta - radius,
         slack_along=grown.dent + 2 * delta,
     )
 
 
 def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = met_section(item.state, finger, item.tolerance_mm)
-    if section is None:
+    met = met_section(item, finger)
+    if met is None:
         return _NOTHING
-    band = ToleranceBand(item.tolerance_mm, item.normal_bound_rad)
-    if item.state.is_round:
-        found = round_touchable(section, finger.tip_radius_mm, band, united=finger.half_length_mm > 0)
-    else:
-        along = finger.half_length_mm > 0
-        found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm, united=along)
+    band = ToleranceBand(met.tolerance_mm, met.normal_bound_rad)
+    parts, before = [], 0
+    for section, radius in met.layers:
+        if item.state.is_round:
+            part = round_touchable(section, radius, band, united=met.united)
+        else:
+            part = touchable_edges(section, radius, band, facet_error_mm, united=met.united)
+        parts.append(replace(part, edges=_renumbered(part.edges, before)))
+        before += sum(map(len, section.rings))
+    found = Touchable.joined(parts)
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),
@@ -134,6 +139,11 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
         slack_out=found.outward,
         slack_along=found.along,
     )
+
+
+def _renumbered(edges: GrownSection, by: int) -> GrownSection:
+    """With numbers of features that are greater by so much, those of vertices, too."""
+    return replace(edges, feature=np.where(edges.feature < 0, edges.feature - by, edges.feature + by))
 
 
 def _normal_order(grown: GrownSection) -> Ints:

@@ -64,10 +64,10 @@ class FingerPreparation:
         boundary = self.boundary
         found |= _named("pieces.", boundary.pieces) | {"pieces.first": boundary.first_piece}
         found |= _named("sides.", boundary.sides) | {"sides.first": boundary.first_side}
-        return found | {"clearance_mm": boundary.clearance_mm}
+        return found | {"radius_mm": boundary.radius_mm, "clearance_mm": boundary.clearance_mm}
 
     @classmethod
-    def from_arrays(cls, arrays: NamedArrays, finger: Finger, count: int) -> "FingerPreparation":
+    def from_arrays(cls, arrays: NamedArrays, count: int) -> "FingerPreparation":
         """What `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
         own, same = replace(arrays, prefix="outlines."), "edges.first" not in arrays
         outlines = _edges_from(own, count)
@@ -76,7 +76,7 @@ class FingerPreparation:
         first_piece = begins(arrays, "pieces.first", count)
         first_side = begins(arrays, "sides.first", count)
         boundary = TrueBoundary(
-            finger.tip_radius_mm,
+            arrays.floats("radius_mm", (count,)),
             Pieces(**_columns(Pieces, replace(arrays, prefix="pieces."), first_piece)),
             Sides(**_columns(Sides, replace(arrays, prefix="sides."), first_side)),
             first_piece,
@@ -142,7 +142,7 @@ def _joined_boundary(parts: Sequence[TrueBoundary]) -> TrueBoundary:
     first_side = joined_begins([part.first_side for part in parts])
     numbers = np.arange(len(first_piece) - 1)
     return TrueBoundary(
-        parts[0].radius_mm,
+        np.concatenate([part.radius_mm for part in parts]),
         replace(
             Pieces.joined([part.pieces for part in parts]), state=np.repeat(numbers, np.diff(first_piece))
         ),
@@ -163,5 +163,6 @@ def _selected_boundary(boundary: TrueBoundary, states: Ints) -> TrueBoundary:
         sides=replace(boundary.sides.select(side), state=own_side),
         first_piece=begins_of(pieces),
         first_side=begins_of(sides),
+        radius_mm=boundary.radius_mm[states],
         clearance_mm=boundary.clearance_mm[states],
     )

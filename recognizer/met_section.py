@@ -7,30 +7,76 @@ many sections, of which a few stand out.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
-from palpate.geometry import Circle, Floats, Polygon, Section, State
+from palpate.geometry import Circle, Floats, Polygon, Section
+from palpate.recognizer.ball_section import met_by_ball
 from palpate.recognizer.contact import Finger
+from palpate.recognizer.edges import CatalogueState
 
-__all__ = ["first_of_equal", "met_section", "standing_out", "uncertain_circles", "united_circles"]
+__all__ = [
+    "MetSection",
+    "first_of_equal",
+    "met_section",
+    "standing_out",
+    "uncertain_circles",
+    "united_circles",
+]
 
 _CLEARLY_MM = 1e-6  # far above the rounding of distances
 
 
-def met_section(state: State, finger: Finger, tolerance_mm: float) -> Section | None:
-    """What a finger can meet of a state whose outlines are within a tolerance; None where nothing is.
+@dataclass(frozen=True, eq=False)
+class MetSection:
+    """What a finger can meet of a state: polygons that may overlap, where it meets whichever stands out.
 
-    Its polygons may overlap; where sections meet, the finger meets whichever stands out.
+    `layers`: sections, and the radius (mm) of the disc that each is to be grown by; what is touched is within
+    `tolerance_mm` of them, and normals are within `normal_bound_rad` where that is declared. `section` grown
+    by `radius_mm` is within it, too, of all of them together: the only layer, but for some balls. `united`:
+    the polygons are of several heights.
     """
-    met = state.sections_within(finger.span_mm)
+
+    layers: tuple[tuple[Section, float], ...]
+    section: Section
+    radius_mm: float
+    tolerance_mm: float
+    normal_bound_rad: float | None
+    united: bool
+
+
+def met_section(item: CatalogueState, finger: Finger, covered_mm: float | None = None) -> MetSection | None:
+    """What a finger can meet of a state; None where nothing is. Raises InputError as `met_by_ball` does.
+
+    Left out is what others are certain to cover if outlines are within `covered_mm`; None: the tolerance.
+    """
+    if finger.is_ball:
+        return _beside_ball(item, finger)
+    met = item.state.sections_within(finger.span_mm)
     if not met:
         return None
     polygons = tuple(polygon for section in met for polygon in section.polygons)
     if finger.half_length_mm > 0 and len(met) > 1:
-        polygons = standing_out(polygons, tolerance_mm)
-    return Section(finger.span_mm, polygons)
+        polygons = standing_out(polygons, item.tolerance_mm if covered_mm is None else covered_mm)
+    section, radius = Section(finger.span_mm, polygons), finger.tip_radius_mm
+    along = finger.half_length_mm > 0
+    return MetSection(((section, radius),), section, radius, item.tolerance_mm, item.normal_bound_rad, along)
+
+
+def _beside_ball(item: CatalogueState, finger: Finger) -> MetSection | None:
+    ball = met_by_ball(item, finger)
+    if ball is None:
+        return None
+    return MetSection(
+        tuple((Section(finger.span_mm, polygons), radius) for polygons, radius in ball.layers),
+        Section(finger.span_mm, ball.even),
+        ball.radius_mm,
+        ball.tolerance_mm,
+        ball.normal_bound_rad,
+        len(ball.even) > 1,
+    )
 
 
 def standing_out(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[Polygon, ...]:

@@ -119,7 +119,7 @@ def _nearest(
     pieces = boundary.pieces.select(piece)
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)
-    offset, normal = _offsets(pieces, begin, turn, point[owner], boundary.radius_mm)
+    offset, normal = _offsets(pieces, begin, turn, point[owner])
     away = np.hypot(*offset.T)
     gap = np.maximum(away - pieces.off, 0.0)
     near = np.flatnonzero(gap <= bound[owner] + beyond_mm)
@@ -163,9 +163,8 @@ def _near_pieces(
     along = np.clip(x * u + y * v, 0.0, pieces.length[piece])
     away = np.hypot(x - along * u, y - along * v)
     reach = bound[owner] + pieces.off[piece] + beyond_mm
-    near = (away <= boundary.radius_mm + reach) & (
-        (away >= boundary.radius_mm - reach) | (pieces.off[piece] > 0)
-    )
+    radius = pieces.radius[piece]
+    near = (away <= radius + reach) & ((away >= radius - reach) | (pieces.off[piece] > 0))
     return owner[near], piece[near]
 
 
@@ -192,17 +191,15 @@ def _common_normals(pieces: Pieces, lo: Floats, width: Floats) -> tuple[Ints, Fl
     )
 
 
-def _offsets(
-    pieces: Pieces, begin: Floats, turn: Floats, point: Floats, radius: float
-) -> tuple[Floats, Floats]:
+def _offsets(pieces: Pieces, begin: Floats, turn: Floats, point: Floats) -> tuple[Floats, Floats]:
     """From each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
 
     Normals are from `begin` on by `turn` (k,) rad; of those that are as good it is the first one tried.
     """
-    rel, along = point - pieces.start, pieces.along
+    rel, along, radius = point - pieces.start, pieces.along, pieces.radius
     across = rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]
     face = np.arctan2(-along[:, 0], along[:, 1])
-    lean = np.arccos(np.clip(across / max(radius, 1e-300), -1.0, 1.0))
+    lean = np.arccos(np.clip(across / np.maximum(radius, 1e-300), -1.0, 1.0))
     far = rel - along * pieces.length[:, None]
     tried = np.stack(
         [
@@ -216,7 +213,7 @@ def _offsets(
     )
     tried[2:] = np.where((tried[2:] - begin) % (2 * np.pi) <= turn, tried[2:], begin)
     normal = np.stack([np.cos(tried), np.sin(tried)], axis=2)
-    left = rel - radius * normal
+    left = rel - radius[:, None] * normal
     foot = np.clip(np.sum(left * along, axis=2), 0.0, pieces.length)
     offset = along * foot[..., None] - left
     # Where two normals lead to the same place, rounding must not choose.

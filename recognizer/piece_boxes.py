@@ -80,9 +80,9 @@ class PieceBoxes:
         return owner[kept], row[kept]
 
 
-def boxes_of(pieces: Pieces, first: Ints, radius_mm: float) -> PieceBoxes:
+def boxes_of(pieces: Pieces, first: Ints) -> PieceBoxes:
     """Boxes of where a tip's centre is on pieces; those of each state begin at `first` (S + 1,)."""
-    rectangles = _rectangles(pieces, radius_mm)
+    rectangles = _rectangles(pieces)
     across = np.abs(rectangles.out) * rectangles.half_out[:, None]
     half = across + np.abs(rectangles.out[:, ::-1]) * rectangles.half_aside[:, None] + pieces.off[:, None]
     low, high = rectangles.centre - half, rectangles.centre + half
@@ -99,7 +99,8 @@ def boxes_of(pieces: Pieces, first: Ints, radius_mm: float) -> PieceBoxes:
     return PieceBoxes(rectangles, tuple(reversed(levels)), first)
 
 
-def _rectangles(pieces: Pieces, radius_mm: float) -> _Rectangles:
+def _rectangles(pieces: Pieces) -> _Rectangles:
+    radius_mm = pieces.radius
     half = np.minimum(pieces.turn_rad / 2, np.pi)
     angle = pieces.normal_rad + pieces.turn_rad / 2
     out = np.column_stack([np.cos(angle), np.sin(angle)])

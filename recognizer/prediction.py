@@ -141,7 +141,7 @@ def _met(
     against = np.array([item.direction_rad + np.pi for item in approaches])
     row, column = np.divmod(np.arange(len(rays)), len(approaches))
     # Where vertices may be off, so may normals, by anything if edges are short: nothing is said of them.
-    vague = np.array([state.tolerance_mm > 0 for state in catalogue.states])
+    vague = catalogue.has_tolerance(approaches[0].finger)
     parts, begin = [], 0
     for some in split_rays(edges, strips, rays):
         piece = slice(begin, begin + len(some))

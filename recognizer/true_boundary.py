@@ -15,14 +15,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from palpate.geometry import Floats, Ints
+from palpate.geometry import Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.boundary_pieces import Pieces, Sides
 from palpate.recognizer.bounding_circles import blocks, circles_round
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
-from palpate.recognizer.met_section import met_section
+from palpate.recognizer.met_section import MetSection, met_section
 from palpate.recognizer.piece_boxes import PieceBoxes, boxes_of
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.uncovered_pieces import uncovered
@@ -36,11 +36,12 @@ _NOTHING_MM = 1e-9  # shorter sides are none
 class TrueBoundary:
     """Of all S states, for one kind of finger: `pieces` and `sides`, and where each state's begin (S + 1,).
 
-    `clearance_mm` (S,): how near the tip's centre may come to the nominal section; negative: how deep into
-    it.
+    `clearance_mm` (S,): how near the tip's centre may come to what `sides` enclose; negative: how deep into
+    it. That is a section and what touches is a disc of `radius_mm` (S,); or the least circle of a ball, and
+    sections that are grown by what others have more.
     """
 
-    radius_mm: float
+    radius_mm: Floats
     pieces: Pieces
     sides: Sides
     first_piece: Ints
@@ -63,15 +64,16 @@ class TrueBoundary:
             pieces.start,
             pieces.along,
             np.column_stack([pieces.length, pieces.normal_rad % (2 * np.pi), pieces.turn_rad, pieces.off]),
+            pieces.radius[:, None],
             np.column_stack(
                 [np.cos(pieces.normal_rad), np.sin(pieces.normal_rad), np.cos(last), np.sin(last)]
             ),
         )
-        of_pieces = pieces.circles(self.radius_mm)
+        of_pieces = pieces.circles
         first_piece_block, of_piece_blocks = blocks(of_pieces, self.first_piece)
         first_side_block, of_side_blocks = blocks(circles_round(sides.start, sides.end), self.first_side)
         values = (
-            np.array([self.radius_mm]),
+            self.radius_mm,
             self.clearance_mm,
             np.concatenate(rows, axis=1),
             np.concatenate([sides.start, sides.end], axis=1),
@@ -96,45 +98,49 @@ class TrueBoundary:
 
     @cached_property
     def _boxes(self) -> PieceBoxes:
-        return boxes_of(self.pieces, self.first_piece, self.radius_mm)
+        return boxes_of(self.pieces, self.first_piece)
 
 
 def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBoundary:
     """The pieces that `finger` can be on, and the sides that can be in its way."""
-    pieces, sides = [], []
+    pieces, sides, radius, clearance = [], [], [], []
     for number, item in enumerate(states):
-        outlines = _outlines(item, finger)
+        met = met_section(item, finger)
+        if met is None:
+            radius.append(finger.tip_radius_mm)
+            clearance.append(finger.tip_radius_mm - item.tolerance_mm)
+            continue
+        radius.append(met.radius_mm)
+        clearance.append(met.radius_mm - met.tolerance_mm)
+        outlines = _outlines(met.section, item.origin_mm)
         outer = _sides(number, [shapely.union_all(outlines)] if len(outlines) > 1 else outlines)
         sides.append(outer)
-        if item.tolerance_mm > 0:
-            own = [_sides(number, [outline]) for outline in outlines]
-            solid = shapely.union_all(outlines)
-            pieces += [_uncertain_pieces(part, solid, finger.tip_radius_mm, item) for part in own]
+        if met.tolerance_mm > 0:
+            pieces += _all_uncertain_pieces(number, item, met)
         else:
-            pieces.append(_visible_pieces(outer, finger.tip_radius_mm))
+            pieces.append(_visible_pieces(outer, met.radius_mm))
     whole, every = Pieces.joined([_NO_PIECES, *pieces]), Sides.joined([_NO_SIDES, *sides])
     numbers = np.arange(len(states) + 1)
     return TrueBoundary(
-        finger.tip_radius_mm,
+        np.array(radius, np.float64),
         whole,
         every,
         np.searchsorted(whole.state, numbers),
         np.searchsorted(every.state, numbers),
-        np.array([finger.tip_radius_mm - item.tolerance_mm for item in states]),
+        np.array(clearance, np.float64),
     )
 
 
 _NONE, _NOWHERE, _NO_STATE = np.empty(0), np.empty((0, 2)), np.empty(0, np.int64)
 _NO_SIDES = Sides(_NO_STATE, _NO_STATE, _NOWHERE, _NOWHERE)
-_NO_PIECES = Pieces(_NO_STATE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE)
+_NO_PIECES = Pieces(_NO_STATE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE, _NONE)
 
 
-def _outlines(item: CatalogueState, finger: Finger) -> list[shapely.Polygon]:
-    """The state's polygons that the finger can meet, its centroid at the origin."""
-    section = met_section(item.state, finger, item.tolerance_mm)
+def _outlines(section: Section, origin_mm: Floats) -> list[shapely.Polygon]:
+    """A section's polygons, the state's centroid at the origin."""
     return [
-        shapely.Polygon(polygon.outer - item.origin_mm, [hole - item.origin_mm for hole in polygon.holes])
-        for polygon in (() if section is None else section.polygons)
+        shapely.Polygon(polygon.outer - origin_mm, [hole - origin_mm for hole in polygon.holes])
+        for polygon in section.polygons
     ]
 
 
@@ -153,19 +159,29 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
     return Sides.joined(parts)
 
 
-def _uncertain_pieces(
-    sides: Sides, solid: shapely.Geometry, radius_mm: float, item: CatalogueState
-) -> Pieces:
+def _all_uncertain_pieces(state: int, item: CatalogueState, met: MetSection) -> list[Pieces]:
+    """Of each outline by itself, met by the disc of its layer."""
+    pieces = []
+    for section, radius_mm in met.layers:
+        outlines = _outlines(section, item.origin_mm)
+        solid = shapely.union_all(outlines)
+        own = [_sides(state, [outline]) for outline in outlines]
+        pieces += [_uncertain_pieces(part, solid, radius_mm, met) for part in own]
+    return pieces
+
+
+def _uncertain_pieces(sides: Sides, solid: shapely.Geometry, radius_mm: float, met: MetSection) -> Pieces:
     """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
-    normal, ratio = sides.normal_rad, 4 * item.tolerance_mm / sides.length
+    tolerance_mm = met.tolerance_mm
+    normal, ratio = sides.normal_rad, 4 * tolerance_mm / sides.length
     tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
-    if item.normal_bound_rad is not None:
-        tilt = np.full(len(normal), item.normal_bound_rad)
-    by_tip = clearance_tilts_rad(solid, sides.start, sides.end, radius_mm, item.tolerance_mm)
+    if met.normal_bound_rad is not None:
+        tilt = np.full(len(normal), met.normal_bound_rad)
+    by_tip = clearance_tilts_rad(solid, sides.start, sides.end, radius_mm, tolerance_mm)
     whole = by_tip <= tilt
     tilt = np.minimum(tilt, by_tip)
-    off = np.full(len(normal), item.tolerance_mm)
-    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal - tilt, 2 * tilt, off)
+    off, radius = np.full(len(normal), tolerance_mm), np.full(len(normal), radius_mm)
+    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal - tilt, 2 * tilt, off, radius)
     if not radius_mm > 0 or not len(normal):
         return faces
     before = sides.before
@@ -178,6 +194,7 @@ def _uncertain_pieces(
         (normal - tilt)[before],
         np.minimum(turn, 2 * np.pi),
         off,
+        radius,
     )
     # What touches the end of a side has a piece of that side if its normals are any, or those the tip leaves.
     held = whole | (tilt >= np.pi)
@@ -186,12 +203,12 @@ def _uncertain_pieces(
 
 def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:
     """Pieces of an outline that is exact, without what is nearer than the radius to another side."""
-    normal, nothing = sides.normal_rad, np.zeros(len(sides))
-    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal, nothing, nothing)
+    normal, nothing, radius = sides.normal_rad, np.zeros(len(sides)), np.full(len(sides), radius_mm)
+    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal, nothing, nothing, radius)
     if not radius_mm > 0 or not len(sides):
         return faces
     before = sides.before
     bend = wrap_angle(normal - normal[before])
-    arcs = Pieces(sides.state, sides.start, sides.along, nothing, normal[before], bend, nothing)
+    arcs = Pieces(sides.state, sides.start, sides.along, nothing, normal[before], bend, nothing, radius)
     whole = Pieces.joined([faces, arcs.select(bend > 0)])
     return uncovered(whole, sides, radius_mm)

@@ -118,7 +118,9 @@ def _step(
     weight = np.where(known, np.maximum(away / bound, _LEAST_WEIGHT) / bound, 0.0)
     seen = poses.seen(np.array([contact.end_mm for contact in contacts]), constraints.anchor_mm)
     # At the end of the contact's range it is the point that is touched that the surface has to reach.
-    radius = np.array([contact.finger.tip_radius_mm for contact in contacts])
+    radius = np.column_stack(
+        [constraints.catalogue.boundary(item.finger).radius_mm[poses.state] for item in contacts]
+    )
     foot = np.where(found.limited, radius, 0.0)[..., None] * found.normal
     lever = seen - foot + poses.position[:, None]
     turning = (towards[..., 0] * lever[..., 1] - towards[..., 1] * lever[..., 0]) / _LEVER_MM

@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar, cast
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile
+from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile, TipConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import SampledArray
@@ -127,18 +127,32 @@ def doubt_warning(rig: RigFile, spec: FingerConfig, extractor: ContactExtractor)
     )
 
 
+def _seen_stiffness(tip: TipConfig) -> tuple[float, float]:
+    """Stiffness (N/mm) for which patterns are looked for, and the share by which it may be off.
+
+    Beside its equator a ball shows the wider patterns of a softer cylinder: the circle that touches is
+    smaller by some share, and dented more by the same share.
+    """
+    if not tip.is_ball:
+        return tip.stiffness_n_per_mm, tip.stiffness_spread
+    low = (1 - tip.stiffness_spread) * tip.least_share**2
+    high = 1 + tip.stiffness_spread
+    return tip.stiffness_n_per_mm * (high + low) / 2, (high - low) / (high + low)
+
+
 def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -> TipCalibration:
     """What the rig file says of a finger's array: of every taxel where it was calibrated, else of all alike.
 
     Raises InputError if the calibrated taxels are not as many as the array's.
     """
     shape = (description.rows, description.cols)
+    stiffness, spread = _seen_stiffness(spec.tip)
     alike = TipCalibration(
         gain=np.ones(shape),
         gain_spread=spec.array.gain_spread,
         contact_force_n=rig.closing.contact_force_n / 2,
-        stiffness_n_per_mm=spec.tip.stiffness_n_per_mm,
-        stiffness_bound=spec.tip.stiffness_spread,
+        stiffness_n_per_mm=stiffness,
+        stiffness_bound=spread,
         drift_counts_per_s=spec.array.drift_counts_per_s,
     )
     taxels = spec.array.taxels

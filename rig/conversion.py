@@ -25,6 +25,7 @@ from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.errors import InputError
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
+from palpate.vocabulary import TipShape
 
 __all__ = [
     "arm_kinematics",
@@ -36,6 +37,7 @@ __all__ = [
     "goals_of",
     "grips_of",
     "kinematics_of",
+    "largest_on_skin_n",
     "line_of",
     "measured_force_share",
     "mounting_of",
@@ -43,6 +45,8 @@ __all__ = [
     "shear_rad",
     "slide_force_n",
     "slide_kinematics",
+    "softest_n_per_mm",
+    "stiffest_n_per_mm",
     "tip_bound_mm",
     "undetected_dent_mm",
     "undetected_force_n",
@@ -68,7 +72,9 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
             contacts.append(
                 Contact(
                     name=entry.finger,
-                    finger=Finger(entry.tip_radius, entry.height, entry.tip_length / 2),
+                    finger=Finger(
+                        entry.tip_radius, entry.height, entry.tip_length / 2, TipShape(entry.tip_shape)
+                    ),
                     touched=entry.touched,
                     start_mm=entry.approach.start,
                     end_mm=end,
@@ -84,7 +90,8 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 
 def finger_of(finger: FingerConfig) -> Finger:
     """What of a finger decides which grown section it meets."""
-    return Finger(finger.tip.radius_mm, finger.height_mm, finger.tip.half_length_mm)
+    tip = finger.tip
+    return Finger(tip.radius_mm, finger.height_mm, tip.half_length_mm, TipShape(tip.shape))
 
 
 def line_of(approach: Approach) -> Line:
@@ -161,7 +168,27 @@ def _found_direction_rad(finger: FingerConfig) -> float | None:
 def tip_bound_mm(finger: FingerConfig) -> float:
     """How much further off than its centre the tip's surface may be: what its radius may be off."""
     # What a calibration finds of the place is of the surface: touches show nothing else.
-    return finger.tip.radius_bound_mm if finger.bounds.position_mm is None else 0.0
+    tip = finger.tip
+    found = 0.0 if finger.bounds.position_mm is None else tip.radius_bound_mm
+    if not tip.is_ball:
+        return tip.radius_bound_mm - found
+    # The circle that touches is off by more than the ball is, and calibration touches at the equator.
+    least, off = tip.least_share * tip.radius_mm, tip.radius_bound_mm
+    away = math.sqrt(tip.radius_mm**2 - least**2)
+    return least - math.sqrt(max((tip.radius_mm - off) ** 2 - away**2, 0.0)) - found
+
+
+def softest_n_per_mm(tip: TipConfig) -> float:
+    """Least force that an array shows for a mm by which a tip is pressed aside.
+
+    Beside a ball's equator its skin is dented by a share of that only.
+    """
+    return tip.stiffness_n_per_mm * (1 - tip.stiffness_spread) * tip.least_share
+
+
+def stiffest_n_per_mm(tip: TipConfig) -> float:
+    """Greatest force that an array shows for a mm by which a tip is pressed aside."""
+    return tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
 
 
 def array_bound_rad(finger: FingerConfig) -> float:
@@ -183,9 +210,14 @@ def undetected_force_n(closing: ClosingConfig) -> float:
     return 2 * closing.contact_force_n
 
 
+def largest_on_skin_n(tip: TipConfig, closing: ClosingConfig) -> float:
+    """Greatest force that an array may show: a ball's skin may bear more than its finger presses with."""
+    return closing.max_force_n / tip.least_share
+
+
 def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """How deep something may have dented a moving tip without being felt."""
-    return undetected_force_n(closing) / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
+    return undetected_force_n(closing) / softest_n_per_mm(finger.tip)
 
 
 def shear_rad(tip: TipConfig, pressing_n: float) -> float:
@@ -194,7 +226,7 @@ def shear_rad(tip: TipConfig, pressing_n: float) -> float:
     Skin sticks up to friction times that force, and its stiffness along the surface is `_SHEAR_SHARE` of that
     across it or more (Mindlin 1949; Johnson, Contact Mechanics, ch. 7).
     """
-    softest = _SHEAR_SHARE * tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
+    softest = _SHEAR_SHARE * softest_n_per_mm(tip)
     return tip.max_friction * pressing_n / softest / (tip.radius_mm - tip.radius_bound_mm)
 
 
@@ -226,10 +258,13 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """
     tip = finger.tip
     late_s = 2 / closing.sample_rate_hz + _STOP_S
-    stiffest = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
-    force = min(closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s, closing.max_force_n)
+    stiffest = stiffest_n_per_mm(tip)
+    force = min(
+        closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s,
+        largest_on_skin_n(tip, closing),
+    )
     unsure = measured_force_share(finger) * force
-    deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
+    deepest = (force + unsure) / softest_n_per_mm(tip)
     shallowest = max(force - unsure, 0.0) / stiffest
     bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
     return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
@@ -242,7 +277,7 @@ def resolution_of(rig: RigFile) -> Resolution:
         kinematics = kinematics_of(finger)
         x, y = finger.base_mm
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
-        dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
+        dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
         servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
         bent = deflection_mm(finger, rig.closing.contact_force_n)
         bounds.append(kinematics.position_bound_mm(servos) + dent + bent + tip_bound_mm(finger))

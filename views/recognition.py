@@ -104,6 +104,8 @@ def _contact(contact: Contact) -> dict[str, object]:
     }
     if contact.finger.half_length_mm:
         entry["tip_length"] = 2 * contact.finger.half_length_mm
+    if contact.finger.is_ball:
+        entry["tip_shape"] = str(contact.finger.shape)
     if contact.path_bound_mm is not None:
         entry["path_bound"] = contact.path_bound_mm
     if contact.touched:

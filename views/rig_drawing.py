@@ -180,7 +180,9 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
         yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves}"
     yield f"array: {finger.array.port}"
     long = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm long"
-    yield f"tip: radius {finger.tip.radius_mm:g} mm{long}, its middle {finger.height_mm:g} mm above the table"
+    what = "ball" if finger.tip.is_ball else "tip"
+    place = f"its middle {finger.height_mm:g} mm above the table"
+    yield f"{what}: radius {finger.tip.radius_mm:g} mm{long}, {place}"
 
 
 def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
@@ -202,7 +204,7 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
             y=middle - half,
             width=2 * radius,
             height=2 * half,
-            rx=2,
+            rx=radius if finger.tip.is_ball else 2,
             fill=TIP_FILL,
             stroke=TIP,
             stroke_width=LINE,

@@ -7,6 +7,7 @@ from enum import StrEnum
 
 __all__ = [
     "DEFAULT_BUDGET",
+    "LEAST_BALL_SHARE",
     "LEAST_BUDGET",
     "ErrorSource",
     "IdentificationVerdict",
@@ -14,12 +15,24 @@ __all__ = [
     "PushResponse",
     "RecognitionVerdict",
     "Strategy",
+    "TipShape",
 ]
 
 
 DEFAULT_BUDGET = 1_000_000
 LEAST_BUDGET = 10_000
 """Units of work for one recognition (docs/recogniser.md, "The work budget")."""
+
+
+LEAST_BALL_SHARE = 0.5
+"""A ball touches parts where its circle is at least this share of its radius: within 60° of its equator."""
+
+
+class TipShape(StrEnum):
+    """Shape of a fingertip: an upright cylinder, or a ball (docs/recogniser.md, "A ball")."""
+
+    CYLINDER = "cylinder"
+    BALL = "ball"
 
 
 class RecognitionVerdict(StrEnum):

@@ -82,10 +82,11 @@ class EmulatedFinger:
     ) -> None:
         """`servos`: the one next to the base first. `stage`: what carries the base, None for the table."""
         self.truth = truth
-        self._skin = Skin(truth.tip_radius_mm, truth.stiffness_n_per_mm, tip_friction)
+        self._tip_friction = tip_friction
         self._shear: Shear | None = None
         self._sheared: Shear | None = None  # before the step
         self.outline = outline
+        self._skin = self._skin_beside(outline)
         self.array = array
         self.press: TipLoad | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
@@ -107,10 +108,17 @@ class EmulatedFinger:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
         self.servos[0].catch_up()
         self.outline = outline
+        self._skin = self._skin_beside(outline)
         self._free_centre = np.full(2, np.inf)
         self._seen_centre = None
         self._shear = self._sheared = None
         self._loads.clear()
+
+    def _skin_beside(self, outline: PartSection | None) -> Skin:
+        """The skin of the disc that meets an outline: of the tip, or of a ball's circle."""
+        disc = None if outline is None else outline.disc_mm
+        radius = self.truth.tip_radius_mm if disc is None else disc
+        return Skin(radius, self.truth.stiffness_n_per_mm, self._tip_friction)
 
     def slip(self, by_mm: float) -> None:
         """Let the horn of its slide's servo slip; arms have none."""
@@ -180,7 +188,7 @@ class EmulatedFinger:
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
             if self.weighs_taxels:
-                self.hardest_on_taxels_n = max(self.hardest_on_taxels_n, float(self.press.by_ray_n.sum()))
+                self.hardest_on_taxels_n = max(self.hardest_on_taxels_n, float(self.press.on_skin_n.sum()))
 
     def forces_on(self, displacement: Displacement) -> list[PointForce]:
         """What the tip would do to the part at a displacement; nothing if it would not touch it."""
@@ -210,7 +218,7 @@ class EmulatedFinger:
         if self.press is not None and displacement.is_none and np.array_equal(centre, self._pressed_centre):
             return self.press
         self._pressed_centre = self._free_centre = centre
-        self._free_mm = separation_mm(outline, centre) - self.truth.tip_radius_mm
+        self._free_mm = separation_mm(outline, centre) - self._skin.radius_mm
         if self._free_mm > 0:
             return None
         found = self._load(outline, displacement)
@@ -235,7 +243,8 @@ class EmulatedFinger:
         seen = wrap_angle(touch.angle - middle)
         slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < d.cols)
-        by_column = np.bincount(slot[on_array], touch.by_ray_n[on_array], minlength=d.cols)
+        on_skin = touch.on_skin_n
+        by_column = np.bincount(slot[on_array], on_skin[on_array], minlength=d.cols)
         heights = np.asarray(d.row_heights_mm)
         lower_end = self.truth.height_mm - float(heights.mean())
         below = (heights + lower_end) <= outline.top_mm
@@ -246,7 +255,7 @@ class EmulatedFinger:
             return result
         facing = rows_facing(heights + lower_end, z_mm[on_array])
         found = np.zeros((len(heights), d.cols))
-        np.add.at(found.T, slot[on_array], facing * touch.by_ray_n[on_array, None])
+        np.add.at(found.T, slot[on_array], facing * on_skin[on_array, None])
         return found
 
 
@@ -276,16 +285,19 @@ class Bench:
         self.happenings: list[tuple[float, Callable[[], None]]] = []
         self.supply: Callable[[], None] | None = None
 
-    def put(self, section_at: Callable[[float, float], PartSection | None], part: Part | None = None) -> None:
+    def put(
+        self, section_at: Callable[[float, float, float | None], PartSection | None], part: Part | None = None
+    ) -> None:
         """Let something else stand on the table; nothing may touch a tip now.
 
         `section_at`: its section in W, as it is put, beside a tip with its middle at a height (mm) and half
-        of its length above and below.
+        of its length above and below, or a ball of some radius (None: it is none).
         """
         self.catch_up()
         self.part = part or StillPart()
         for finger in self.fingers:
-            finger.put(section_at(finger.truth.height_mm, finger.truth.half_length_mm))
+            truth = finger.truth
+            finger.put(section_at(truth.height_mm, truth.half_length_mm, truth.ball_mm))
 
     def advance(self, now: float) -> None:
         """Let the world go on to `now` (s), which never runs backwards.

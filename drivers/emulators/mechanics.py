@@ -42,7 +42,8 @@ class FingerTruth:
     at which the carriage that bears the tip meets its hard stops, None if it has none. `aim_yield`: how the
     aim gives way to a force across the slide; None: it bears none. `slide_yield_mm_per_n`: how far the tip
     gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with. `half_length_mm`: how
-    far the tip reaches above `height_mm` and below; 0: as thin as a disc.
+    far the tip reaches above `height_mm` and below; 0: as thin as a disc. `is_ball`: the tip is one, its
+    equator at `height_mm`.
     """
 
     base_mm: tuple[float, float]
@@ -62,6 +63,12 @@ class FingerTruth:
     slide_yield_mm_per_n: float = 0.0
     cable_n: float = 0.0
     half_length_mm: float = 0.0
+    is_ball: bool = False
+
+    @property
+    def ball_mm(self) -> float | None:
+        """Radius of the ball; None if the tip is none."""
+        return self.tip_radius_mm if self.is_ball else None
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,8 @@ class ArmTruth:
     """How an emulated two-link arm really is built; mm, rad, N.
 
     The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
-    where the array's middle looks, from the second link's direction. `half_length_mm`: as in `FingerTruth`.
+    where the array's middle looks, from the second link's direction. `half_length_mm`, `is_ball`: as in
+    `FingerTruth`.
     """
 
     base_mm: tuple[float, float]
@@ -96,6 +104,12 @@ class ArmTruth:
     stiffness_n_per_mm: float
     array_heading_rad: float
     half_length_mm: float = 0.0
+    is_ball: bool = False
+
+    @property
+    def ball_mm(self) -> float | None:
+        """Radius of the ball; None if the tip is none."""
+        return self.tip_radius_mm if self.is_ball else None
 
 
 class SlideMechanics:

@@ -35,13 +35,17 @@ _HEADING_OF = tuple(map(tuple, _HEADINGS.tolist()))
 class PartSection:
     """What stands on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its top.
 
-    `z_mm` (n, 2): from which height to which each of them stands beside the tip; None: all along it.
+    `z_mm` (n, 2): from which height to which each of them stands beside the tip; None: all along it. Beside
+    a ball: what a disc of `disc_mm` meets when the ball touches, and `upright` (n,), the cosine of the
+    latitude at which the ball touches each; None: the tip is a disc of its own radius all along.
     """
 
     start: Floats
     end: Floats
     top_mm: float
     z_mm: Floats | None = None
+    disc_mm: float | None = None
+    upright: Floats | None = None
 
     @cached_property
     def along(self) -> Floats:
@@ -91,6 +95,12 @@ class TipLoad:
     def by_ray_n(self) -> Floats:
         """What each ray (m,) bears."""
         return self.contact.by_ray_n
+
+    @property
+    def on_skin_n(self) -> Floats:
+        """What presses on the skin at each ray (m,): more than it bears where a ball touches obliquely."""
+        upright = self.contact.upright
+        return self.by_ray_n if upright is None else self.by_ray_n / upright
 
     def height_mm(self, middle_mm: float) -> float:
         """Mean height of the force: `middle_mm`, if the outline does not say where its edges stand."""
@@ -172,21 +182,23 @@ class SkinContact:
         feet: list[tuple[float, float, float]] = []
         corners: list[tuple[float, float, float]] = []
         centre_x, centre_y = self.centre_mm.tolist()
-        edges = self.outline.edges
+        edges, upright = self.outline.edges, self.outline.upright
         for k, (foot_x, foot_y) in zip(self.near.tolist(), self.away.tolist(), strict=True):
             start_x, start_y, along_x, along_y, before_x, before_y, square = edges[k]
             x, y = centre_x - start_x, centre_y - start_y
+            # Beside its equator a ball's skin is dented by a share, and the same share of its force is aside.
+            share = 1.0 if upright is None else float(upright[k]) ** 2
             ahead, behind = x * along_x + y * along_y, x * before_x + y * before_y
             if 0 < ahead < square:
-                feet.append((foot_x, foot_y, 1.0))
+                feet.append((foot_x, foot_y, share))
             # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
             if ahead <= 0 and behind >= 0:
-                corners.append((x, y, 1.0))
+                corners.append((x, y, share))
             elif ahead > 0 and behind < 0:
-                corners.append((x, y, -1.0))
+                corners.append((x, y, -share))
         return [push for point in (*feet, *corners) if (push := self._push(*point)) is not None]
 
-    def _push(self, x: float, y: float, sign: float) -> tuple[float, float, int] | None:
+    def _push(self, x: float, y: float, weight: float) -> tuple[float, float, int] | None:
         """What a point that is (x, y) mm from the axis does, None if nothing."""
         # numpy's functions of plain numbers: they agree with those of arrays to the last bit, math's do not.
         distance = float(np.hypot(x, y))
@@ -196,7 +208,7 @@ class SkinContact:
         ray = round(float(np.arctan2(-y, -x)) / _STEP_RAD) % _RAYS
         if max(self._dent(ray), 0.0) >= dent + _HIDDEN_MM:
             return None  # what dents the skin further in that direction hides it
-        share = sign * dent * _not_cancelled(dent, self.radius_mm) / distance
+        share = weight * dent * _not_cancelled(dent, self.radius_mm) / distance
         return x * share, y * share, ray
 
     @cached_property
@@ -221,8 +233,21 @@ class SkinContact:
             return None
         looked, _ = self._touched
         found = np.zeros((_RAYS, 2))
-        nearest = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
-        found[looked] = self.outline.z_mm[self.near][nearest]
+        found[looked] = self.outline.z_mm[self.near][self._nearest]
+        return found
+
+    @cached_property
+    def upright(self) -> Floats | None:
+        """Cosine (_RAYS,) of the latitude at which a ball is touched at each ray; None: it is none."""
+        if self.outline.upright is None:
+            return None
+        return _on_rays(self._touched[0], self.outline.upright[self.near][self._nearest], 1.0)
+
+    @cached_property
+    def _nearest(self) -> Ints:
+        """Which of the near edges each touched ray (m,) meets first."""
+        looked, _ = self._touched
+        found: Ints = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
         return found
 
     @cached_property

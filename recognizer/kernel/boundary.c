@@ -47,6 +47,7 @@ static int fill(prepared *held, PyObject *arrays)
     }
     boundary found = {
         .states = rows[CLEARANCE],
+        .radius = data[RADIUS],
         .clearance = data[CLEARANCE],
         .pieces = data[PIECES],
         .sides = data[SIDES],
@@ -58,7 +59,7 @@ static int fill(prepared *held, PyObject *arrays)
         .piece_blocks = data[PIECE_BLOCKS],
         .side_blocks = data[SIDE_BLOCKS],
     };
-    fits &= rows[RADIUS] == 1 && rows[PIECES] == rows[PIECE_CIRCLES];
+    fits &= rows[RADIUS] == found.states && rows[PIECES] == rows[PIECE_CIRCLES];
     for (int k = FIRSTS; k < FIRSTS + 4; k++)
         fits &= rows[k] == found.states + 1;
     fits = fits &&
@@ -68,7 +69,6 @@ static int fill(prepared *held, PyObject *arrays)
         PyErr_SetString(PyExc_ValueError, "arrays of a boundary do not fit together");
         return 0;
     }
-    found.radius = *(const double *)data[RADIUS];
     for (Py_ssize_t k = 0; k < found.states; k++)
         if (found.first_side[k + 1] - found.first_side[k] > found.most_sides)
             found.most_sides = found.first_side[k + 1] - found.first_side[k];

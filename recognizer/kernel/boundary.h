@@ -21,7 +21,7 @@ static inline double cross(vector a, vector b) { return a.x * b.y - a.y * b.x; }
 /* A segment from `start` along `along`, and normals from `normal` in [0, 2π) on by `turn`: `first` to `last`. */
 typedef struct {
     vector start, along;
-    double length, normal, turn, off;
+    double length, normal, turn, off, radius;
     vector first, last;
 } piece;
 
@@ -38,8 +38,7 @@ typedef struct {
    BLOCK_ROWS pieces or sides; the last block of a state may have fewer. */
 typedef struct {
     Py_ssize_t states;
-    double radius;
-    const double *clearance;
+    const double *radius, *clearance; /* of each state */
     const int64_t *first_piece, *first_side, *first_piece_block, *first_side_block; /* states + 1 */
     const piece *pieces;
     const side *sides;

@@ -153,7 +153,7 @@ static vector turned(double angle)
 static void look_at(search *job, const piece *on, const arc *range, int after)
 {
     const claim *of = job->of;
-    nearest found = offset_to(on, range, of->point, job->all->radius);
+    nearest found = offset_to(on, range, of->point, on->radius);
     double away = sqrt(found.square), gap = larger(away - on->off, 0.0);
     if (!(gap <= of->bound + of->beyond))
         return;

@@ -74,7 +74,7 @@ static void step(const evidence *by, const pose *at, double lo, double hi, equat
         double weight = larger(away / bound, LEAST_WEIGHT) / bound;
         vector lever = seen_from(at, c, s, by->contacts[k].end);
         /* At the end of the contact's range it is the point that is touched that the surface has to reach. */
-        double foot = to->limited ? by->on[k]->radius : 0.0;
+        double foot = to->limited ? by->on[k]->radius[at->state] : 0.0;
         lever.x += at->position.x - foot * to->normal.x;
         lever.y += at->position.y - foot * to->normal.y;
         double turning = cross(towards, lever) / LEVER_MM;

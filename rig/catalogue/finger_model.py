@@ -17,13 +17,15 @@ __all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_
 class AtHeight:
     """The fingers at one height over the support plane; `tip_radius_mm` is that of the slimmest.
 
-    Their tips reach `half_length_mm` above it and below: of tips of other lengths there is another value.
+    Their tips reach `half_length_mm` above it and below: of tips of other lengths there is another value. So
+    there is of balls of another radius.
     """
 
     height_mm: float
     tip_radius_mm: float
     fingers: tuple[str, ...]
     half_length_mm: float = 0.0
+    is_ball: bool = False
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -46,8 +48,8 @@ class RigFingers:
 
     @property
     def half_length_mm(self) -> float:
-        """Half the length of the rig's shortest tip."""
-        return min(item.half_length_mm for item in self.at)
+        """Half the length of the rig's shortest tip; balls are taken to be discs."""
+        return min(0.0 if item.is_ball else item.half_length_mm for item in self.at)
 
 
 def rig_fingers(rig: RigFile) -> RigFingers:
@@ -72,15 +74,14 @@ def contact_bound_mm(rig: RigFile) -> float | None:
 
 def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
     """The rig's fingers by height, ascending."""
+    alike: dict[tuple[float, float, bool], list[FingerConfig]] = {}
+    for finger in rig.fingers:
+        key = finger.height_mm, finger.tip.half_height_mm, finger.tip.is_ball
+        alike.setdefault(key, []).append(finger)
     at = []
-    for height, half in sorted({(finger.height_mm, finger.tip.half_length_mm) for finger in rig.fingers}):
-        here = [
-            finger
-            for finger in rig.fingers
-            if finger.height_mm == height and finger.tip.half_length_mm == half
-        ]
+    for (height, half, is_ball), here in sorted(alike.items(), key=lambda item: item[0]):
         slimmest = min(finger.tip.radius_mm for finger in here)
-        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here), half))
+        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here), half, is_ball))
     return tuple(at)
 
 

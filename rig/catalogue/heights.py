@@ -11,7 +11,7 @@ from typing import Protocol
 from palpate.config.objects_checks import heights_in_words
 from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel, State
-from palpate.recognizer import Contact
+from palpate.recognizer import Contact, Finger
 
 __all__ = ["FingerAtHeight", "HasHeight", "check_known", "fingers_of", "span_text"]
 
@@ -57,9 +57,14 @@ def fingers_of(contacts: Iterable[Contact]) -> list[FingerAtHeight]:
     """The fingers that made contacts, once for each of their heights."""
     return list(
         dict.fromkeys(
-            FingerAtHeight(item.name, item.finger.height_mm, item.finger.half_length_mm) for item in contacts
+            FingerAtHeight(item.name, item.finger.height_mm, _half_height_mm(item.finger))
+            for item in contacts
         )
     )
+
+
+def _half_height_mm(finger: Finger) -> float:
+    return finger.tip_radius_mm if finger.is_ball else finger.half_length_mm
 
 
 def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) -> None:

@@ -9,7 +9,7 @@ import hashlib
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import parent_process
 from typing import Generic, Protocol, Self, TypeVar
 
@@ -18,6 +18,7 @@ import numpy as np
 from palpate.files.cache import Cache, user_cache
 from palpate.files.code_digest import code_digest
 from palpate.geometry import Ints, ObjectModel
+from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.catalogue import FACET_ERROR_MM, Catalogue, prepare_states
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
@@ -78,21 +79,18 @@ def _prepared_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> Prepar
 def _prepared_finger(
     states: Sequence[CatalogueState], finger: Finger, keeper: "_Keeper"
 ) -> FingerPreparation:
-    is_exact = not any(state.tolerance_mm > 0 for state in states)
-
-    def load(arrays: NamedArrays, count: int) -> FingerPreparation:
-        return FingerPreparation.from_arrays(arrays, finger, count)
+    exact = all(is_exact(state, finger) for state in states)
 
     def make(chosen: Sequence[int]) -> Iterator[FingerPreparation]:
         chunks = _chunks(chosen, [_vertices_met(states[number], finger) for number in chosen])
         return keeper.run(
             prepare_finger,
-            [([states[number] for number in chunk], finger, FACET_ERROR_MM, is_exact) for chunk in chunks],
+            [([states[number] for number in chunk], finger, FACET_ERROR_MM, exact) for chunk in chunks],
         )
 
-    about = [finger.tip_radius_mm, finger.height_mm, finger.half_length_mm, FACET_ERROR_MM, float(is_exact)]
+    about = [*asdict(finger).values(), FACET_ERROR_MM, float(exact)]
     name = f"finger-{hashlib.sha256(repr(about).encode()).hexdigest()[:16]}"
-    return keeper.prepared(_Kind(name, load, FingerPreparation.joined, make))
+    return keeper.prepared(_Kind(name, FingerPreparation.from_arrays, FingerPreparation.joined, make))
 
 
 def _states_of(objects: Sequence[ObjectModel]) -> PreparedStates:

@@ -7,6 +7,7 @@ from palpate.config import RigFile
 from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, heights_in_words
+from palpate.rig.catalogue.oblique_touches import oblique_lines
 from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
 from palpate.rig.catalogue.tip_lengths import overhang_lines
 
@@ -25,14 +26,15 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     """What the operator should know of the objects of the file `name` before a run on a rig.
 
     Empty if all states can be felt by all fingers, and as what they are. Raises InputError if none can be by
-    any.
+    any, or one is met by a ball too far from its equator.
     """
     found = findings_of(rig, models)
     lines = [_line(rig, group) for group in _groups(found)]
     states = sum(len(model.states) for model in models)
     if sum(finding.trouble in HOPELESS for finding in found) == states:
         raise InputError(f'{name}: rig "{rig.name}" cannot identify anything in it: {"; ".join(lines)}')
-    return [f"{name}: {line}" for line in (*lines, *overhang_lines(rig, models))]
+    lines += [*overhang_lines(rig, models), *oblique_lines(rig, models)]
+    return [f"{name}: {line}" for line in lines]
 
 
 def untouched_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:

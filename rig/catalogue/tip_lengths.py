@@ -38,7 +38,13 @@ class Overhang:
 
 def overhangs_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Overhang, ...]:
     """For each state the worst, at fingers whose tips' length is not known; none if walls are upright."""
-    heights = sorted({finger.height_mm for finger in rig.fingers if finger.tip.length_mm is None})
+    heights = sorted(
+        {
+            finger.height_mm
+            for finger in rig.fingers
+            if finger.tip.length_mm is None and not finger.tip.is_ball
+        }
+    )
     found = []
     for model in models:
         for state in model.states:

@@ -4,9 +4,14 @@ A tip comes from outside and keeps its height, so it stays out of holes, and of 
 narrower than it is.
 """
 
+import math
+from collections.abc import Sequence
+
 import shapely
 
-__all__ = ["filled", "unreached"]
+from palpate.vocabulary import LEAST_BALL_SHARE
+
+__all__ = ["beside_ball", "filled", "unreached"]
 
 _SHALLOW_MM = 0.02  # what is nowhere deeper than this is left alone: arcs are chords here
 _QUARTER_CHORDS = 16
@@ -32,6 +37,23 @@ def filled(region: shapely.Geometry, tip_radius_mm: float) -> shapely.Geometry:
     """The region with what no tip reaches added: two that agree in this feel the same all round."""
     more = unreached(region, tip_radius_mm)
     return region if more.is_empty else shapely.union_all([region, more])
+
+
+def beside_ball(
+    levels: Sequence[tuple[tuple[float, float], shapely.Geometry]], height_mm: float, radius_mm: float
+) -> shapely.Geometry:
+    """What a ball with its equator at a height meets of regions from some heights to others, filled.
+
+    They are grown by what the ball's circle beside them has more than the least that may touch: two that
+    agree in this feel the same to the ball.
+    """
+    least, grown = LEAST_BALL_SHARE * radius_mm, []
+    for (low, high), region in levels:
+        away = max(low - height_mm, height_mm - high, 0.0)
+        if away < radius_mm:
+            circle = math.sqrt(radius_mm**2 - away**2)
+            grown.append(region.buffer(circle - least, quad_segs=_QUARTER_CHORDS))
+    return filled(shapely.union_all(grown), least)
 
 
 def _is_deep(part: shapely.Geometry, closed: shapely.Geometry) -> bool:

@@ -21,7 +21,7 @@ from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 from palpate.rig.catalogue.reached_regions import ReachedRegion
 from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import StateSections
-from palpate.rig.catalogue.tip_reach import filled
+from palpate.rig.catalogue.tip_reach import beside_ball, filled
 
 __all__ = ["Likeness", "Pair", "ReachableState", "find_twins"]
 
@@ -56,7 +56,13 @@ class ReachableState:
     @cached_property
     def region(self) -> dict[AtHeight, shapely.Geometry]:
         """What the fingers reach of the state at each of those heights."""
-        return {at: filled(self.state.region_within(at.span_mm), at.tip_radius_mm) for at in self.known}
+        return {at: self._region(at) for at in self.known}
+
+    def _region(self, at: AtHeight) -> shapely.Geometry:
+        if not at.is_ball:
+            return filled(self.state.region_within(at.span_mm), at.tip_radius_mm)
+        levels = [(level.z_mm, level.region) for level in self.state.levels if level.is_within(at.span_mm)]
+        return beside_ball(levels, at.height_mm, at.tip_radius_mm)
 
     def reached_at(self, height_mm: float) -> ReachedRegion:
         """What the rig's slimmest and shortest tips would reach at another height."""

@@ -67,9 +67,15 @@ def quietest_force_n(hand: Hand) -> float:
 def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> HoldCheckOut:
     """Find the part and push it with every finger. The hand must be prepared, its rig `gentle`.
 
-    Raises InputError if nothing is found, or no finger can tell anything for certain; DeviceError and
-    SafetyStop as `carry_out_grip`.
+    Raises InputError if nothing is found, or no finger can tell anything for certain, as balls cannot;
+    DeviceError and SafetyStop as `carry_out_grip`.
     """
+    for spec in hand.rig.fingers:
+        if spec.tip.is_ball:
+            raise InputError(
+                f"finger {spec.name}: its tip is a ball, which may push parts down or up as well as aside, "
+                "so that what they hold is not known; measure it with cylinders, or with a spring balance"
+            )
     reach = reach_of(hand.rig, aims=_AIMS)
     tell("looking for the part")
     touches = _located(hand, reach)

@@ -43,6 +43,7 @@ __all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires
 
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
+_BALL_ROWS_SHARE = 0.9  # of a ball's height
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
 _BOOT_TEXT = b"boot: palpate emulator\r\n"
@@ -133,7 +134,8 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
         array = emulated_array(finger, taxels, advance)
-        outline = None if placement is None else outline_at(placement, truth.height_mm, truth.half_length_mm)
+        beside = truth.height_mm, truth.half_length_mm, truth.ball_mm
+        outline = None if placement is None else outline_at(placement, *beside)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
@@ -231,6 +233,14 @@ def _column_pitch_mm(finger: FingerConfig) -> float:
     return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
 
 
+def _row_pitch_mm(finger: FingerConfig) -> float:
+    """Distance of rows up the tip; those of a ball reach to where it may touch, and a little beyond."""
+    if not finger.tip.is_ball:
+        return _ROW_PITCH_MM
+    pitch = _BALL_ROWS_SHARE * 2 * finger.tip.radius_mm / _ROWS
+    return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
+
+
 def description_of(finger: FingerConfig, seed: int) -> Description:
     """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
 
@@ -256,5 +266,5 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
         counts_per_n=per_n,
         tip_radius_mm=finger.tip.radius_mm,
         columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
-        row_heights_mm=tuple((k + 0.5) * _ROW_PITCH_MM for k in range(_ROWS)),
+        row_heights_mm=tuple((k + 0.5) * _row_pitch_mm(finger) for k in range(_ROWS)),
     )

@@ -17,6 +17,7 @@ from palpate.drivers.emulators.tip import PartSection
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Section, State
 from palpate.recognizer import Configuration
+from palpate.rig.emulated.ball_outline import outline_beside_ball
 
 __all__ = ["Placement", "draw_placement", "moved", "outline_at", "placement_of", "rings_of", "shape_of"]
 
@@ -95,11 +96,21 @@ def _furthest_mm(lies: Placement, section: Section) -> float:
     return float(np.hypot(*shapely.get_coordinates(shape_of(lies, section)).T).max())
 
 
-def outline_at(placement: Placement, height_mm: float, half_length_mm: float = 0.0) -> PartSection | None:
+def outline_at(
+    placement: Placement, height_mm: float, half_length_mm: float = 0.0, ball_mm: float | None = None
+) -> PartSection | None:
     """Edges of the object in W beside a tip with its middle at a height; None if it is not that high.
 
-    A tip of some length meets whatever stands out between its ends.
+    A tip of some length meets whatever stands out between its ends; a ball of radius `ball_mm` what it comes
+    to first (`ball_outline`).
     """
+    if ball_mm is not None:
+        return outline_beside_ball(
+            [(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
+            height_mm,
+            ball_mm,
+            placement.state.top_mm,
+        )
     if half_length_mm > 0:
         return _outline_along(placement, height_mm - half_length_mm, height_mm + half_length_mm)
     for section in placement.state.sections:

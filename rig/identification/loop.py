@@ -31,6 +31,7 @@ from palpate.recognizer import (
     felt_in_motion,
     is_explained,
 )
+from palpate.rig.conversion import finger_of
 from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
@@ -199,7 +200,7 @@ class _Search:
     @cached_property
     def _discs(self) -> dict[tuple[float, float], Disc]:
         """What fits into every state of the catalogue, beside the fingers' tips."""
-        return discs_at(self._catalogue, {finger.span_mm for finger in self._rig.fingers})
+        return discs_at(self._catalogue, {finger_of(finger) for finger in self._rig.fingers})
 
     def _last_verdict(self) -> IdentificationVerdict:
         """Verdict when no further grip may be made."""

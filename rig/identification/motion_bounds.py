@@ -19,9 +19,11 @@ from palpate.recognizer.hypotheses import Hypotheses
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.identification.slide_bounds import Loads, slides_mm
+from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
 from palpate.rig.motion.contact_load import LoadTrace
+from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 
@@ -29,6 +31,8 @@ _TIP_FRICTION = 0.7
 _SHEAR_STIFFNESS_SHARE = 0.7
 _OBLIQUE = math.hypot(1.0, _TIP_FRICTION)
 """Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
+_LIFTED = math.hypot(1.0, FRICTION_MOST)
+"""A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
 _SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
@@ -154,6 +158,7 @@ def _row(
     """
     gain = 1 / (1 - measured_force_share(finger))
     tip = finger.tip
+    lifted = _LIFTED if tip.is_ball else 1.0
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
@@ -166,7 +171,7 @@ def _row(
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
     hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
     unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
-    most = gain * (np.maximum(trace.force_n, hidden) + unsure) + grown
+    most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
     work = _OBLIQUE * normal * np.bincount(periods.frames, trace.advance_mm, minlength=periods.count)
@@ -231,13 +236,16 @@ def _centres(table: SupportTable, hypotheses: Hypotheses) -> tuple[Floats, Float
 
 def _touched_point(contact: Contact) -> tuple[Floats, float]:
     """Where a tip touches (2,), within how many mm."""
-    centre, radius = np.array(contact.end_mm), contact.finger.tip_radius_mm
+    centre, radius, unsure = np.array(contact.end_mm), contact.finger.tip_radius_mm, 0.0
     if contact.normal is None:
         return centre, radius + contact.position_bound_mm
+    if contact.finger.is_ball:  # by which of its circles is not known
+        least = LEAST_BALL_SHARE * radius
+        radius, unsure = (radius + least) / 2, (radius - least) / 2
     middle = (contact.normal.lo_rad + contact.normal.hi_rad) / 2
     half = (contact.normal.hi_rad - contact.normal.lo_rad) / 2
     at: Floats = centre - radius * np.array([math.cos(middle), math.sin(middle)])
-    return at, radius * half + contact.position_bound_mm
+    return at, radius * half + unsure + contact.position_bound_mm
 
 
 def _times(slide: Floats, per_mm: Floats) -> Floats:

@@ -262,6 +262,8 @@ def _check_fingers(rig: RigFile, contacts: Sequence[Contact]) -> None:
 
 
 def _height(finger: Finger) -> str:
-    """Of a tip, and its length if it has one."""
+    """Of a tip, and its length if it has one, or that it is a ball."""
+    if finger.is_ball:
+        return f"{finger.height_mm:g} mm, a ball"
     along = f" and {2 * finger.half_length_mm:g} mm long" if finger.half_length_mm else ""
     return f"{finger.height_mm:g} mm{along}"

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.geometry import State
-from palpate.recognizer import Approach, Catalogue, Contact, FingerApproach, already_used
+from palpate.geometry import Section, State
+from palpate.recognizer import Approach, Catalogue, Contact, Finger, FingerApproach, already_used
 from palpate.rig.reach.approaches import Reach
 
 __all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
@@ -29,22 +29,29 @@ Span = tuple[float, float]
 class Disc:
     """A disc that fits inside of what one tip can meet of each of these states (indices).
 
-    The radius is negative if a state is so thin that its tolerance leaves nothing for certain.
+    The radius is negative if a state is so thin that its tolerance leaves nothing for certain, or a ball
+    meets it by a circle that is so small.
     """
 
     radius_mm: float
     states: frozenset[int]
 
 
-def discs_at(catalogue: Catalogue, spans_mm: Iterable[Span]) -> dict[Span, Disc]:
+def discs_at(catalogue: Catalogue, fingers: Iterable[Finger]) -> dict[Span, Disc]:
     """The largest such disc beside each tip, by its ends' heights; without tips beside which nothing is."""
-    found = {}
-    for span in set(spans_mm):
-        inscribed = [_inscribed_mm(item.state, span) for item in catalogue.states]
-        met = [index for index, radius in enumerate(inscribed) if radius > 0]
+    found: dict[Span, Disc] = {}
+    for finger in sorted(set(fingers)):
+        inscribed = [_inscribed_mm(item.state, finger) for item in catalogue.states]
+        met = {
+            index: radius - catalogue.states[index].tolerance_mm
+            for index, radius in enumerate(inscribed)
+            if radius is not None
+        }
         if met:
-            least = min(inscribed[index] - catalogue.states[index].tolerance_mm for index in met)
-            found[span] = Disc(least, frozenset(met))
+            before = found.get(finger.span_mm)
+            least = min([*met.values(), *([] if before is None else [before.radius_mm])])
+            states = frozenset(met) if before is None else before.states & frozenset(met)
+            found[finger.span_mm] = Disc(least, states)
     return found
 
 
@@ -111,11 +118,27 @@ def _planned_corridor(approach: Approach, disc: Disc) -> shapely.Geometry:
     return _corridor(miss, disc)
 
 
-def _inscribed_mm(state: State, span_mm: Span) -> float:
-    """Radius of a disc that fits inside of what a tip can meet; 0 if there is nothing."""
-    polygons = [p for section in state.sections_within(span_mm) for p in section.polygons]
+def _inscribed_mm(state: State, finger: Finger) -> float | None:
+    """Radius of a disc that fits inside of what a tip can meet; None if there is nothing.
+
+    Beside a ball it is less by what the ball's circle there has less than the ball.
+    """
+    met = state.sections_within(finger.span_mm)
+    if not finger.is_ball:
+        return _inscribed_in_mm(met)
+    found = []
+    for section in met:
+        circle, inside = finger.radius_beside_mm(section.z_mm), _inscribed_in_mm([section])
+        if circle > 0 and inside is not None:
+            found.append(inside + circle - finger.tip_radius_mm)
+    return max(found, default=None)
+
+
+def _inscribed_in_mm(sections: Sequence[Section]) -> float | None:
+    polygons = [p for section in sections for p in section.polygons]
     region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in polygons])
     if region.is_empty:
-        return 0.0
+        return None
     # The circle that is found lies inside for certain, and is at most the tolerance smaller than the largest.
-    return float(shapely.length(shapely.maximum_inscribed_circle(region, _DISC_TOLERANCE_MM)))
+    radius = float(shapely.length(shapely.maximum_inscribed_circle(region, _DISC_TOLERANCE_MM)))
+    return radius if radius > 0 else None

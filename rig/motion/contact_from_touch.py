@@ -12,7 +12,10 @@ from palpate.rig.conversion import (
     deflection_mm,
     deflection_rad,
     finger_of,
+    largest_on_skin_n,
     shear_rad,
+    softest_n_per_mm,
+    stiffest_n_per_mm,
     tip_bound_mm,
     undetected_dent_mm,
     undetected_force_n,
@@ -54,17 +57,18 @@ def dent_range_mm(
     force_n: float, force_bound_n: float, tip: TipConfig, max_force_n: float
 ) -> tuple[float, float]:
     """Least and greatest dent (mm) of a tip that bears a force, which is known to within a bound."""
-    hardest, softest = min(force_n + force_bound_n, max_force_n), max(force_n - force_bound_n, 0.0)
+    hardest = min(force_n + force_bound_n, max_force_n / tip.least_share)
+    softest = max(force_n - force_bound_n, 0.0)
     return (
-        softest / (tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)),
-        hardest / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)),
+        softest / stiffest_n_per_mm(tip),
+        hardest / softest_n_per_mm(tip),
     )
 
 
-def _pressing_n(patch: ContactPatch, closing: ClosingConfig) -> float:
+def _pressing_n(patch: ContactPatch, tip: TipConfig, closing: ClosingConfig) -> float:
     """How hard the tip may be pressed, all its patches together: this one is the strongest."""
     edges = _MOST_EDGES if PatchFlag.SEVERAL_PATCHES in patch.flags else 1
-    return min(edges * (patch.force_n + patch.force_bound_n), closing.max_force_n)
+    return min(edges * (patch.force_n + patch.force_bound_n), largest_on_skin_n(tip, closing))
 
 
 def may_touch_two_edges(patch: ContactPatch) -> bool:
@@ -118,7 +122,7 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
     half = patch.angle_half_range_rad + kinematics.direction_bound_rad + turn.angle_bound_rad
     half += array_bound_rad(finger.spec)
     shallowest, deepest = dent_range_mm(patch.force_n, patch.force_bound_n, tip, closing.max_force_n)
-    pressing = _pressing_n(patch, closing)
+    pressing = _pressing_n(patch, tip, closing)
     half += shear_rad(tip, pressing) + deflection_rad(finger.spec, pressing)
     dent = (deepest + shallowest) / 2
     # In a notch the dent is along two normals and only one of them is known.

@@ -16,6 +16,7 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Floats
+from palpate.rig.conversion import softest_n_per_mm
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
@@ -85,7 +86,7 @@ class _SlipMover(TipMover):
     ) -> None:
         super().__init__(hand, run, run.travel_mm + FURTHEST_MM, _SPEED_MM_S, math.inf, others)
         tip = run.finger.spec.tip
-        self._soft_n_per_mm = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
+        self._soft_n_per_mm = softest_n_per_mm(tip)
         self._largest_n = largest_n
         self._travel_mm: list[float] = []
         self._force_n: list[float] = []

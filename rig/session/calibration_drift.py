@@ -23,7 +23,7 @@ from palpate.config import CalibrationFile, RigFile, StageConfig
 from palpate.config.identification_result import CalibrationUsedOut
 from palpate.geometry import Floats
 from palpate.geometry.plane import rotate, rotation_matrix
-from palpate.recognizer import Hypothesis
+from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
@@ -52,7 +52,7 @@ def session_agreement(
     since = result.moved_before[-1] - 1 if result.moved_before else 0
     touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
     found = recognition.hypotheses[0]
-    outlines = [_edges_met(found, touch.contact.finger.span_mm) for touch in touches]
+    outlines = [_edges_met(found, touch.contact.finger) for touch in touches]
     if not touches or any(not len(outline) for outline in outlines):
         return None
     return _agreement(touches, outlines, found, rig, uncertainties)
@@ -143,9 +143,15 @@ def _turned_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: 
     return np.hstack([turned, shifted])
 
 
-def _edges_met(found: Hypothesis, span_mm: tuple[float, float]) -> Floats:
-    """Edges (m, 2, 2) of the object beside a tip: start and end, in its own frame; none where nothing is."""
-    rings = [ring for section in found.state.state.sections_within(span_mm) for ring in section.rings]
+def _edges_met(found: Hypothesis, finger: Finger) -> Floats:
+    """Edges (m, 2, 2) of the object beside a tip: start and end, in its own frame; none where nothing is.
+
+    Nor where it is not by its own circle that a ball meets them.
+    """
+    sections = found.state.state.sections_within(finger.span_mm)
+    if finger.is_ball and any(not z[0] <= finger.height_mm <= z[1] for z in (item.z_mm for item in sections)):
+        return np.empty((0, 2, 2))
+    rings = [ring for section in sections for ring in section.rings]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     return np.concatenate(edges) if edges else np.empty((0, 2, 2))
 

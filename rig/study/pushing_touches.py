@@ -52,7 +52,14 @@ class PushingTouches:
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
         self._shapes = PlacedShapes(placement)
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
-        spans = {item.span_mm: (item.height_mm, item.tip.half_length_mm) for item in rig.fingers}
+        spans = {
+            item.span_mm: (
+                item.height_mm,
+                item.tip.half_length_mm,
+                item.tip.radius_mm if item.tip.is_ball else None,
+            )
+            for item in rig.fingers
+        }
         self._outlines = {span: outline_at(placement, *at) for span, at in spans.items()}
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))

@@ -42,12 +42,22 @@ def motion_of(rig: RigFile) -> PartMotion:
     return PartMotion.STILL if part is None or part.engine == "still" else PartMotion.MOVING
 
 
+def _check_tips(rig: RigFile) -> None:
+    for finger in rig.fingers:
+        if finger.tip.is_ball:
+            raise InputError(
+                f"finger {finger.name}: its tip is a ball, and simulated touches are those of cylinders; run "
+                "palpate identify with seeds on an emulated rig instead"
+            )
+
+
 def with_motion(rig: RigFile, objects: ObjectsFile, motion: PartMotion) -> tuple[RigFile, ObjectsFile]:
     """The same rig and catalogue with parts that move, or that are held.
 
     Of parts that are held nothing is declared of how they slide. Raises InputError for a rig that says
-    nothing of emulated devices, if parts are to move.
+    nothing of emulated devices, if parts are to move, and for one with balls.
     """
+    _check_tips(rig)
     if motion is PartMotion.MOVING and motion_of(rig) is motion:
         return rig, objects
     if motion is PartMotion.MOVING:

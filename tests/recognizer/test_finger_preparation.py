@@ -38,7 +38,7 @@ def test_parts_joined_chosen_and_taken_from_arrays_are_the_whole(seed: int, exac
             for chunk in chunks
         ]
         whole = FingerPreparation.joined(made).select(back)
-        taken.take(finger, FingerPreparation.from_arrays(NamedArrays(whole.arrays()), finger, len(order)))
+        taken.take(finger, FingerPreparation.from_arrays(NamedArrays(whole.arrays()), len(order)))
     expected, found = bits_of(fresh), bits_of(taken)
     assert [name for name in expected if expected[name] != found[name]] == []
 
@@ -89,7 +89,7 @@ def test_arrays_that_are_none_are_refused(name: str, how: str) -> None:
     elif how == "beyond":
         arrays[name] = value + 1 if value.dtype == np.int64 else np.concatenate([value, value])
     with pytest.raises(ValueError, match=name.rpartition(".")[2]):
-        FingerPreparation.from_arrays(NamedArrays(arrays), finger, len(states))
+        FingerPreparation.from_arrays(NamedArrays(arrays), len(states))
 
 
 def _only(item: ObjectModel, state: State) -> ObjectModel:

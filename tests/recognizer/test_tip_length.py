@@ -1,6 +1,5 @@
 """Tips of some length: what stops them beside stacks of prisms and frusta, judged by slices of meshes."""
 
-import json
 import math
 
 import numpy as np
@@ -8,13 +7,22 @@ import pytest
 import shapely
 from sampling import sample
 from shapely import affinity
-from upright_tips import drawn_stack, first_touch, model_of, slices, stack_contacts
+from upright_tips import (
+    cone_model,
+    drawn_stack,
+    first_touch,
+    holds,
+    model_of,
+    slices,
+    square,
+    stack_contacts,
+)
 
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Polygon, Section, State
-from palpate.recognizer import Catalogue, Finger, Hypothesis, recognise
+from palpate.recognizer import Catalogue, Finger, recognise
 from palpate.recognizer.met_section import standing_out, united_circles
 
 _FACET_MM = 1e-3
@@ -46,17 +54,6 @@ def test_the_grown_outline_stops_a_tip_where_the_solid_does(seed: int) -> None:
             assert grown.distance(shapely.Point(end)) <= _FACET_MM + 1e-6
         for point in shapely.get_coordinates(shapely.LineString([start, end]).intersection(grown)):
             assert outlines.distance(shapely.Point(point)) <= finger.tip_radius_mm + 1e-6
-
-
-def holds(found: list[Hypothesis], name: str, at: tuple[float, float, float]) -> bool:
-    """Whether some hypothesis of the object has the placement within its bounds."""
-    for item in found:
-        bounds = item.bounds
-        turn = (at[2] - bounds.theta_rad[0]) % (2 * math.pi) + bounds.theta_rad[0]
-        ends = ((at[0], bounds.x_mm), (at[1], bounds.y_mm), (turn, bounds.theta_rad))
-        if item.state.object_name == name and all(lo <= value <= hi for value, (lo, hi) in ends):
-            return True
-    return False
 
 
 @pytest.mark.parametrize("leaning", [False, True])
@@ -91,26 +88,6 @@ def test_a_disc_at_the_tips_middle_loses_the_truth() -> None:
         assert holds(list(recognise(catalogue, contacts).hypotheses), "a", at)
         wrong += not holds(list(recognise(catalogue, thin).hypotheses), "a", at)
     assert wrong >= 6
-
-
-def cone_model(tolerance_mm: float) -> ObjectModel:
-    """A cone of discs, 24 mm wide at its foot, 1 mm narrower each mm, with a bore."""
-    sections = [
-        {
-            "z": [z, z + 1],
-            "polygons": [
-                {
-                    "outer": {"circle": {"centre": [0, 0], "radius": 24 - z}},
-                    "holes": [{"circle": {"centre": [0, 0], "radius": 3}}],
-                }
-            ],
-        }
-        for z in range(12)
-    ]
-    states = [{"name": "standing", "sections": sections}]
-    table = {"name": "cone", "tolerance": tolerance_mm, "states": states}
-    text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
-    return checked_objects(ObjectsFileText.model_validate_json(json.dumps(text)), "here").objects[0]
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.5])
@@ -159,10 +136,6 @@ def test_circles_that_bound_a_union(seed: int) -> None:
     bounding = {radius for radius in radii if solid(radius - 0.01) != solid(radius + 0.01)}
     kept = [radius for radius, is_bound in zip(radii, found, strict=True) if is_bound]
     assert sorted(kept) == sorted(bounding), "each once"
-
-
-def square(half: float) -> Polygon:
-    return Polygon(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
 
 
 def test_only_what_is_covered_for_certain_is_left_out() -> None:

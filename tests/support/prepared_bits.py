@@ -48,9 +48,8 @@ def bits_of(catalogue: Catalogue, fingers: tuple[Finger, ...] = FINGERS) -> dict
             for item in fields(table):
                 found[f"{name}.{item.name} {finger}"] = _bits(getattr(table, item.name))
         found[f"supports {finger}"] = _bits(outlines.supports)
-        for name in ("first_piece", "first_side", "clearance_mm"):
+        for name in ("first_piece", "first_side", "radius_mm", "clearance_mm"):
             found[f"{name} {finger}"] = _bits(getattr(boundary, name))
-        found[f"radius {finger}"] = struct.pack("d", boundary.radius_mm)
     return found
 
 

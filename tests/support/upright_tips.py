@@ -4,6 +4,7 @@ Solids are stacks of prisms and of frusta, as meshes made by trimesh. A tip touc
 between its ends come as near to its axis as its radius: no section that the code under test has is looked at.
 """
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,16 +17,21 @@ from shapely import affinity
 from shapely_contacts import first_contact
 from solids import prism
 
+from palpate.config.objects_file import checked_objects
+from palpate.config.objects_tables import ObjectsFileText
 from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
-from palpate.recognizer import Contact, Finger, NormalRange
+from palpate.recognizer import Contact, Finger, Hypothesis, NormalRange
 
 __all__ = [
     "Block",
     "Stack",
+    "cone_model",
     "drawn_stack",
     "first_touch",
+    "holds",
     "model_of",
     "slices",
+    "square",
     "stack_contacts",
 ]
 
@@ -171,6 +177,41 @@ def stack_contacts(
             )
         )
     return found
+
+
+def holds(found: list[Hypothesis], name: str, at: tuple[float, float, float]) -> bool:
+    """Whether some hypothesis of the object has the placement within its bounds."""
+    for item in found:
+        bounds = item.bounds
+        turn = (at[2] - bounds.theta_rad[0]) % (2 * math.pi) + bounds.theta_rad[0]
+        ends = ((at[0], bounds.x_mm), (at[1], bounds.y_mm), (turn, bounds.theta_rad))
+        if item.state.object_name == name and all(lo <= value <= hi for value, (lo, hi) in ends):
+            return True
+    return False
+
+
+def cone_model(tolerance_mm: float) -> ObjectModel:
+    """A cone of discs, 24 mm wide at its foot, 1 mm narrower each mm, with a bore."""
+    sections = [
+        {
+            "z": [z, z + 1],
+            "polygons": [
+                {
+                    "outer": {"circle": {"centre": [0, 0], "radius": 24 - z}},
+                    "holes": [{"circle": {"centre": [0, 0], "radius": 3}}],
+                }
+            ],
+        }
+        for z in range(12)
+    ]
+    states = [{"name": "standing", "sections": sections}]
+    table = {"name": "cone", "tolerance": tolerance_mm, "states": states}
+    text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
+    return checked_objects(ObjectsFileText.model_validate_json(json.dumps(text)), "here").objects[0]
+
+
+def square(half: float) -> Polygon:
+    return Polygon(half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
 
 
 def _unit(angle_rad: float) -> Floats:

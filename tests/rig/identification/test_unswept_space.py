@@ -105,17 +105,17 @@ def test_a_disc_that_no_tip_has_met_keeps_its_place(
 def test_discs_fit_inside_their_sections() -> None:
     notched = [(0, 0), (40, 0), (40, 10), (10, 10), (10, 30), (0, 30)]
     tolerant = ObjectModel("tolerant", flat("", notched).states, 1.0)
-    (disc,) = discs_at(Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {LOW}).values()
+    (disc,) = discs_at(Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {TIP}).values()
     assert 19.8 <= disc.radius_mm <= 20.0
-    (disc,) = discs_at(Catalogue([tolerant]), {LOW}).values()
+    (disc,) = discs_at(Catalogue([tolerant]), {TIP}).values()
     largest = 20 - 10 * math.sqrt(2)  # touches both outer sides and the inner corner
     assert largest - 1.2 <= disc.radius_mm <= largest - 1.0
-    assert discs_at(Catalogue([tolerant]), {(25.0, 25.0)}) == {}, "nothing is there"
+    assert discs_at(Catalogue([tolerant]), {Finger(5.0, 25.0)}) == {}, "nothing is there"
 
 
 def test_a_part_thinner_than_its_tolerance_is_not_ruled_out() -> None:
     sheet = ObjectModel("sheet", flat("", [(0, 0), (60, 0), (60, 1), (0, 1)]).states, 0.8)
-    (disc,) = discs_at(Catalogue([sheet, *SIX]), {LOW}).values()
+    (disc,) = discs_at(Catalogue([sheet, *SIX]), {TIP}).values()
     assert disc.states == frozenset(range(7))
     assert disc.radius_mm < 0
     result = searched(NOWHERE, [sheet, *SIX])
@@ -128,7 +128,7 @@ def test_states_at_other_heights_need_fingers_there() -> None:
     square = (Polygon(np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])),)
     low = ObjectModel("low", (State("s", (Section((0.0, 15.0), square),)),))
     high = ObjectModel("high", (State("s", (Section((15.5, 30.0), square),)),))
-    discs = discs_at(Catalogue([low, high]), {LOW, HIGH, (50.0, 50.0)})
+    discs = discs_at(Catalogue([low, high]), {Finger(5.0, height) for height in (10.0, 20.0, 50.0)})
     assert {height: disc.states for height, disc in discs.items()} == {LOW: {0}, HIGH: {1}}
     nothing, room = shapely.Polygon(), shapely.Point(0, 0).buffer(50)
     assert not is_swept({LOW: nothing, HIGH: room}, discs)
