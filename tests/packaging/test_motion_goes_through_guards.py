@@ -34,7 +34,8 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
         "rig/monitor/paced_clock.py",
     }
     waits_for_the_adapter = "rig/motion/switching_off.py"  # that is gone: nothing can be told to move
-    assert sleepers == {"rig/motion/hand.py", waits_for_the_adapter, *without_hand}
+    waits_for_an_array = "rig/motion/hand_arrays.py"  # that was lost: the fingers were stopped before
+    assert sleepers == {"rig/motion/hand.py", waits_for_the_adapter, waits_for_an_array, *without_hand}
     assert "sleep" not in {name for _, name in calls("calibration")}
 
 
