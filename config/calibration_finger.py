@@ -6,7 +6,6 @@ names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the 
 
 from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from palpate.config.calibration_numbers import (
@@ -18,6 +17,7 @@ from palpate.config.calibration_numbers import (
     ShareUp,
     UpLength,
     UpPositive,
+    check_covariance,
 )
 from palpate.config.fields import Count, FileModel, Flag, Items, Name
 from palpate.config.problems import TAG, problem
@@ -46,7 +46,6 @@ __all__ = [
 _PLACE_UNKNOWNS = 5
 _ARM_UNKNOWNS = 7
 _TOUCH_UNKNOWNS = 2
-_ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums cannot explain
 
 
 class UnusableTaxel(FileModel):
@@ -159,7 +158,7 @@ class SlideCalibration(FileModel):
     @model_validator(mode="after")
     def _travels(self) -> Self:
         _check_travel(self.mm_per_turn)
-        _check_covariance(self.touch_covariance, _TOUCH_UNKNOWNS, "touch_covariance")
+        check_covariance(self.touch_covariance, _TOUCH_UNKNOWNS, "touch_covariance")
         return self
 
 
@@ -221,7 +220,7 @@ class PlaceCalibration(PlaceInHandFrame):
     @model_validator(mode="after")
     def _covaries(self) -> Self:
         _check_travel(self.mm_per_turn)
-        _check_covariance(self.covariance, _PLACE_UNKNOWNS, "covariance")
+        check_covariance(self.covariance, _PLACE_UNKNOWNS, "covariance")
         return self
 
 
@@ -243,7 +242,7 @@ class ArmPlaceCalibration(PlaceInHandFrame):
 
     @model_validator(mode="after")
     def _covaries(self) -> Self:
-        _check_covariance(self.covariance, _ARM_UNKNOWNS, "covariance")
+        check_covariance(self.covariance, _ARM_UNKNOWNS, "covariance")
         return self
 
 
@@ -314,13 +313,3 @@ class FingerCalibration(FileModel):
 def _check_travel(mm_per_turn: float) -> None:
     if mm_per_turn == 0:
         raise problem("is 0; it must not be", "mm_per_turn")
-
-
-def _check_covariance(rows: list[list[float]], unknowns: int, key: str) -> None:
-    """Refuse what cannot be the covariance of so many unknowns."""
-    if [len(row) for row in rows] != [unknowns] * unknowns:
-        raise problem(f"must have {unknowns} rows of {unknowns} values", key)
-    matrix = np.array(rows)
-    limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
-    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
-        raise problem("is not one: it must be symmetric, with a diagonal from 0", key)

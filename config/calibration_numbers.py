@@ -8,6 +8,7 @@ from datetime import UTC, datetime, timedelta
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from palpate.config.fields import Length, Number, Positive
@@ -24,12 +25,14 @@ __all__ = [
     "UpLength",
     "UpPositive",
     "UtcTime",
+    "check_covariance",
 ]
 
 _DIGITS = 7
 _BOUND_DIGITS = 4
 _GAIN_DIGITS = 5
 _PRECISE_DIGITS = 12
+_ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums cannot explain
 
 
 def _rounded(value: float, digits: int, rounding: str) -> float:
@@ -98,3 +101,13 @@ Hash = Annotated[
     str, Field(strict=True, json_schema_extra={"pattern": "^[0-9a-f]{64}$"}), AfterValidator(_hash)
 ]
 """A SHA-256 in hexadecimal."""
+
+
+def check_covariance(rows: list[list[float]], unknowns: int, key: str) -> None:
+    """Refuse what cannot be the covariance of so many unknowns."""
+    if [len(row) for row in rows] != [unknowns] * unknowns:
+        raise problem(f"must have {unknowns} rows of {unknowns} values", key)
+    matrix = np.array(rows)
+    limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
+        raise problem("is not one: it must be symmetric, with a diagonal from 0", key)

@@ -5,16 +5,12 @@ Units are the suffixes of the names: mm, degrees; the covariance is in mm². The
 
 from typing import Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.config.calibration_numbers import Measured, MeasuredLength, Precise, UpLength
+from palpate.config.calibration_numbers import Measured, MeasuredLength, Precise, UpLength, check_covariance
 from palpate.config.fields import Count, FileModel, Items
-from palpate.config.problems import problem
 
 __all__ = ["StageCalibration"]
-
-_ASYMMETRY = 1e-9  # of a covariance of two, mm²
 
 
 class StageCalibration(FileModel):
@@ -37,9 +33,5 @@ class StageCalibration(FileModel):
 
     @model_validator(mode="after")
     def _covaries(self) -> Self:
-        if [len(row) for row in self.covariance] != [2, 2]:
-            raise problem("must have 2 rows of 2 values", "covariance")
-        matrix = np.array(self.covariance)
-        if (np.diag(matrix) < 0).any() or abs(matrix[0, 1] - matrix[1, 0]) > _ASYMMETRY:
-            raise problem("is not one: it must be symmetric, with a diagonal from 0", "covariance")
+        check_covariance(self.covariance, 2, "covariance")
         return self

@@ -94,6 +94,7 @@ def prepare_finger(
     edges = pairing_set(states, finger, facet_error_mm, outlines)
     if not is_exact and edges is outlines:
         edges = replace(outlines)
+    _ = outlines.supports  # kept with the rest; where processes share the work, each has its states'
     return FingerPreparation(outlines, edges, true_boundary(states, finger))
 
 
