@@ -1,0 +1,57 @@
+"""A whole query has the same hypotheses with and without the compiled kernel, whatever its steps round to."""
+
+import math
+
+import numpy as np
+import pytest
+from campaign_objects import objects_of
+from kernel_switch import needs_kernel, without_kernel
+from sampling import sample
+from shapely_bench import grip, place, until_touched
+
+from palpate.recognizer import Catalogue, Contact, Recognition, recognise
+from palpate.recognizer.budget import Budget
+
+pytestmark = needs_kernel
+
+
+def answered(source: str, grips: list[list[Contact]], spurious: int, budget: Budget) -> Recognition:
+    """With a catalogue of its own: the kernel's has arrays that numpy's has not."""
+    found = recognise(Catalogue(objects_of(source)), grips[0], spurious, budget)
+    for contacts in grips[1:]:
+        assert found.hypotheses is not None
+        found = found.extend(contacts)
+    assert found.hypotheses.lo is not None
+    return found
+
+
+@pytest.mark.parametrize("source", ["memo", "own", "loose"])
+@pytest.mark.parametrize("seed", sample(range(60), range(6)))
+def test_answers_are_the_same(source: str, seed: int) -> None:
+    rng = np.random.default_rng([87, seed, len(source)])
+    models = objects_of(source)
+    placed = place(models[int(rng.integers(len(models)))], rng)
+    how = {
+        "bound": float(rng.choice([0.05, 0.3, 1.0])),
+        "radius": float(rng.choice([0.0, 5.0])),
+        "half_range": math.radians(float(rng.choice([2.0, 15.0]))),
+    }
+    grips = [until_touched(grip, placed, rng, fingers=3, **how)]
+    if rng.random() < 0.5:
+        grips.append(grip(placed, rng, fingers=2, **how))
+    spurious = int(rng.random() < 0.3 and sum(contact.touched for contact in grips[0]) > 2)
+    budget = Budget(int(rng.choice([1_000_000, 100_000, 10_000])))
+    one = answered(source, grips, spurious, budget)
+    with without_kernel():
+        two = answered(source, grips, spurious, budget)
+    assert len(one.cells) == len(two.cells)
+    assert np.array_equal(one.hypotheses.state, two.hypotheses.state)
+    assert np.array_equal(one.hypotheses.verified, two.hypotheses.verified)
+    # Of cells that are as good the last bit may choose: another witness then, and bounds that follow it.
+    for found, other in ((one.hypotheses, two.hypotheses), (two.hypotheses, one.hypotheses)):
+        rows = np.flatnonzero(found.verified)
+        witness = np.column_stack([found.position_mm, found.regions.theta])[rows]
+        assert np.all(witness >= other.lo[rows] - 1e-9)
+        assert np.all(witness <= other.hi[rows] + 1e-9)
+        np.testing.assert_allclose(found.lo, other.lo, rtol=0, atol=0.01)
+        np.testing.assert_allclose(found.hi, other.hi, rtol=0, atol=0.01)
