@@ -1,9 +1,9 @@
 """How long the rig waits between grips over a large catalogue: `python benchmarks/bench_waiting.py`.
 
 Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named), each in
-several sizes until there are as many as `--objects`. The wait is the processor time from the end of a grip to
-the next plan, or to the answer, observers' and emulated devices' own included. One row for each rig: median,
-90th percentile, maximum. With `--write` the table goes into docs/performance.md.
+several sizes until there are as many as `--objects`. The wait is the processor time of the whole process from
+the end of a grip to the begin of the next, or to the answer; what the log's thread does meanwhile is included.
+One row for each rig: median, 90th percentile, maximum. With `--write` the table goes into docs/performance.md.
 """
 
 import argparse
@@ -11,9 +11,11 @@ import json
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+from unittest import mock
 
 import numpy as np
 
@@ -22,8 +24,10 @@ from performance_page import markdown_table, milliseconds, update, versions_line
 from shared_files import SHARED_OUTLINE_SETS
 
 import palpate
-from palpate.rig.identification.observers import Event, PlanEvent, TouchEvent
+from palpate.rig.identification import loop
+from palpate.rig.session import run
 
+R = TypeVar("R")
 RIGS = ("config/rigs/bench.toml", "examples/firm-rig.toml")
 
 
@@ -47,12 +51,28 @@ class Waits:
         self.found: list[float] = []
         self._since: float | None = None
 
-    def __call__(self, event: Event) -> None:
-        """Note an event of the run."""
-        if isinstance(event, TouchEvent):
-            self._since = time.process_time()
-        elif isinstance(event, PlanEvent):
+    def between_grips(self, carry_out: Callable[..., R]) -> Callable[..., R]:
+        """As `carry_out`; the rig waits from its end on, and no longer when it is called."""
+
+        def timed(*args: Any, **kwargs: Any) -> R:
             self.end()
+            try:
+                return carry_out(*args, **kwargs)
+            finally:
+                self._since = time.process_time()
+
+        return timed
+
+    def until_answer(self, identify: Callable[..., R]) -> Callable[..., R]:
+        """As `identify`; the last wait ends with it."""
+
+        def timed(*args: Any, **kwargs: Any) -> R:
+            try:
+                return identify(*args, **kwargs)
+            finally:
+                self.end()
+
+        return timed
 
     def end(self) -> None:
         """The wait is over."""
@@ -85,9 +105,12 @@ def row_of(rig: str, objects: Path, runs: int, sessions: Path) -> tuple[str, ...
     """Runs on a rig."""
     waits, identified = Waits(), 0
     for seed in range(runs):
-        with palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened:
-            answer = opened.identify(objects, sessions=sessions, on_event=waits)
-        waits.end()
+        with (
+            mock.patch.object(loop, "carry_out_grip", waits.between_grips(loop.carry_out_grip)),
+            mock.patch.object(run, "identify", waits.until_answer(run.identify)),
+            palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened,
+        ):
+            answer = opened.identify(objects, sessions=sessions)
         identified += answer.verdict.value == "identified"
     times = np.array(waits.found)
     told = (milliseconds(float(item)) for item in (np.median(times), np.percentile(times, 90), times.max()))
