@@ -2,8 +2,8 @@
 
 Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named), each in
 several sizes until there are as many as `--objects`. The wait is the processor time of the whole process from
-the end of a grip to the begin of the next, or to the answer; what the log's thread does meanwhile is included.
-One row for each rig: median, 90th percentile, maximum. With `--write` the table goes into docs/performance.md.
+the end of a grip to the begin of the next, or to the answer, with what the log writes meanwhile. One row for
+each rig: median, 90th percentile, maximum. With `--write` the table goes into docs/performance.md.
 """
 
 import argparse
