@@ -23,9 +23,10 @@ from palpate.drivers.dynamixel.servo_setup import (
     setup_items,
 )
 from palpate.errors import DeviceError, InputError
+from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.servo_settings import servo_settings
 
-__all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
+__all__ = ["MotorSetup", "Operator", "OperatorReply", "check_dxl_ids", "list_motors", "set_up_all"]
 
 
 class OperatorReply(Enum):
@@ -90,15 +91,18 @@ class MotorSetup:
         )
 
 
-def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
-    """The servos to set up, all without ids, with what each should hold; InputError for an id of none."""
-    wanted = servo_settings(rig, bus)
-    known = {item.servo.dxl_id for item in wanted}
+def check_dxl_ids(rig: RigFile, dxl_ids: Sequence[int]) -> None:
+    """Raise InputError for an id that is no servo's of the rig file."""
+    known = sorted(servo.dxl_id for servo in list_servos(rig))
     for dxl_id in dxl_ids:
         if dxl_id not in known:
             raise InputError(
-                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, sorted(known)))}"
+                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, known))}"
             )
+
+
+def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
+    """The servos to set up, with what each should hold: those of the ids, or all if there are none."""
     return [
         MotorSetup(
             item.owner,
@@ -106,7 +110,7 @@ def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[Mot
             item.servo.model,
             setup_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
         )
-        for item in wanted
+        for item in servo_settings(rig, bus)
         if not dxl_ids or item.servo.dxl_id in dxl_ids
     ]
 
