@@ -20,7 +20,8 @@ from palpate.config.calibration_numbers import (
     check_covariance,
 )
 from palpate.config.fields import Count, FileModel, Flag, Items, Name
-from palpate.config.problems import TAG, problem
+from palpate.config.model_places import TAG
+from palpate.config.problems import problem
 from palpate.config.rig_fingers import check_gains
 
 __all__ = [

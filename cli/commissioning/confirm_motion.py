@@ -19,5 +19,5 @@ def ask_to_move(console: Console, ready: str = _CLEAR) -> None:
 
 
 def check_can_ask_to_move() -> None:
-    """Raise InputError if there is no terminal to ask on. For commands that have much to do before they ask."""
+    """Raise InputError if there is no terminal to ask on. For commands that do much before they ask."""
     check_can_ask("fingers are going to move", "say --yes if they may")
