@@ -7,8 +7,8 @@ Each file of tests/support/hostile_files.py is given to the command that reads i
 Measured are the time on the clock, the processor time, and the memory of the command with all processes that
 it starts: the sum of their peaks, sampled, or the largest peak of one. A file passes if its command ends
 within 10 s of processor time (on an idle computer: of the clock) and 1 GB, with exit code 2, at most eleven
-lines of at most 600 characters on stderr, nothing on stdout and no new file; some may also be accepted, with exit code 0.
-Ends with exit code 1 if any does not pass.
+lines of at most 600 characters on stderr, nothing on stdout and no new file; some may also be accepted, with
+exit code 0. Ends with exit code 1 if any does not pass.
 """
 
 import os
