@@ -28,8 +28,7 @@ def setup_motors(
     from palpate.cli.terminal import check_can_ask, print_notices
     from palpate.config import load_rig
     from palpate.drivers.dynamixel.specifications import supply_warnings
-    from palpate.rig.commissioning.motor_setup import check_dxl_ids
-    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig, list_servos
+    from palpate.rig.diagnostics.bus_selection import check_dxl_ids, endpoint_of_rig, list_servos
 
     rig_file = load_rig(rig)
     check_dxl_ids(rig_file, dxl_id or [])

@@ -22,11 +22,10 @@ from palpate.drivers.dynamixel.servo_setup import (
     only_servo,
     setup_items,
 )
-from palpate.errors import DeviceError, InputError
-from palpate.rig.diagnostics.bus_selection import list_servos
+from palpate.errors import DeviceError
 from palpate.rig.servo_settings import servo_settings
 
-__all__ = ["MotorSetup", "Operator", "OperatorReply", "check_dxl_ids", "list_motors", "set_up_all"]
+__all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
 
 
 class OperatorReply(Enum):
@@ -89,16 +88,6 @@ class MotorSetup:
             written=tuple(map(ChangeOut.of, self.written)),
             problem=self.problem,
         )
-
-
-def check_dxl_ids(rig: RigFile, dxl_ids: Sequence[int]) -> None:
-    """Raise InputError for an id that is no servo's of the rig file."""
-    known = sorted(servo.dxl_id for servo in list_servos(rig))
-    for dxl_id in dxl_ids:
-        if dxl_id not in known:
-            raise InputError(
-                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, known))}"
-            )
 
 
 def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
