@@ -148,7 +148,7 @@ def test_info_is_of_a_folder_or_its_log(here: Here) -> None:
     said = here("info", folder)
     assert (said.code, said.err) == (0, "")
     assert here("info", folder / "session.jsonl.zst").out == said.out
-    for words in ("bench (emulated), seed 7, without a calibration", "2 grips, 2 contacts", "ended    done"):
+    for words in ("bench (emulated), seed 7, without a calibration", "2 grips, 2 touches", "ended    done"):
         assert words in said.out
 
 

@@ -19,6 +19,8 @@ def check_lines(out: ObjectsCheckOut, *, every: bool = False) -> list[str]:
     never, maybe, unknown = (
         [pair for pair in out.pairs if pair.likeness == kind] for kind in ("same", "doubtful", "unknown")
     )
+    if not out.pairs_compared:
+        return [*rig_words(out.rig), "", "1 state: there is no other to tell it from"]
     lines = [
         *rig_words(out.rig),
         "",
