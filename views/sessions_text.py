@@ -43,16 +43,17 @@ def info_lines(item: SessionOut) -> list[str]:
         ("session", f"{item.path}, {size_words(item.bytes)}"),
         ("started", f"{instant_words(item.began) or 'not recorded'}, palpate {item.palpate or '?'}"),
         ("rig", f"{_rig_words(item)}{_seed_words(item)}{_calibration_words(item)}"),
-        (
-            "ran",
-            f"{item.duration:.1f} s, {counted(item.grips, 'grip', 'grips')}, {counted(item.touches, 'touch', 'touches')}",
-        ),
+        ("ran", f"{item.duration:.1f} s, {_counts(item)}"),
         ("answer", _answer_words(item)),
         ("ended", _end_words(item)),
     ]
     if item.ended is not None and item.ended.message and item.ended.message != _end_words(item):
         rows.append(("", item.ended.message))
     return [f"{name:<8} {words}" for name, words in rows]
+
+
+def _counts(item: SessionOut) -> str:
+    return f"{counted(item.grips, 'grip', 'grips')}, {counted(item.touches, 'touch', 'touches')}"
 
 
 def instant_words(began: str | None) -> str:
