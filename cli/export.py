@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, SessionArgument
 
 __all__ = ["export"]
 
 
 def export(
-    session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
+    session: SessionArgument,
     mcap: Annotated[
         Path | None, typer.Option("--mcap", metavar="FILE", help="An MCAP file, for Foxglove and others.")
     ] = None,

@@ -19,9 +19,11 @@ from palpate.cli.options import (
     ViewPortOption,
 )
 from palpate.errors import PalpateError
-from palpate.vocabulary import IdentificationVerdict, Strategy
+from palpate.vocabulary import SESSIONS_FOLDER, IdentificationVerdict, Strategy
 
 __all__ = ["identify"]
+
+_SESSIONS = Path(SESSIONS_FOLDER)
 
 
 def identify(
@@ -32,9 +34,7 @@ def identify(
     json: JsonOption = False,
     picture: PictureOption = None,
     strategy: StrategyOption = Strategy.PLANNED,
-    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
-        "palpate-sessions"
-    ),
+    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = _SESSIONS,
     no_calibration: NoCalibrationOption = False,
     view: ViewOption = False,
     view_port: ViewPortOption = VIEW_PORT,

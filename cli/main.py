@@ -159,6 +159,8 @@ def _fill_closed_streams() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
+    if sys.stdin is None:  # what Python makes of one that was closed
+        sys.stdin = os.fdopen(0, closefd=False)
 
 
 def _guarded() -> int:

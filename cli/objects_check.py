@@ -22,6 +22,7 @@ def check_objects(
             "--report", help="Also write it here as a page (HTML), with every state and its sections."
         ),
     ] = None,
+    every: Annotated[bool, typer.Option("--all", help="List all pairs, however many there are.")] = False,
     json: JsonOption = False,
 ) -> int:
     """Find states that a rig's fingers can never tell apart, and heights at which a finger would.
@@ -48,5 +49,5 @@ def check_objects(
         if report is not None:
             listing = catalogue.list_objects(bench, models, name=file.name, progress=doing.now)
             write_text(report, catalogue_report(out, listing.states, listing.pages, notices))
-    typer.echo(to_json(out) if json else "\n".join(check_lines(out)))
+    typer.echo(to_json(out) if json else "\n".join(check_lines(out, every=every)))
     return 1 if any(pair.likeness == "same" for pair in out.pairs) else 0

@@ -19,6 +19,7 @@ __all__ = [
     "RigOption",
     "SceneOption",
     "SeedOption",
+    "SessionArgument",
     "StrategyOption",
     "ViewOption",
     "ViewPortOption",
@@ -55,6 +56,9 @@ PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also writ
 PortOption = Annotated[str | None, typer.Option("--port", help="Port of the servos' bus.")]
 ObjectsArgument = Annotated[
     Path, typer.Argument(metavar="FILE", help="Object models (JSON).", show_default=False)
+]
+SessionArgument = Annotated[
+    Path, typer.Argument(metavar="SESSION", help="A session's folder, or its log.", show_default=False)
 ]
 ViewOption = Annotated[
     bool, typer.Option("--view", help="Show it on a page in the browser; see palpate view.")

@@ -1,17 +1,14 @@
 """`palpate replay`: a recorded session run again, without devices, and compared byte by byte."""
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, SessionArgument
 
 __all__ = ["replay"]
 
 
 def replay(
-    session: Annotated[Path, typer.Argument(help="A session's folder.", show_default=False)],
+    session: SessionArgument,
     json: JsonOption = False,
 ) -> int:
     """Run a recorded session again, against what was recorded; no device is needed, nothing moves.

@@ -5,11 +5,13 @@ from typing import Annotated
 
 import typer
 
+from palpate.cli.options import SessionArgument
+
 __all__ = ["report"]
 
 
 def report(
-    session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
+    session: SessionArgument,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Default: report.html in the session's folder."),

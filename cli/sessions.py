@@ -5,11 +5,12 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption
+from palpate.cli.options import JsonOption, SessionArgument
+from palpate.vocabulary import SESSIONS_FOLDER
 
 __all__ = ["info", "list_sessions", "prune"]
 
-_FOLDER = Path("palpate-sessions")
+_FOLDER = Path(SESSIONS_FOLDER)
 _WIDE = 1000
 FolderOption = Annotated[Path, typer.Option("--sessions", help="Folder with sessions.")]
 
@@ -40,7 +41,7 @@ def list_sessions(context: typer.Context, folder: FolderOption = _FOLDER, json: 
 
 
 def info(
-    session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
+    session: SessionArgument,
     json: JsonOption = False,
 ) -> int:
     """Say what a session is: rig, seed, answer, how it ended, how long it took."""
@@ -93,9 +94,9 @@ def prune(
 
 
 def _existing(folder: Path) -> Path:
-    """The folder, which must exist unless it is the usual one: that is made by the first session."""
     from palpate.errors import InputError
 
-    if folder != _FOLDER and not folder.is_dir():
-        raise InputError(f"--sessions {folder}: there is no such folder")
+    if not folder.is_dir():
+        usual = "; runs make it where they are started" if folder == _FOLDER else ""
+        raise InputError(f"--sessions {folder}: there is no such folder{usual}")
     return folder

@@ -1,7 +1,8 @@
 """The terminal as commands write on it: escaped text, notices, and what goes on at the moment."""
 
+import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from types import TracebackType
 from typing import Self
 
@@ -12,23 +13,57 @@ from rich.segment import Segment
 from rich.status import Status
 
 from palpate.cli.time_left import TimeLeft
-from palpate.errors import printable
+from palpate.errors import InputError, printable
 
-__all__ = ["Doing", "Terminal", "print_notices"]
+__all__ = ["Doing", "Terminal", "can_ask", "check_can_ask", "print_notices"]
 
 
 class Terminal(Console):
-    """A console on which nothing that comes from devices or files can act on the terminal: it is escaped."""
+    """A console on which nothing that comes from devices or files can act on the terminal: it is escaped.
+
+    Into a file or a pipe lines go without the blanks that fill up a table's columns at their end.
+    """
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """What rich makes of something, without control characters but its own."""
-        for segment in super().render(renderable, options):
-            safe = segment.control or segment.text.isprintable()
-            yield segment if safe else segment._replace(text=_safe(segment.text))
+        rendered = map(_safe, super().render(renderable, options))
+        return rendered if self.is_terminal else _stripped(rendered)
 
 
-def _safe(text: str) -> str:
-    return "\n".join(map(printable, text.split("\n")))
+def _safe(segment: Segment) -> Segment:
+    if segment.control or segment.text.isprintable():
+        return segment
+    return segment._replace(text="\n".join(map(printable, segment.text.split("\n"))))
+
+
+def _stripped(segments: Iterable[Segment]) -> Iterator[Segment]:
+    """Segments without blanks before the end of a line; those that no end of a line follows stay."""
+    blanks: list[Segment] = []
+    for segment in segments:
+        for part in segment.text.splitlines(keepends=True):
+            line = part.rstrip("\n")
+            text = line.rstrip(" ")
+            if text:
+                yield from blanks
+                blanks = []
+                yield segment._replace(text=text)
+            if line != part:
+                blanks = []
+                yield Segment.line()
+            elif text != line:
+                blanks.append(segment._replace(text=line[len(text) :]))
+    yield from blanks
+
+
+def can_ask() -> bool:
+    """Whether somebody can be asked: standard input is a terminal."""
+    return sys.stdin.isatty()
+
+
+def check_can_ask(why: str, instead: str) -> None:
+    """Raise InputError if nobody can be asked: `why` somebody has to be, and what to do `instead`."""
+    if not can_ask():
+        raise InputError(f"{why}, and there is no terminal to ask on: {instead}")
 
 
 def print_notices(lines: Iterable[str]) -> None:

@@ -4,12 +4,11 @@ import os
 import signal
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import VIEW_PORT
+from palpate.cli.options import VIEW_PORT, SessionArgument
 
 if TYPE_CHECKING:
     from palpate.config import RigFile
@@ -20,7 +19,7 @@ _LAST_FRAMES_S = 0.5
 
 
 def view(
-    session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
+    session: SessionArgument,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port on this computer.")] = VIEW_PORT,
     run: Annotated[int | None, typer.Option("--run", hidden=True)] = None,
 ) -> int:

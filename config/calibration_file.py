@@ -10,6 +10,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from palpate.config.calibration_finger import FingerCalibration
+from palpate.config.calibration_fit import FitQuality
 from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
 from palpate.config.calibration_stage import StageCalibration
 from palpate.config.fields import Count, FileModel, Flag, Items, Name, Text
@@ -57,15 +58,10 @@ class TouchResidual(FileModel):
     outlier: Flag = Field(description="It was left out because it does not agree with the others.")
 
 
-class Residuals(FileModel):
+class Residuals(FitQuality):
     """How well all fingers' places agree with the touches."""
 
-    rms_mm: MeasuredLength = Field(description="Root mean square of fitted touches' residuals.")
-    largest_mm: MeasuredLength = Field(description="The largest of them, whatever its sign.")
-    touches: Count = Field(description="Touches that were fitted.")
-    degrees_of_freedom: Count = Field(description="Fitted touches less what they determine.")
-    chi_square: MeasuredLength = Field(description="Sum of squares of residuals over expected deviations.")
-    outliers: Count = Field(description="Touches that were left out.")
+    largest_mm: MeasuredLength = Field(description="Largest residual of fitted touches, without its sign.")
     held_out: Count = Field(description="Touches that were only predicted.")
     held_out_rms_mm: MeasuredLength = Field(description="Root mean square of their residuals; 0 for none.")
     held_out_largest_mm: MeasuredLength = Field(description="The largest of them; 0 for none.")

@@ -10,17 +10,19 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from palpate.config.calibration_numbers import (
     Gain,
+    Matrix,
     Measured,
     MeasuredLength,
     MeasuredPositive,
-    Precise,
     ShareUp,
+    Travel,
     UpLength,
     UpPositive,
-    check_covariance,
+    covariance_of,
 )
 from palpate.config.fields import Count, FileModel, Flag, Items, Name
-from palpate.config.problems import TAG, problem
+from palpate.config.model_places import TAG
+from palpate.config.problems import problem
 from palpate.config.rig_fingers import check_gains
 
 __all__ = [
@@ -42,10 +44,6 @@ __all__ = [
     "TactileCalibration",
     "UnusableTaxel",
 ]
-
-_PLACE_UNKNOWNS = 5
-_ARM_UNKNOWNS = 7
-_TOUCH_UNKNOWNS = 2
 
 
 class UnusableTaxel(FileModel):
@@ -132,7 +130,7 @@ class SlideCalibration(FileModel):
     """What was found of a slide."""
 
     direction_confirmed: Flag = Field(description="It was seen to move the way the rig file says.")
-    mm_per_turn: Measured = Field(description="Travel per servo turn; as described if not homed.")
+    mm_per_turn: Travel = Field(description="Travel per servo turn; as described if not homed.")
     mm_per_turn_sigma: UpLength = Field(description="Standard deviation of mm_per_turn.")
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0, in the middle of the play; as described if not homed."
@@ -144,7 +142,7 @@ class SlideCalibration(FileModel):
     touch_zero_mm: Measured = Field(
         description="Distance at Goal Position 2048 in a touch, which has taken up the play."
     )
-    touch_covariance: Items[Items[Precise]] = Field(
+    touch_covariance: Annotated[Matrix, covariance_of(2)] = Field(
         description="2 x 2, of touch_zero_mm and of mm_per_turn's error as a share."
     )
     friction_a: MeasuredLength = Field(description="Current that it needs to move through free space.")
@@ -154,12 +152,6 @@ class SlideCalibration(FileModel):
         description="Bound: in a touch, from the stop that is sent to standing still, at most this."
     )
     overshoots: Items[Overshoot] = Field(default=[], description="What was seen at each speed.")
-
-    @model_validator(mode="after")
-    def _travels(self) -> Self:
-        _check_travel(self.mm_per_turn)
-        check_covariance(self.touch_covariance, _TOUCH_UNKNOWNS, "touch_covariance")
-        return self
 
 
 class RotaryCalibration(FileModel):
@@ -210,18 +202,10 @@ class PlaceCalibration(PlaceInHandFrame):
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
     )
-    mm_per_turn: Measured = Field(
-        description="Travel per turn of the slide's servo that belongs to this fit."
-    )
-    covariance: Items[Items[Precise]] = Field(
+    mm_per_turn: Travel = Field(description="Travel per turn of the slide's servo that belongs to this fit.")
+    covariance: Annotated[Matrix, covariance_of(5)] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
     )
-
-    @model_validator(mode="after")
-    def _covaries(self) -> Self:
-        _check_travel(self.mm_per_turn)
-        check_covariance(self.covariance, _PLACE_UNKNOWNS, "covariance")
-        return self
 
 
 class ArmPlaceCalibration(PlaceInHandFrame):
@@ -235,15 +219,10 @@ class ArmPlaceCalibration(PlaceInHandFrame):
         description="By how much the elbow's angle is larger than the rig file's zero_deg makes it."
     )
     elbow_zero_sigma_deg: UpLength = Field(description="Standard deviation of elbow_zero_deg.")
-    covariance: Items[Items[Precise]] = Field(
+    covariance: Annotated[Matrix, covariance_of(7)] = Field(
         description="7 x 7, of base x, base y (mm), heading (rad), tip radius, lengths of the upper and the "
         "second link (mm), and the elbow's zero (rad)."
     )
-
-    @model_validator(mode="after")
-    def _covaries(self) -> Self:
-        check_covariance(self.covariance, _ARM_UNKNOWNS, "covariance")
-        return self
 
 
 def _by_key(key: str) -> Discriminator:
@@ -308,8 +287,3 @@ class FingerCalibration(FileModel):
     actuators: Actuators | None = Field(default=None, description="Its servos.")
     place: Place | None = Field(default=None, description="Where it stands.")
     bounds: ContactBounds | None = Field(default=None, description="How far off its contacts may be.")
-
-
-def _check_travel(mm_per_turn: float) -> None:
-    if mm_per_turn == 0:
-        raise problem("is 0; it must not be", "mm_per_turn")

@@ -11,21 +11,23 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from palpate.config.fields import Length, Number, Positive
+from palpate.config.fields import Items, Length, Number, Positive
 from palpate.config.problems import problem, shown
 
 __all__ = [
     "Gain",
     "Hash",
+    "Matrix",
     "Measured",
     "MeasuredLength",
     "MeasuredPositive",
     "Precise",
     "ShareUp",
+    "Travel",
     "UpLength",
     "UpPositive",
     "UtcTime",
-    "check_covariance",
+    "covariance_of",
 ]
 
 _DIGITS = 7
@@ -44,6 +46,12 @@ def _rounded(value: float, digits: int, rounding: str) -> float:
 
 def _near(value: float) -> float:
     return _rounded(value, _DIGITS, ROUND_HALF_EVEN)
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise problem("is 0; it must not be")
+    return value
 
 
 def _gain(value: float) -> float:
@@ -79,6 +87,9 @@ MeasuredLength = Annotated[Length, AfterValidator(_near)]
 MeasuredPositive = Annotated[Positive, AfterValidator(_near)]
 """A measured value above zero."""
 
+Travel = Annotated[Number, AfterValidator(_not_zero), AfterValidator(_near)]
+"""A measured travel per turn, whose sign is its direction."""
+
 Gain = Annotated[Positive, AfterValidator(_gain)]
 """A gain of one taxel: a matrix of them is to be read by people, and five digits are plenty."""
 
@@ -94,6 +105,9 @@ ShareUp = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.99
 Precise = Annotated[Number, AfterValidator(_precise)]
 """An entry of a covariance: with fewer digits it might lose its meaning."""
 
+Matrix = Items[Items[Precise]]
+"""Rows of a matrix."""
+
 UtcTime = Annotated[datetime, BeforeValidator(_in_utc)]
 """A point in time, to the second."""
 
@@ -103,11 +117,16 @@ Hash = Annotated[
 """A SHA-256 in hexadecimal."""
 
 
-def check_covariance(rows: list[list[float]], unknowns: int, key: str) -> None:
-    """Refuse what cannot be the covariance of so many unknowns."""
-    if [len(row) for row in rows] != [unknowns] * unknowns:
-        raise problem(f"must have {unknowns} rows of {unknowns} values", key)
-    matrix = np.array(rows)
-    limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
-    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
-        raise problem("is not one: it must be symmetric, with a diagonal from 0", key)
+def covariance_of(unknowns: int) -> AfterValidator:
+    """Of a `Matrix`: refuse what cannot be the covariance of so many unknowns."""
+
+    def checked(rows: list[list[float]]) -> list[list[float]]:
+        if [len(row) for row in rows] != [unknowns] * unknowns:
+            raise problem(f"must have {unknowns} rows of {unknowns} values")
+        matrix = np.array(rows)
+        limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+        if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
+            raise problem("is not one: it must be symmetric, with a diagonal from 0")
+        return rows
+
+    return AfterValidator(checked)

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from palpate.config.fields import FileModel, in_order
-from palpate.config.problems import TAG, problem
+from palpate.config.model_places import TAG
+from palpate.config.problems import problem
 
 __all__ = ["EmulatedPartConfig", "Friction", "Mass", "Range"]
 

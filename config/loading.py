@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from palpate.config.problems import Problem, first_problem, place_in_words, refuse, shown
+from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
 from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
@@ -60,7 +60,7 @@ def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
     `nouns` says how list entries are called in messages: {"objects": "object"}.
 
     Raises:
-        InputError: anything is wrong with the file; one line, the first problem and the number of others.
+        InputError: anything is wrong with the file; one line, and a note for each further problem.
 
     """
     text = _read_text(source, JSON_BYTES, _DIVIDE)
@@ -102,11 +102,11 @@ def _load(
         raise InputError(f"{name}: not valid {language}: {_syntax(error)}") from None
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
-        raise refuse(name, wrong_format)
+        raise refuse(name, [wrong_format])
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise refuse(name, *first_problem(error, model, data, nouns)) from None
+        raise refuse(name, problems_of(error, model, data, nouns)) from None
 
 
 def _read_text(source: Source, most_bytes: int, advice: str) -> str:

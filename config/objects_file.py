@@ -115,8 +115,8 @@ def checked_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
     """Check what the values of a text mean; InputError as `load_objects`, which calls the file `name`."""
     problems = list(objects_problems(text))
     if problems:
-        at, what = problems[0]
-        raise refuse(name, Problem(place_in_words(at, text.model_dump(), NOUNS), what), len(problems))
+        data = text.model_dump()
+        raise refuse(name, [Problem(place_in_words(at, data, NOUNS), what) for at, what in problems])
     return ObjectsFile(tuple(_object(entry) for entry in text.objects))
 
 

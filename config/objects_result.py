@@ -3,7 +3,7 @@
 from typing import Literal
 
 from palpate.config.results import Interval, Out, Rounded
-from palpate.vocabulary import PushResponse
+from palpate.vocabulary import PushResponse, TipShape
 
 __all__ = [
     "ObjectsCheckOut",
@@ -30,6 +30,7 @@ class RigHeightOut(Out):
 
     height_mm: Rounded
     tip_radius_mm: Rounded
+    tip_shape: TipShape
     fingers: tuple[str, ...]
 
 
@@ -65,10 +66,12 @@ class PairOut(Out):
 
 
 class SeparatingOut(PairOut):
-    """A pair with the heights at which a finger would tell the two apart for certain, mm.
+    """A pair with the heights at which one more finger would tell the two apart for certain, mm.
 
-    `tried` of `ranges`: how many of the ranges over which neither section changes were looked at. `known`:
-    whether both states are known at all heights.
+    Its tip is the slimmest and shortest upright one of the rig, or its smallest ball if all are balls; for a
+    ball there are single heights, each as a range from it to itself. `tried` of `ranges`: how many of the
+    ranges over which neither section changes were looked at. `known`: whether both states are known at all
+    heights.
     """
 
     separating_mm: tuple[Interval, ...]

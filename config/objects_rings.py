@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from palpate.config.fields import Coordinate, FileModel, Items, Point, Positive
-from palpate.config.problems import TAG
+from palpate.config.model_places import TAG
 from palpate.geometry import Circle, Curve, Floats
 from palpate.geometry.curves import FlatCurve, arcs_polygon, circle_facets, circle_polygon
 

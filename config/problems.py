@@ -7,33 +7,29 @@ Nothing of pydantic's vocabulary, and none of its links, gets past this module.
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import UnionType
-from typing import Annotated, Any, Union, cast, get_args, get_origin
+from itertools import islice
+from typing import cast
 
-from pydantic import BaseModel, Tag, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from palpate.config.model_places import Place, child, is_tag, keys_at, tags_at
+from palpate.config.validation_errors import all_errors
 from palpate.errors import InputError
 
 __all__ = [
-    "TAG",
-    "Place",
     "Problem",
-    "first_problem",
     "nearest",
     "place_in_words",
     "problem",
+    "problems_of",
     "refuse",
     "shown",
 ]
 
-Place = tuple[str | int, ...]
-"""Keys and indices (from 0) from the top of a file to a value."""
-
-TAG = "type="
-"""What the tags of models that are distinguished by a key `type` begin with; they are no part of a place."""
-
 _OWN_TYPE = "palpate"
+_SHOWN = 10
+_COUNTED = 100
 _KINDS: Mapping[str, str] = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -72,10 +68,19 @@ def problem(message: str, *place: str | int) -> PydanticCustomError:
     return PydanticCustomError(_OWN_TYPE, "{text}", {"text": message, "place": place})
 
 
-def refuse(source: str, first: Problem, count: int = 1) -> InputError:
-    """One line for the first of `count` problems, with the number of the others."""
-    more = f" (and {count - 1} more)" if count > 1 else ""
-    return InputError(f"{source}: {first}{more}")
+def refuse(source: str, problems: Sequence[Problem]) -> InputError:
+    """What to raise for a file: the first problem, and a note, which is a line, for each of the others.
+
+    Beyond ten problems a line says how many more there are; of a hundred, that there may be still more.
+    """
+    first, *others = (f"{source}: {item}" for item in problems[:_SHOWN])
+    error = InputError(first)
+    for line in others:
+        error.add_note(line)
+    if len(problems) > _SHOWN:
+        least = "at least " if len(problems) >= _COUNTED else ""
+        error.add_note(f"{source}: {least}{len(problems) - _SHOWN} more, which are not shown")
+    return error
 
 
 def shown(value: object, limit: int = 40) -> str:
@@ -112,7 +117,7 @@ def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
     noun: str | None = None
     value: object = data
     for position, step in enumerate(place):
-        value = _child(value, step)
+        value = child(value, step)
         name = value.get("name") if isinstance(value, dict) else None
         if isinstance(step, int):
             if noun is not None:
@@ -134,16 +139,16 @@ def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
     return ", ".join(parts) + owner
 
 
-def first_problem(
+def problems_of(
     error: ValidationError, model: type[BaseModel], data: object, nouns: Mapping[str, str]
-) -> tuple[Problem, int]:
-    """The likeliest cause of what `error` found in `data`, and the number of all that it found.
+) -> list[Problem]:
+    """What `error` found in `data`: unknown keys first, since they may be the cause of the others.
 
     A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
     """
-    details = error.errors(include_url=False)
+    details = list(islice(all_errors(error, model, data), _COUNTED))
     unknown = {
-        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1], data)))
+        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), keys_at(model, detail["loc"][:-1], data)))
         for detail in details
         if detail["type"] == "extra_forbidden"
     }
@@ -152,8 +157,8 @@ def first_problem(
         for detail in details
         if not (detail["type"] == "missing" and (detail["loc"][:-1], detail["loc"][-1]) in unknown)
     ]
-    first = min(kept, key=lambda detail: detail["type"] != "extra_forbidden")
-    return _reworded(first, model, data, nouns), len(kept)
+    kept.sort(key=lambda detail: detail["type"] != "extra_forbidden")  # stable
+    return [_reworded(detail, model, data, nouns) for detail in kept]
 
 
 def _reworded(
@@ -165,7 +170,7 @@ def _reworded(
         place += cast("Place", context["place"])
     if kind == "finger_type":
         place += ("type",)
-    shown_place = tuple(step for step in place if not _is_tag(step))
+    shown_place = tuple(step for step in place if not is_tag(step))
     words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
     if kind == "finger_type":
         return Problem(words, _other_type(detail, model))
@@ -180,7 +185,7 @@ def _sentence(  # noqa: PLR0911 - a table with logic
     if kind == _OWN_TYPE:
         return str(context["text"])
     if kind == "extra_forbidden":
-        return _unknown_key(str(place[-1]), _keys_at(model, place[:-1], data))
+        return _unknown_key(str(place[-1]), keys_at(model, place[:-1], data))
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
@@ -212,7 +217,7 @@ def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:
     """About a key `type` that names none of the models that are distinguished by it."""
     value = detail["input"]
     given = value.get("type") if isinstance(value, Mapping) else value
-    return f"is {shown(given)}; allowed: {', '.join(map(shown, _tags_at(model, detail['loc'])))}"
+    return f"is {shown(given)}; allowed: {', '.join(map(shown, tags_at(model, detail['loc'])))}"
 
 
 def _unknown_key(key: str, allowed: Sequence[str]) -> str:
@@ -220,68 +225,3 @@ def _unknown_key(key: str, allowed: Sequence[str]) -> str:
     if near is not None:
         return f'unknown key "{shown(key)[1:-1]}"; did you mean "{near}"?'
     return f'unknown key "{shown(key)[1:-1]}"; allowed: {", ".join(allowed)}'
-
-
-def _child(value: object, step: str | int) -> object:
-    if isinstance(step, str):
-        return value.get(step) if isinstance(value, dict) else None
-    return value[step] if isinstance(value, list | tuple) and step < len(value) else None
-
-
-def _keys_at(model: type[BaseModel], place: Place, data: object) -> list[str]:
-    """Keys that the table at `place` of `data` may have."""
-    kind = _kind_at(model, place)
-    for step in place:
-        data = data if _is_tag(step) else _child(data, step)
-    if hasattr(kind, "variant"):
-        kind = kind.variant(data)
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
-
-
-def _tags_at(model: type[BaseModel], place: Place) -> list[str]:
-    """Values that the key `type` of the table at `place` may have."""
-    options = _tagged(_kind_at(model, place))
-    return [tag.removeprefix(TAG) for tag in options]
-
-
-def _kind_at(model: type[BaseModel], place: Place) -> Any:
-    """The type of what is at `place`, which has a step for every tag."""
-    kind: Any = model
-    for step in place:
-        kind = _inner(kind)
-        options = _tagged(kind)
-        if options:
-            kind = options.get(str(step))
-        elif isinstance(kind, type) and issubclass(kind, BaseModel):
-            field = kind.model_fields.get(str(step))
-            kind = field.annotation if field else None
-        else:
-            arguments = [argument for argument in get_args(kind) if argument is not Ellipsis]
-            kind = arguments[-1] if arguments else None
-    return _inner(kind)
-
-
-def _tagged(kind: Any) -> dict[str, Any]:
-    """Models of a tagged union, by tag; empty for anything else."""
-    if get_origin(kind) not in {Union, UnionType}:
-        return {}
-    found = {}
-    for part in get_args(kind):
-        tags = [item.tag for item in get_args(part)[1:] if isinstance(item, Tag)]
-        found.update(dict.fromkeys(tags, part))
-    return found
-
-
-def _is_tag(step: str | int) -> bool:
-    return isinstance(step, str) and step.startswith(TAG)
-
-
-def _inner(kind: Any) -> Any:
-    """`kind` without Annotated and without the None of an optional value."""
-    while True:
-        if get_origin(kind) is Annotated:
-            kind = get_args(kind)[0]
-        elif get_origin(kind) in {Union, UnionType} and not _tagged(kind):
-            kind = next(part for part in get_args(kind) if part is not type(None))
-        else:
-            return kind

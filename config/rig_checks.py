@@ -10,7 +10,8 @@ from operator import attrgetter
 
 import shapely
 
-from palpate.config.problems import Place, problem
+from palpate.config.model_places import Place
+from palpate.config.problems import problem
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
 from palpate.config.rig_servos import StageConfig
 from palpate.config.rig_tables import BusConfig, EmulationConfig, ObstacleConfig

@@ -20,7 +20,8 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
-from palpate.config.problems import TAG, problem
+from palpate.config.model_places import TAG
+from palpate.config.problems import problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
 from palpate.extensions import TACTILE_ARRAYS, broken
 from palpate.vocabulary import LEAST_BALL_SHARE

@@ -65,4 +65,8 @@ def confined(
     kind, value = pickle.loads(ended.stdout)
     if kind == "value":
         return value  # type: ignore[no-any-return]
-    raise InputError(value if kind == "refused" else f"{name}: {value}; {advice}")
+    text, *notes = value if kind == "refused" else [f"{name}: {value}; {advice}"]
+    error = InputError(text)
+    for note in notes:
+        error.add_note(note)
+    raise error

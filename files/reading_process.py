@@ -35,7 +35,7 @@ def _answer(call: bytes) -> tuple[str, object]:
         read, args, kwargs = pickle.loads(call)
         return "value", read(*args, **kwargs)
     except InputError as error:
-        return "refused", str(error)
+        return "refused", (str(error), *getattr(error, "__notes__", ()))
     except MemoryError:
         return "failed", TOO_LARGE
     except Exception as error:

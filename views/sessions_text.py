@@ -11,7 +11,7 @@ from palpate.config.sessions_result import SessionOut, UnreadableOut
 from palpate.errors import counted
 from palpate.views.tables import folded, table
 
-__all__ = ["info_lines", "show_sessions", "size_words"]
+__all__ = ["info_lines", "instant_words", "show_sessions", "size_words"]
 
 _WORD = re.compile("([A-Z][a-z]+)")
 
@@ -41,9 +41,9 @@ def info_lines(item: SessionOut) -> list[str]:
     """One session in words."""
     rows = [
         ("session", f"{item.path}, {size_words(item.bytes)}"),
-        ("started", f"{item.began or 'not recorded'}, palpate {item.palpate or '?'}"),
+        ("started", f"{instant_words(item.began) or 'not recorded'}, palpate {item.palpate or '?'}"),
         ("rig", f"{_rig_words(item)}{_seed_words(item)}{_calibration_words(item)}"),
-        ("ran", f"{item.duration:.1f} s, {counted(item.grips, 'grip', 'grips')}, {_touch_words(item)}"),
+        ("ran", f"{item.duration:.1f} s, {_counts(item)}"),
         ("answer", _answer_words(item)),
         ("ended", _end_words(item)),
     ]
@@ -52,13 +52,18 @@ def info_lines(item: SessionOut) -> list[str]:
     return [f"{name:<8} {words}" for name, words in rows]
 
 
+def _counts(item: SessionOut) -> str:
+    return f"{counted(item.grips, 'grip', 'grips')}, {counted(item.touches, 'touch', 'touches')}"
+
+
+def instant_words(began: str | None) -> str:
+    """When a session began, as people write it; "" if that was not recorded."""
+    return f"{began[:19].replace('T', ' ')} UTC" if began else ""
+
+
 def size_words(count: int) -> str:
     """A number of bytes as people say it."""
     return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
-
-
-def _touch_words(item: SessionOut) -> str:
-    return counted(item.touches, "contact", "contacts")
 
 
 def _rig_words(item: SessionOut) -> str:

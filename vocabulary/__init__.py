@@ -9,6 +9,7 @@ __all__ = [
     "DEFAULT_BUDGET",
     "LEAST_BALL_SHARE",
     "LEAST_BUDGET",
+    "SESSIONS_FOLDER",
     "ErrorSource",
     "IdentificationVerdict",
     "PartMotion",
@@ -26,6 +27,10 @@ LEAST_BUDGET = 10_000
 
 LEAST_BALL_SHARE = 0.5
 """A ball touches parts where its circle is at least this share of its radius: within 60° of its equator."""
+
+
+SESSIONS_FOLDER = "palpate-sessions"
+"""In which commands keep the sessions of runs, where they are started."""
 
 
 class TipShape(StrEnum):

@@ -52,7 +52,7 @@ def calibrate(
     from palpate.api.files import load_references
     from palpate.api.rig import open_rig
     from palpate.cli.commissioning.calibration_text import Progress, announce, calibrate_out, show
-    from palpate.cli.commissioning.confirm_motion import ask_to_move
+    from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Terminal
     from palpate.cli.view_process import view_starter
@@ -63,6 +63,8 @@ def calibrate(
     opened, shapes = open_rig(rig, seed=seed, calibration=False), load_references(references)
     steps = steps_of(opened.file, STEPS if what is _What.ALL else (what.value,))
     check_references(opened.file, shapes)
+    if not (dry_run or yes):
+        check_can_ask_to_move()
     console = Terminal(stderr=True, highlight=False, soft_wrap=True)
     announce(console, opened.file, shapes, steps, CalibrationPaths.beside(rig))
     if dry_run:

@@ -59,7 +59,7 @@ def set_up_motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int], *, y
 
 
 class _Person:
-    """Asks on the terminal, or whatever stdin is; everything goes to stderr."""
+    """Asks on standard input; everything goes to stderr."""
 
     def __init__(self, console: Console, count: int, *, yes: bool) -> None:
         self._console = console

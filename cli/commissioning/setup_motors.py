@@ -20,16 +20,20 @@ def setup_motors(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Write to EEPROM without asking.")] = False,
     json: JsonOption = False,
 ) -> int:
-    """Give each servo its id, baud rate and limits, one at a time.
+    """Give each servo its id, baud rate and limits, one at a time. Needs a terminal.
 
     Exit code 1: a servo was skipped. 3: a servo is not done.
     """
     from palpate.cli.commissioning.motor_dialogue import set_up_motors
-    from palpate.cli.terminal import print_notices
+    from palpate.cli.terminal import check_can_ask, print_notices
     from palpate.config import load_rig
     from palpate.drivers.dynamixel.specifications import supply_warnings
-    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig, list_servos
+    from palpate.rig.diagnostics.bus_selection import check_dxl_ids, endpoint_of_rig, list_servos
 
     rig_file = load_rig(rig)
+    check_dxl_ids(rig_file, dxl_id or [])
+    check_can_ask(
+        "servos are connected one after the other", "run it in one (--yes answers only whether to write)"
+    )
     print_notices(supply_warnings(servo.model for servo in list_servos(rig_file)))
     return set_up_motors(rig_file, endpoint_of_rig(rig_file), dxl_id or [], yes=yes, json=json)

@@ -51,7 +51,7 @@ def check(
     from rich.markup import escape
 
     from palpate.api.rig import open_rig
-    from palpate.cli.commissioning.confirm_motion import ask_to_move
+    from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Doing, Terminal
     from palpate.files.writing import write_text
@@ -62,6 +62,8 @@ def check(
         if_interrupted("torque is off" if touch or hold else "torque was left as it was"),
         ExitStack() as looking,
     ):
+        if (touch or hold) and not yes:
+            check_can_ask_to_move()
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
         err = Terminal(stderr=True, soft_wrap=True)
         if picture is not None:

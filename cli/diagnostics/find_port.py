@@ -1,6 +1,5 @@
 """`palpate find-port`: which serial port is the adapter on the table, and what to write into the rig file."""
 
-import sys
 from typing import Annotated
 
 import typer
@@ -20,7 +19,7 @@ def find_port(
 
     Without a terminal it only lists. Exit code 3: there is no port.
     """
-    from palpate.cli.terminal import Terminal
+    from palpate.cli.terminal import Terminal, can_ask
     from palpate.config.results import to_json
     from palpate.drivers.transport.clock import MonotonicClock
     from palpate.drivers.transport.serial_ports import serial_ports
@@ -30,7 +29,7 @@ def find_port(
     console = Terminal(stderr=json, soft_wrap=True)
     ports = serial_ports()
     show(ports, console)
-    asks = ports and not only_list and sys.stdin.isatty()
+    asks = ports and not only_list and can_ask()
     found = find_unplugged(serial_ports, _ask, MonotonicClock()) if asks else ()
     if asks:
         show_unplugged(found, console)

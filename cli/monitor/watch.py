@@ -17,7 +17,8 @@ __all__ = ["watch"]
 def watch(
     rig: RigOption = None,
     session: Annotated[
-        Path | None, typer.Option("--session", help="Play a recorded session's folder instead of a rig.")
+        Path | None,
+        typer.Option("--session", help="Play a recorded session (its folder, or its log) instead of a rig."),
     ] = None,
     finger: Annotated[
         list[str] | None, typer.Option("--finger", help="Only this finger of the rig; may be repeated.")

@@ -118,6 +118,7 @@ class WatchdogTripped(SafetyStop):
     """A servo has stopped by itself, because it heard nothing for as long as its Bus Watchdog allows."""
 
     def __init__(self, dxl_id: int, port: str, watchdog_s: float) -> None:
+        self.dxl_ids = (dxl_id,)
         super().__init__(
             f"servo {dxl_id} on {port} heard nothing for {watchdog_s:g} s and stopped by itself; "
             "check what keeps the computer or the cable busy"

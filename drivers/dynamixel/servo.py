@@ -14,9 +14,9 @@ from collections.abc import Mapping
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item, OperatingMode
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed, ServoError
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
-from palpate.errors import DeviceError, InputError, SafetyStop
+from palpate.errors import InputError, SafetyStop
 
 __all__ = ["Servo", "stop_at", "write_goals"]
 
@@ -63,10 +63,12 @@ class Servo:
         """
         answer = self._bus.ping(self.dxl_id)
         if answer.model_number != self.model.number:
-            raise DeviceError(
+            raise ServoError(
+                [self.dxl_id],
+                self._bus.port_name,
                 f"servo {self.dxl_id} on {self._bus.port_name} answers as {_name(answer.model_number)} "
                 f"(model number {answer.model_number}), not {self.model.name}; "
-                "check ids and `model` in the rig file"
+                "check ids and `model` in the rig file",
             )
         self.model = model_named(self.model.name, answer.firmware)
         level = self.item("Status Return Level")
@@ -103,9 +105,11 @@ class Servo:
             self.write(name, value)
         found = self.read(name)
         if found != value:
-            raise DeviceError(
+            raise ServoError(
+                [self.dxl_id],
+                self._bus.port_name,
                 f"servo {self.dxl_id} on {self._bus.port_name} keeps {name} at {found} instead of {value}; "
-                "check its firmware"
+                "check its firmware",
             )
         return True
 

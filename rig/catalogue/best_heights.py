@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
+from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Range, StateSections, steps_mm
 from palpate.rig.catalogue.twins import find_twins
 
@@ -57,7 +57,9 @@ def best_heights(states: Sequence[StateSections], fingers: RigFingers) -> BestHe
     Fingers stay where they are unless that leaves more pairs alike.
     """
     now = _alike(states, fingers, [item.height_mm for item in fingers.at])
-    ranges = tuple(_range(states, fingers, item) for item in _ranges(states, fingers.half_length_mm))
+    ranges = tuple(
+        _range(states, fingers, item) for item in _ranges(states, fingers.another(0.0).half_length_mm)
+    )
     chosen: list[float] = []
     left = None
     count = sum(len(item.fingers) for item in fingers.at)
@@ -81,15 +83,14 @@ def _width(item: HeightRange) -> float:
 
 def _range(states: Sequence[StateSections], fingers: RigFingers, range_mm: Range) -> HeightRange:
     middle = sum(range_mm) / 2
-    span = middle - fingers.half_length_mm, middle + fingers.half_length_mm
+    span = fingers.another(middle).span_mm
     unmet = sum(item.region_within(span).is_empty for item in states)
     return HeightRange(range_mm, _alike(states, fingers, [middle]), unmet)
 
 
 def _alike(states: Sequence[StateSections], fingers: RigFingers, heights_mm: Sequence[float]) -> int:
     """Pairs that fingers at these heights cannot, or may not, tell apart."""
-    half = fingers.half_length_mm
-    at = tuple(AtHeight(height, fingers.slimmest_mm, ("",), half) for height in sorted(set(heights_mm)))
+    at = tuple(map(fingers.another, sorted(set(heights_mm))))
     return len(find_twins(states, RigFingers(fingers.rig_name, at, fingers.bound_mm)))
 
 

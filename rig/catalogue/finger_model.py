@@ -47,9 +47,15 @@ class RigFingers:
         return min(item.tip_radius_mm for item in self.at)
 
     @property
-    def half_length_mm(self) -> float:
-        """Half the length of the rig's shortest tip; balls are taken to be discs."""
-        return min(0.0 if item.is_ball else item.half_length_mm for item in self.at)
+    def all_balls(self) -> bool:
+        """Whether no tip of the rig is upright."""
+        return all(item.is_ball for item in self.at)
+
+    def another(self, height_mm: float) -> AtHeight:
+        """One more finger at a height, with the slimmest, shortest upright tip, or else the smallest ball."""
+        kinds = [item for item in self.at if item.is_ball == self.all_balls]
+        radius, half = min(item.tip_radius_mm for item in kinds), min(item.half_length_mm for item in kinds)
+        return AtHeight(height_mm, radius, ("",), half, self.all_balls)
 
 
 def rig_fingers(rig: RigFile) -> RigFingers:

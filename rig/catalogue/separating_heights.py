@@ -1,7 +1,8 @@
 """Separating heights: where one more finger would distinguish two states that the rig's fingers do not.
 
 A range counts only if no motion at all leaves the sections at the fingers' heights and in the range within
-what contacts may hide: no turned or shifted alternative is forgotten.
+what contacts may hide: no turned or shifted alternative is forgotten. What a ball meets changes with every
+height, so that only single heights are known to count for one.
 """
 
 from collections.abc import Iterator
@@ -28,7 +29,8 @@ MOST_TRIED = 64
 class SeparatingHeights:
     """Ranges of height (mm) at which a finger would distinguish the two; those wider than 0.01 mm.
 
-    `tried` of `ranges` were looked at; `known`: whether both states are known at every height.
+    Of a rig whose tips are all balls single heights instead, each as a range from it to itself. `tried` of
+    `ranges` were looked at; `known`: whether both states are known at every height.
     """
 
     heights_mm: tuple[Range, ...]
@@ -42,17 +44,26 @@ def separating_heights(pair: Pair) -> SeparatingHeights:
     ranges = list(_ranges(pair))
     count = min(len(ranges), MOST_TRIED)
     chosen = np.linspace(0, len(ranges) - 1, count).round().astype(int).tolist()
-    found = [ranges[k] for k in chosen if _distinguishes(pair, sum(ranges[k]) / 2)]
+    found = [ranges[k] for k in chosen if _distinguishes(pair, _inside(ranges[k]))]
     states = (pair.first.state.state, pair.second.state.state)
     known = all(state.heights_mm is None for state in states)
-    wide = [(low, high) for low, high in joined_ranges(found) if high - low > _THINNEST_MM]
-    return SeparatingHeights(tuple(wide), len(chosen), len(ranges), known)
+    balls = pair.first.fingers.all_balls
+    wide = [item for item in (found if balls else joined_ranges(found)) if item[1] - item[0] > _THINNEST_MM]
+    heights = [(_inside(item), _inside(item)) for item in wide] if balls else wide
+    return SeparatingHeights(tuple(heights), len(chosen), len(ranges), known)
+
+
+def _inside(range_mm: Range) -> float:
+    """A height about the middle of a range, in as round a number as lies within."""
+    low, high = range_mm
+    middle = (low + high) / 2
+    return next((found for digits in (0, 1, 2) if low < (found := round(middle, digits)) < high), middle)
 
 
 def _ranges(pair: Pair) -> Iterator[Range]:
     """Ranges between steps of either, where both are known and one is there at least."""
     first, second = pair.first.state, pair.second.state
-    half = pair.first.fingers.half_length_mm
+    half = pair.first.fingers.another(0.0).half_length_mm
     for low, high in pairwise(steps_mm((first, second), half)):
         middle = (low + high) / 2
         span = middle - half, middle + half
@@ -61,8 +72,9 @@ def _ranges(pair: Pair) -> Iterator[Range]:
 
 
 def _distinguishes(pair: Pair, height_mm: float) -> bool:
-    """Whether a finger of the rig's slimmest kind at a height would distinguish the two."""
-    new, its = (item.reached_at(height_mm) for item in (pair.first, pair.second))
+    """Whether one more finger of the rig's kind, at a height, would distinguish the two."""
+    another = pair.first.fingers.another(height_mm)
+    new, its = (item.reached_by(another) for item in (pair.first, pair.second))
     if new.region.is_empty and its.region.is_empty:
         return False
     if not within_reach(new.measures, its.measures, np.array(pair.within_mm)):

@@ -64,19 +64,20 @@ class ReachableState:
         levels = [(level.z_mm, level.region) for level in self.state.levels if level.is_within(at.span_mm)]
         return beside_ball(levels, at.height_mm, at.tip_radius_mm)
 
-    def reached_at(self, height_mm: float) -> ReachedRegion:
-        """What the rig's slimmest and shortest tips would reach at another height."""
-        half = self.fingers.half_length_mm
-        span = height_mm - half, height_mm + half
-        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_within(span))
-        if levels not in self._reached:
-            region = self.state.region_within(span)
-            self._reached[levels] = ReachedRegion(filled(region, self.fingers.slimmest_mm))
-        return self._reached[levels]
+    def reached_by(self, at: AtHeight) -> ReachedRegion:
+        """What another finger, one of `RigFingers.another`, would reach."""
+        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_within(at.span_mm))
+        key = (*levels, at.height_mm) if at.is_ball else levels
+        if key not in self._reached:
+            self._reached[key] = ReachedRegion(self._region(at))
+        return self._reached[key]
 
     @cached_property
-    def _reached(self) -> dict[tuple[int, ...], ReachedRegion]:
-        """By the levels that are found at a height: so often is it computed, not once for every pair."""
+    def _reached(self) -> dict[tuple[float, ...], ReachedRegion]:
+        """By the levels that are found at a height: so often is it computed, not once for every pair.
+
+        What a ball reaches of the same levels changes with its height.
+        """
         return {}
 
 

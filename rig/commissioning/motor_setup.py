@@ -22,7 +22,7 @@ from palpate.drivers.dynamixel.servo_setup import (
     only_servo,
     setup_items,
 )
-from palpate.errors import DeviceError, InputError
+from palpate.errors import DeviceError
 from palpate.rig.servo_settings import servo_settings
 
 __all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
@@ -91,14 +91,7 @@ class MotorSetup:
 
 
 def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
-    """The servos to set up, all without ids, with what each should hold; InputError for an id of none."""
-    wanted = servo_settings(rig, bus)
-    known = {item.servo.dxl_id for item in wanted}
-    for dxl_id in dxl_ids:
-        if dxl_id not in known:
-            raise InputError(
-                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, sorted(known)))}"
-            )
+    """The servos to set up, with what each should hold: those of the ids, or all if there are none."""
     return [
         MotorSetup(
             item.owner,
@@ -106,7 +99,7 @@ def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[Mot
             item.servo.model,
             setup_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
         )
-        for item in wanted
+        for item in servo_settings(rig, bus)
         if not dxl_ids or item.servo.dxl_id in dxl_ids
     ]
 

@@ -15,6 +15,7 @@ from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
 from palpate.rig.arrays import array_of, calibration_of, doubt_warning, threshold_problem
+from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
 
@@ -22,7 +23,6 @@ __all__ = ["check_array", "listen"]
 
 _LISTEN_S = 1.0
 _POLL_S = 0.02
-_RATE_SHARE = 0.95  # of the wanted rate that must arrive
 _TAXELS_NAMED = 6
 
 
@@ -46,8 +46,9 @@ def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenP
     try:
         description = array.connect()
         found = _examined(_introduced(blank, description), array, _left_out(spec))
+        before = array.counters
         frames = _streamed(found, array, clock)
-        found = _with_rate(found, array, frames)
+        found = _with_rate(found, frames, frames_gone(before, array.counters))
         if frames and not found.problems:
             extractor = ContactExtractor(description, calibration_of(rig, spec, description))
             extractor.tare(frames)
@@ -133,13 +134,16 @@ def _streamed(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> list[Tact
         array.stop()
 
 
-def _with_rate(out: ArrayCheckOut, array: ArrayDriver, frames: Sequence[TactileFrame]) -> ArrayCheckOut:
-    """With the rate of a second's frames."""
-    rate = _rate_hz(frames)
-    heard = out.model_copy(update={"rate_hz": rate, "lost": array.counters.lost})
+def _with_rate(out: ArrayCheckOut, frames: Sequence[TactileFrame], gone: int) -> ArrayCheckOut:
+    """With the rate of a second's frames; `gone` ones are lost or damaged."""
+    rate = frame_rate_hz(frames)
+    heard = out.model_copy(update={"rate_hz": rate, "lost": gone})
     if not frames:
         return _wrong(heard, "it sends no frames; power it off and on, then check its firmware")
-    if rate >= _RATE_SHARE * out.wanted_hz:
+    if loses_too_many(gone, len(frames)):
+        all_frames = f"{gone} of {gone + len(frames)} frames were lost or damaged"
+        return _wrong(heard, f"{all_frames}; plug it into the computer directly, with another cable")
+    if not comes_too_seldom(rate, out.wanted_hz):
         return heard
     slow = f"{rate:.0f} frames arrive in a second instead of {out.wanted_hz:g}; check its cable and port"
     return heard.model_copy(update={"warnings": (*heard.warnings, slow)})
@@ -157,10 +161,3 @@ def listen(array: ArrayDriver, clock: Clock, seconds: float) -> list[TactileFram
         clock.sleep(_POLL_S)
         frames += array.frames()
     return frames
-
-
-def _rate_hz(frames: Sequence[TactileFrame]) -> float:
-    if len(frames) < 2:
-        return 0.0
-    span_s = frames[-1].device_time_s - frames[0].device_time_s
-    return (len(frames) - 1) / span_s if span_s > 0 else 0.0

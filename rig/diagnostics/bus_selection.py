@@ -1,6 +1,6 @@
 """Selection of a servo bus: a port by name, a rig file's bus, or the emulated bench."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from palpate.drivers.transport.port import open_port
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s, port_latency_s
 
-__all__ = ["BusEndpoint", "RigServo", "endpoint_of_rig", "find_endpoint", "list_servos"]
+__all__ = ["BusEndpoint", "RigServo", "check_dxl_ids", "endpoint_of_rig", "find_endpoint", "list_servos"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,3 +91,13 @@ def list_servos(rig: RigFile | None) -> tuple[RigServo, ...]:
             for joint, servo in finger.servos.items()
         ),
     )
+
+
+def check_dxl_ids(rig: RigFile, dxl_ids: Sequence[int]) -> None:
+    """Raise InputError for an id that is no servo's of the rig file."""
+    known = sorted(servo.dxl_id for servo in list_servos(rig))
+    for dxl_id in dxl_ids:
+        if dxl_id not in known:
+            raise InputError(
+                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, known))}"
+            )

@@ -26,7 +26,7 @@ from palpate.rig.diagnostics.doctor_directions import DIRECTIONS
 from palpate.rig.diagnostics.doctor_ports import examine_ports
 from palpate.rig.diagnostics.doctor_servo_steps import judge_servos
 from palpate.rig.diagnostics.doctor_servos import look_at_servos
-from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, skipped, step, wrong
+from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, listed, skipped, step, wrong
 
 __all__ = ["diagnose"]
 
@@ -100,7 +100,10 @@ def _result(case: Case, steps: Sequence[DoctorStepOut], *, moved: bool) -> Docto
 
 
 def _first(findings: Sequence[FindingOut]) -> str | None:
-    """What to do first: about the first thing that is wrong, else the first warning."""
+    """What to do first: about the first thing that is wrong, else the first warning, and all like it."""
     open_ones = [item for item in findings if not item.next.startswith(NOTHING)]
-    ordered = sorted(open_ones, key=lambda item: item.severity is not Severity.WRONG)  # stable
-    return f"{ordered[0].device}: {ordered[0].next}" if ordered else None
+    if not open_ones:
+        return None
+    first = min(open_ones, key=lambda item: item.severity is not Severity.WRONG)
+    alike = [item.device for item in open_ones if (item.cause, item.next) == (first.cause, first.next)]
+    return f"{listed(alike)}: {first.next}"

@@ -13,13 +13,12 @@ from palpate.rig.arrays import calibration_of, doubt_warning, threshold_problem
 from palpate.rig.diagnostics.doctor_arrays import LISTEN_S, ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong
 from palpate.rig.diagnostics.doctor_taxels import TAXEL_MAP, HeardArray, judge_taxels
+from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, loses_too_many
 from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
 
 __all__ = ["judge_arrays"]
 
 _RADIUS_SHARE = 0.1
-_RATE_SHARE = 0.95
-_LOST_SHARE = 0.005
 _SCALE = 2.0  # factor between what should be the same
 
 _NAMES = (
@@ -193,15 +192,15 @@ def _array(item: ArraySeen) -> HeardArray:
 def _frames(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
     wanted = case.rig.closing.sample_rate_hz
     findings = [found for array in arrays for found in _stream(array.seen, wanted)]
-    rates = [f"{_rate_hz(array.seen):.0f}" for array in arrays]
+    rates = [f"{frame_rate_hz(array.seen.frames):.0f}" for array in arrays]
     lost = sum(array.seen.lost for array in arrays)
     saw = f"{listed(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged"
     return step(*_NAMES[2], saw, findings)
 
 
 def _stream(item: ArraySeen, wanted: float) -> list[FindingOut]:
-    got, lost, rate = len(item.frames), item.lost, _rate_hz(item)
-    if lost > _LOST_SHARE * (got + lost) and lost > 1:
+    got, lost, rate = len(item.frames), item.lost, frame_rate_hz(item.frames)
+    if loses_too_many(lost, got):
         return [
             wrong(
                 Cause.FRAMES_LOST,
@@ -233,7 +232,7 @@ def _stream(item: ArraySeen, wanted: float) -> list[FindingOut]:
                 "power it off and on, then run this again",
             )
         ]
-    if rate >= _RATE_SHARE * wanted:
+    if not comes_too_seldom(rate, wanted):
         return []
     return [
         warning(
@@ -244,13 +243,6 @@ def _stream(item: ArraySeen, wanted: float) -> list[FindingOut]:
             f"write sample_rate_hz = {math.floor(rate)} in the rig file, or raise the array's baud rate",
         )
     ]
-
-
-def _rate_hz(item: ArraySeen) -> float:
-    if len(item.frames) < 2:
-        return 0.0
-    span_s = item.frames[-1].device_time_s - item.frames[0].device_time_s
-    return (len(item.frames) - 1) / span_s if span_s > 0 else 0.0
 
 
 def _noise(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:

@@ -21,6 +21,7 @@ from palpate.errors import DeviceError, PalpateError
 from palpate.rig.arrays import array_of, array_plugin
 from palpate.rig.diagnostics.array_check import listen
 from palpate.rig.diagnostics.doctor_steps import Case
+from palpate.rig.diagnostics.frame_stream import frames_gone
 
 __all__ = ["LISTEN_S", "ArraySeen", "look_at_arrays"]
 
@@ -85,10 +86,11 @@ def _look(case: Case, spec: FingerConfig) -> ArraySeen:
 
 def _heard(case: Case, spec: FingerConfig, array: ArrayDriver, description: Description) -> ArraySeen:
     """An array that has introduced itself, listened to."""
-    report, frames, broken = None, [], None
+    report, frames, broken, before = None, [], None, array.counters
     try:
         report = array.self_test_if_known() if isinstance(array, TactileArray) else None
         case.tell(f"listening to array of finger {spec.name}")
+        before = array.counters
         frames = _listen(case, array)
     except DeviceError as error:
         broken = str(error)
@@ -97,7 +99,7 @@ def _heard(case: Case, spec: FingerConfig, array: ArrayDriver, description: Desc
         description,
         report=report,
         frames=tuple(frames),
-        lost=array.counters.lost + array.counters.faults,
+        lost=frames_gone(before, array.counters),
         broken=broken,
     )
 

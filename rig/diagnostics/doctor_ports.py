@@ -74,30 +74,7 @@ def _existence(
     missing = [port for port, error in errors.items() if isinstance(error, PortMissing)]
     known = (PortMissing, PortForbidden, PortTaken)
     unusable = [port for port, error in errors.items() if error is not None and not isinstance(error, known)]
-    taken = case.computer.taken_by_brltty() if missing else None
-    findings: list[FindingOut] = []
-    for port in missing:
-        device = f"port {port} ({users[port]})"
-        if taken is not None and "://" not in port:
-            findings.append(
-                wrong(
-                    Cause.BRLTTY,
-                    device,
-                    f"there is no such port, and a USB adapter {taken} has none while brltty runs",
-                    "brltty took the adapter for a braille display and removed its port",
-                    "sudo systemctl mask brltty.path brltty-udev.service, then restart the computer",
-                )
-            )
-        else:
-            findings.append(
-                wrong(
-                    Cause.PORT_MISSING,
-                    device,
-                    "there is no such port",
-                    "its adapter is not plugged in, or has another name now",
-                    "plug the adapter in, then find its name with: palpate find-port",
-                )
-            )
+    findings = _missing(case, users, missing, nothing=1 < len(missing) == len(errors))
     findings += [
         wrong(
             Cause.PORT_UNUSABLE,
@@ -110,6 +87,44 @@ def _existence(
     ]
     there = len(errors) - len(missing) - len(unusable)
     return step(name, looked, f"{there} of {counted(len(errors), 'port', 'ports')} there", findings)
+
+
+def _missing(
+    case: Case, users: Mapping[str, str], missing: Sequence[str], *, nothing: bool
+) -> list[FindingOut]:
+    """About ports that are not there; one finding if `nothing` is, unless brltty took an adapter."""
+    taken = case.computer.taken_by_brltty() if missing else None
+    named = {port: f"port {port} ({users[port]})" for port in missing}
+    if nothing and taken is None:
+        return [
+            wrong(
+                Cause.PORT_MISSING,
+                "all ports",
+                f"none of them is there: {listed([f'{port} ({users[port]})' for port in missing])}",
+                "nothing is plugged in, or every adapter has another name now",
+                "plug the adapters in, then find their names with: palpate find-port",
+            )
+        ]
+    findings = []
+    for port, device in named.items():
+        if taken is not None and "://" not in port:
+            found = wrong(
+                Cause.BRLTTY,
+                device,
+                f"there is no such port, and a USB adapter {taken} has none while brltty runs",
+                "brltty took the adapter for a braille display and removed its port",
+                "sudo systemctl mask brltty.path brltty-udev.service, then restart the computer",
+            )
+        else:
+            found = wrong(
+                Cause.PORT_MISSING,
+                device,
+                "there is no such port",
+                "its adapter is not plugged in, or has another name now",
+                "plug the adapter in, then find its name with: palpate find-port",
+            )
+        findings.append(found)
+    return findings
 
 
 def _permission(

@@ -8,6 +8,7 @@ from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, supply_warn
 from palpate.errors import counted
 from palpate.rig.diagnostics.doctor_servos import ServoSeen, ServosSeen
 from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, listed, skipped, step, warning, wrong
+from palpate.rig.diagnostics.servo_check import rate_in_run_hz
 
 __all__ = ["judge_servos"]
 
@@ -309,9 +310,10 @@ def _traffic(case: Case, seen: ServosSeen) -> DoctorStepOut:
             )
         )
     wanted, loop = case.rig.closing.sample_rate_hz, seen.loop
-    explained = findings or any(item.differing for item in seen.servos)  # Return Delay Time among them
+    delays = [item.return_delay_s for item in seen.servos if item.health is not None]
     timer = case.computer.latency_timer_s(case.rig.bus.port)
-    if loop is not None and loop.rate_hz < wanted and not explained and not (timer and timer > 1e-3):
+    slow = loop is not None and rate_in_run_hz(loop, delays) < wanted
+    if loop is not None and slow and not findings and not (timer and timer > 1e-3):
         findings.append(
             warning(
                 Cause.BUS_SLOW,

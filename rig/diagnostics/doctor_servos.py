@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from palpate.config.check_result import LoopOut
 from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S
 from palpate.drivers.dynamixel.errors import PortFailed, StatusError
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.models import Model
@@ -24,8 +25,6 @@ __all__ = ["EXTRA_ITEMS", "ServoSeen", "ServosSeen", "look_at_servos"]
 
 EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
 """Items that runs do not write, and that can spoil them."""
-
-_RETURN_DELAY_UNIT_S = 2e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +61,11 @@ class ServoSeen:
     def setting(self, item: str) -> int | None:
         """An item's value, None if it was not read or the model has none."""
         return None if self.health is None else self.health.settings.get(item)
+
+    @property
+    def return_delay_s(self) -> float:
+        """How long it waits before it answers."""
+        return (self.setting("Return Delay Time") or 0) * RETURN_DELAY_UNIT_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ def _read(case: Case, bus: Bus, sound: frozenset[int]) -> ServosSeen:
     loop: LoopOut | None = None
     states: Mapping[int, ServoState] = {}
     if able:
-        delays = [(servo.setting("Return Delay Time") or 0) * _RETURN_DELAY_UNIT_S for _, servo in able]
+        delays = [servo.return_delay_s for _, servo in able]
         try:
             loop, states = check_loop(
                 bus, case.place.clock, [servo for servo, _ in able], case.rig.bus.baudrate_bps, delays

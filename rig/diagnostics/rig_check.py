@@ -25,7 +25,7 @@ from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.latency_timer import timer_warnings
-from palpate.rig.diagnostics.servo_check import check_loop, check_servo
+from palpate.rig.diagnostics.servo_check import check_loop, check_servo, rate_in_run_hz
 from palpate.rig.servo_settings import FingerSettings, ServoSettings, finger_settings, servo_settings
 from palpate.rig.wiring import start_problem
 
@@ -149,10 +149,8 @@ def loop_warnings(
             f"{loop.wire_ms:.1f} ms: a busy computer delays this program or served devices, and what comes "
             "too late counts as not answering; end other programs"
         )
-    delays_ms = [(item.return_delay_us or 0) / 1e3 for item in found if item.answers]
-    delay_ms = max(delays_ms, default=0.0) if loop.fast else sum(delays_ms)
-    # A run sets the delays to 0, and that they are not is said of the servos.
-    if 1e3 / max(1e3 / loop.rate_hz - delay_ms, 1e-3) < wanted_hz:
+    delays_s = [(item.return_delay_us or 0) / 1e6 for item in found if item.answers]
+    if rate_in_run_hz(loop, delays_s) < wanted_hz:
         warnings.append(
             f"all servos can be read {loop.rate_hz:.0f} times a second, sample_rate_hz is {wanted_hz:g}; "
             "an adapter's latency timer of 1 ms and a higher baud rate help"

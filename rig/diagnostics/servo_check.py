@@ -18,7 +18,7 @@ from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
 from palpate.rig.servo_settings import ServoSettings
 
-__all__ = ["LOOP_S", "check_loop", "check_servo"]
+__all__ = ["LOOP_S", "check_loop", "check_servo", "rate_in_run_hz"]
 
 LOOP_S = 1.0
 """How long servos are read over and over."""
@@ -88,6 +88,12 @@ def check_loop(
         wire_ms=reader.wire_time_s(baudrate, return_delays_s) * 1e3,
     )
     return loop, states
+
+
+def rate_in_run_hz(loop: LoopOut, return_delays_s: Sequence[float]) -> float:
+    """How often a run can read all servos: it sets their Return Delay Times, which took part here, to 0."""
+    delay_s = max(return_delays_s, default=0.0) if loop.fast else sum(return_delays_s)
+    return 1 / max(1 / loop.rate_hz - delay_s, 1e-6)
 
 
 def _servo_problems(health: Health) -> list[str]:

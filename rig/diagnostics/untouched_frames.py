@@ -24,9 +24,10 @@ _BLOCKS = 12
 class UntouchedFrames:
     """What frames of an untouched array show, by taxel (rows, cols).
 
-    `dead` never change; `at_zero` of them read 0, as one does whose zero has drifted below what can be read.
-    `noise_counts`: median of the live taxels' standard deviations. `drift_counts_per_s`: the fastest drift
-    that is certain, in absolute value, 0 if none is; `drifting`: how many taxels' is beyond what was allowed.
+    `dead` never change, which is certain only where there is noise enough (`tells_dead`); `at_zero` of them
+    read 0, as one does whose zero has drifted below what can be read. `noise_counts`: median of the live
+    taxels' standard deviations. `drift_counts_per_s`: the fastest drift that is certain, in absolute value, 0
+    if none is; `drifting`: how many taxels' is beyond what was allowed.
     """
 
     dead: Bools
@@ -36,6 +37,7 @@ class UntouchedFrames:
     noise_counts: float
     drift_counts_per_s: float
     drifting: int
+    tells_dead: bool
 
 
 def untouched_frames(
@@ -66,7 +68,7 @@ def untouched_frames(
     unsteady = live & (_fast(counts) > _UNSTEADY * max(noise, _LEAST_NOISE))
     beyond = live & ~unsteady & (np.abs(slope) - allowed_drift > _SIGMAS * error)
     fastest = float(np.abs(slope)[beyond].max()) if beyond.any() else 0.0
-    return UntouchedFrames(dead, dead & low, hot, unsteady, noise, fastest, int(beyond.sum()))
+    return UntouchedFrames(dead, dead & low, hot, unsteady, noise, fastest, int(beyond.sum()), certain)
 
 
 def _fast(counts: Floats) -> Floats:

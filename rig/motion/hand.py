@@ -43,6 +43,7 @@ from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.standby import come_to_standby, stage_problem
 from palpate.rig.motion.switching_off import (
     despite_interruptions,
+    name_owners,
     note_other_causes,
     note_what_is_on,
     switch_off,
@@ -104,6 +105,7 @@ class Hand:
             self._connect(open_port)
         except BaseException as error:
             note_what_is_on(error, self.close())
+            name_owners(error, rig)
             note_other_causes(error)
             raise
 
@@ -120,6 +122,7 @@ class Hand:
         failed = self.close()
         if error is not None:
             note_what_is_on(error, failed)
+            name_owners(error, self.rig)
             note_other_causes(error)
             if self.bus.port_name != before:
                 error.add_note(renamed(before, self.bus.port_name))
@@ -226,9 +229,11 @@ class Hand:
             if state.watchdog_tripped:
                 raise WatchdogTripped(dxl_id, self.bus.port_name, WATCHDOG_S)
             if self._driven and not state.torque_on:
+                (own,) = (servo for servo in servos if servo.dxl_id == dxl_id)
                 raise SafetyStop(
-                    f"servo {dxl_id} on {self.bus.port_name} has its torque off, and this run did not switch "
-                    "it off: an emergency stop, or another program on the bus; fingers were stopped"
+                    f"servo {dxl_id} on {self.bus.port_name} ({self._owner(own)}) has its torque off, and "
+                    "this run did not switch it off: an emergency stop, or another program on the bus; "
+                    "fingers were stopped"
                 )
         return states
 

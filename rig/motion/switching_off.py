@@ -1,19 +1,26 @@
 """Switching off: torque off on every servo, whatever interrupts it and wherever the bus's adapter is by then.
 
-What is said beside an error, because of it or of what else it may be due to, is here, too.
+What is said beside an error, whose it is, because of it or of what else it may be due to, is here, too.
 """
 
 from collections.abc import Callable, Sequence
 
+from palpate.config import RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, PortFailed
+from palpate.drivers.dynamixel.errors import (
+    DamagedAnswer,
+    NotAnswering,
+    PortFailed,
+    ServoError,
+    WatchdogTripped,
+)
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.tactile.frames import ArrayLost, ArraySilent
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 
-__all__ = ["despite_interruptions", "note_other_causes", "note_what_is_on", "switch_off"]
+__all__ = ["despite_interruptions", "name_owners", "note_other_causes", "note_what_is_on", "switch_off"]
 
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
 _REPLUG_POLL_S = 0.25
@@ -74,6 +81,21 @@ def note_what_is_on(error: BaseException, failed: Sequence[DeviceError]) -> None
             f"warning: {servos} did not confirm that torque is off ({failed[0]}); "
             "cut the power before you reach in"
         )
+
+
+def name_owners(error: BaseException, rig: RigFile) -> None:
+    """Put before a servo's error whose joint it is, as "f1 slide: servo 12 on …"."""
+    if not isinstance(error, ServoError | WatchdogTripped):
+        return
+    owners = {} if rig.stage is None else {rig.stage.dxl_id: "stage"}
+    owners |= {
+        servo.dxl_id: f"{finger.name} {joint}"
+        for finger in rig.fingers
+        for joint, servo in finger.servos.items()
+    }
+    named = [owners[dxl_id] for dxl_id in error.dxl_ids if dxl_id in owners]
+    if named:
+        error.args = (f"{', '.join(named)}: {error}",)
 
 
 def note_other_causes(error: BaseException) -> None:

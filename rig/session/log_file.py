@@ -16,6 +16,7 @@ from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import LOG_BYTES
 from palpate.files.opening import size_in_words
+from palpate.vocabulary import SESSIONS_FOLDER
 
 __all__ = [
     "LOG_NAME",
@@ -88,10 +89,24 @@ def session_of(path: Path) -> Path:
 
 def check_session(folder: Path) -> None:
     """Raise InputError if a folder has no log."""
+    if folder.is_file():
+        raise InputError(f"{folder} is not a session: it is a file, and none of the name {LOG_NAME}")
     if not folder.is_dir():
-        raise InputError(f"{folder} is not a session: there is no such folder")
+        raise InputError(f"{folder} is not a session: there is no such folder{_instead(folder)}")
     if not log_path(folder).is_file():
-        raise InputError(f"{folder} is not a session: there is no {LOG_NAME} in it")
+        raise InputError(f"{folder} is not a session: there is no {LOG_NAME} in it{_within(folder)}")
+
+
+def _instead(folder: Path) -> str:
+    """Where a session of this name is, if it is with all others."""
+    usual = Path(SESSIONS_FOLDER, folder.name)
+    return f"; {usual} is one" if log_path(usual).is_file() else ""
+
+
+def _within(folder: Path) -> str:
+    """What to do with a folder of sessions."""
+    holds_some = any(log_path(item).is_file() for item in folder.iterdir() if item.is_dir())
+    return f"; `palpate sessions --sessions {folder}` lists those below it" if holds_some else ""
 
 
 def log_path(folder: Path) -> Path:

@@ -9,14 +9,15 @@ import numpy as np
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError
-from palpate.geometry import Bools, Floats
 from palpate.rig.arrays import array_of
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
+from palpate.rig.diagnostics.frame_stream import frames_gone
+from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
 
 __all__ = [
     "LISTEN_S",
@@ -37,42 +38,22 @@ LISTEN_S = 5.0
 """How long all arrays stream at once."""
 
 _POLL_S = 0.02
-_LEAST_NOISE_COUNTS = 0.2  # an array quieter than that does not tell its dead taxels by their rest
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Frames of one array over `LISTEN_S`, while all others stream, too; nothing touches."""
+    """Frames of one array over `LISTEN_S`, while all others stream, too; nothing touches.
+
+    `gone`: how many never came, or came damaged.
+    """
 
     description: Description
     frames: tuple[TactileFrame, ...]
-    counters: ArrayCounters
-
-    @property
-    def rate_hz(self) -> float:
-        """Frames a second of the array's own clock, also those that were lost."""
-        first, last = self.frames[0], self.frames[-1]
-        return (last.sequence - first.sequence) / (last.device_time_s - first.device_time_s)
+    gone: int
 
     def noise_counts(self) -> float:
         """Median over the taxels of their standard deviation."""
-        return float(np.median(self._spread()))
-
-    def stuck(self) -> Bools | None:
-        """Taxels (rows, cols) that never change, or are always at an end of their range.
-
-        None if the array is too quiet to tell them by their rest.
-        """
-        counts = np.stack([frame.counts for frame in self.frames])
-        ends = (counts == self.description.max_count).all(axis=0)
-        if self.noise_counts() < _LEAST_NOISE_COUNTS:
-            return ends if ends.any() else None
-        result: Bools = ends | (self._spread() == 0.0)
-        return result
-
-    def _spread(self) -> Floats:
-        spread: Floats = np.stack([frame.counts for frame in self.frames]).std(axis=0)
-        return spread
+        return float(np.median(np.stack([frame.counts for frame in self.frames]).std(axis=0)))
 
 
 @dataclass(frozen=True)
@@ -89,6 +70,11 @@ class FoundArray:
 
     spec: FingerConfig
     recording: Recording
+
+    def untouched(self) -> UntouchedFrames | None:
+        """What its frames show of its taxels; None if they are too few."""
+        found = self.recording
+        return untouched_frames(found.frames, found.description.max_count, self.spec.array.drift_counts_per_s)
 
 
 @contextmanager
@@ -135,6 +121,7 @@ def record_arrays(rig: RigFile) -> Mapping[str, Recording | DeviceError]:
                 found[name] = error
                 del arrays[name]
         frames: dict[str, list[TactileFrame]] = {name: [] for name in arrays}
+        begin = {name: array.counters for name, array in arrays.items()}
         end = clock.now() + (LISTEN_S if arrays else 0.0)
         while clock.now() < end:
             clock.sleep(_POLL_S)
@@ -146,9 +133,9 @@ def record_arrays(rig: RigFile) -> Mapping[str, Recording | DeviceError]:
                         found[name] = error
         for name, array in arrays.items():
             if name not in found:
-                counters = array.counters
+                gone = frames_gone(begin[name], array.counters)
                 array.stop()
-                found[name] = Recording(array.description, tuple(frames[name]), counters)
+                found[name] = Recording(array.description, tuple(frames[name]), gone)
     return found
 
 

@@ -44,7 +44,7 @@ def pytest_configure(config: pytest.Config) -> None:
         rig = load_calibrated(Path(file))
         _check_part(config.getoption("part"), config.getoption("objects"))
     except InputError as error:
-        raise pytest.UsageError(str(error)) from error
+        raise pytest.UsageError("\n".join([str(error), *getattr(error, "__notes__", ())])) from error
     if rig.described.emulated:
         raise pytest.UsageError(
             f'rig "{rig.rig.name}" has no ports of its own: serve its devices with '

@@ -6,7 +6,7 @@ import pytest
 from palpate.config import RigFile
 from palpate.config.check_result import ServoCheckOut
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S, OperatingMode
 from palpate.drivers.dynamixel.errors import StatusError
 from palpate.drivers.dynamixel.guarded import guarded_move
 from palpate.drivers.dynamixel.models import model_named
@@ -17,11 +17,11 @@ from palpate.drivers.transport.port import open_port
 from palpate.errors import SafetyStop
 from palpate.rig.arrays import calibration_of, threshold_problem
 from palpate.rig.diagnostics.array_check import check_array
-from palpate.rig.diagnostics.servo_check import check_loop, check_servo
+from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, loses_too_many
+from palpate.rig.diagnostics.servo_check import check_loop, check_servo, rate_in_run_hz
 from palpate.rig.servo_settings import ServoSettings, servo_settings
 from palpate.testing.hardware.bench import FoundArray, FoundServo, Note, open_bus
 
-_RATE_SHARE = 0.98  # of sample_rate_hz: arrays have clocks of their own
 _BEYOND_RAD = 0.02
 
 
@@ -70,10 +70,10 @@ def test_goals_out_of_range_are_refused(servo: FoundServo, rig: RigFile) -> None
 
 @pytest.mark.usefixtures("all_servos")
 def test_all_servos_are_read_at_the_sample_rate(rig: RigFile, note: Note) -> None:
-    """As often as `sample_rate_hz`, over a second."""
+    """As often as `sample_rate_hz`, over a second, but for the Return Delay Times that a run sets to 0."""
     with open_bus(rig) as bus:
         servos = [item.servo for item in servo_settings(rig, bus)]
-        delays = [servo.read("Return Delay Time") * 2e-6 for servo in servos if servo.check()]
+        delays = [servo.read("Return Delay Time") * RETURN_DELAY_UNIT_S for servo in servos if servo.check()]
         loop, _ = check_loop(bus, MonotonicClock(), servos, rig.bus.baudrate_bps, delays)
         counts = bus.counts.as_dict()
     note("loop_hz", loop.rate_hz)
@@ -82,21 +82,20 @@ def test_all_servos_are_read_at_the_sample_rate(rig: RigFile, note: Note) -> Non
     note("wire_ms", loop.wire_ms)
     note("fast_sync_read", loop.fast)
     note("bus", ", ".join(f"{name} {value}" for name, value in counts.items()))
-    assert loop.rate_hz >= rig.closing.sample_rate_hz, (
-        "Return Delay Time 0, an adapter's latency timer of 1 ms and a higher baud rate help; "
-        "or lower sample_rate_hz"
+    assert rate_in_run_hz(loop, delays) >= rig.closing.sample_rate_hz, (
+        "an adapter's latency timer of 1 ms and a higher baud rate help; or lower sample_rate_hz"
     )
 
 
 def test_array_streams_without_loss(array: FoundArray, rig: RigFile, note: Note) -> None:
-    """All arrays at once, for 5 s: every frame arrives, whole, at the rate that was asked for."""
+    """All arrays at once, for 5 s: frames arrive at the rate that was asked for, and hardly any gets lost."""
     found = array.recording
+    rate, gone = frame_rate_hz(found.frames), found.gone
     note("frames", len(found.frames))
-    note("rate_hz", found.rate_hz)
-    counters = found.counters
-    assert (counters.lost, counters.faults, counters.misshapen, counters.dropped) == (0, 0, 0, 0)
-    assert np.diff([frame.sequence for frame in found.frames]).tolist() == [1] * (len(found.frames) - 1)
-    assert found.rate_hz >= _RATE_SHARE * rig.closing.sample_rate_hz
+    note("lost", gone)
+    note("rate_hz", rate)
+    assert not loses_too_many(gone, len(found.frames)), "lost or damaged"
+    assert not comes_too_seldom(rate, rig.closing.sample_rate_hz)
 
 
 def test_array_is_quiet(array: FoundArray, rig: RigFile, note: Note) -> None:
@@ -110,15 +109,17 @@ def test_array_is_quiet(array: FoundArray, rig: RigFile, note: Note) -> None:
 
 
 def test_array_has_no_dead_taxels(array: FoundArray, note: Note) -> None:
-    """None is stuck but those that its calibration leaves out."""
-    stuck = array.recording.stuck()
-    if stuck is None:
-        pytest.skip("it is too quiet at rest to tell its dead taxels: press it all over in `palpate watch`")
+    """None is dead, at full scale or unsteady but those that its calibration leaves out."""
+    shown = array.untouched()
+    if shown is None:
+        pytest.skip("it sends too few frames to tell its dead taxels")
     taxels = array.spec.array.taxels
     known = set() if taxels is None else {(int(row), int(col)) for row, col in taxels.unusable}
-    found = {(int(row), int(col)) for row, col in np.argwhere(stuck)}
-    note("stuck_taxels", sorted(found) or "none")
+    found = {(int(row), int(col)) for row, col in np.argwhere(shown.dead | shown.hot | shown.unsteady)}
+    note("bad_taxels", sorted(found) or "none")
     assert found <= known, "(row, column)"
+    if not shown.tells_dead:
+        pytest.skip("it is too quiet at rest to tell its dead taxels: press it all over in `palpate watch`")
 
 
 def test_array_examines_itself(array: FoundArray, rig: RigFile, note: Note) -> None:

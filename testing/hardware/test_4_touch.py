@@ -12,9 +12,10 @@ from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 from palpate.testing.hardware.bench import Note
+from palpate.vocabulary import SESSIONS_FOLDER
 
 _AIMS = 41
-_SESSIONS = Path("palpate-sessions")  # where `palpate identify` keeps its own
+_SESSIONS = Path(SESSIONS_FOLDER)
 
 
 @pytest.mark.moves("one finger after the other goes to the middle until one meets the part that lies there")

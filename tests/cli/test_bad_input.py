@@ -32,9 +32,10 @@ def here(
 def refused(ended: Ended, *said: str) -> None:
     assert ended.code == 2, ended
     assert ended.out == ""
-    (line,) = ended.err.splitlines()
+    line, *others = ended.err.splitlines()
     assert line.startswith("error: ")
-    assert "Traceback" not in line
+    assert all(other.startswith(line.removeprefix("error: ").split(": ")[0]) for other in others)
+    assert len(others) <= 10
     for words in said:
         assert words in line
 

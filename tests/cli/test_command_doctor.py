@@ -17,7 +17,7 @@ import pytest
 from calibrations import MADE, empty_calibration
 from command import Ended, run_here
 from doctor_faults import FAULTS, WELL
-from doctor_setup import Fault, examined, set_up_with
+from doctor_setup import PORTS, Fault, examined, set_up_with
 from json_schema import violations
 from rich.console import Console
 from sampling import sample
@@ -159,6 +159,18 @@ def test_a_real_rig_needs_somebody_who_looks(tmp_path: Path) -> None:
         rig.doctor(move=True)
 
 
+def test_of_some_ports_that_are_missing_each_is_a_finding(tmp_path: Path) -> None:
+    """What to do next is about all of them."""
+    gone = {PORTS[name]: PortMissing(name) for name in ("f1", "f3")}
+    found = examined(Fault("two arrays", (), "", lambda setup: setup.refused.update(gone)), tmp_path, 3)
+    (ports, *_) = found.steps
+    assert [item.device for item in ports.findings] == [
+        f"port {port} (array {name})" for name, port in PORTS.items() if port in gone
+    ]
+    assert found.next is not None
+    assert found.next.startswith(" and ".join(item.device for item in ports.findings))
+
+
 def real_rig(folder: Path) -> Path:
     head, _, rest = shipped_rig().read_text(encoding="utf-8").partition("[emulation]")
     file = folder / "rig.toml"
@@ -172,8 +184,12 @@ def test_exit_codes_are_those_of_the_page(here: Here, tmp_path: Path) -> None:
     real_rig(tmp_path)
     missing = here("doctor", "--rig", "rig.toml")
     assert missing.code == 3
-    assert "port /dev/no-such-bus (the servos' bus): there is no such port" in missing.out
-    assert missing.out.count("plug the adapter in") == 2, "said once for all ports, and at the end"
+    said = " ".join(missing.out.split())
+    assert "all ports: none of them is there: /dev/no-such-bus (the servos' bus), /dev/no-such-f1" in said
+    assert said.count("/dev/no-such-f1") == 1
+    assert said.endswith(
+        "next all ports: plug the adapters in, then find their names with: palpate find-port"
+    )
     assert here("doctor", "--rig", "no-such.toml").code == 2
 
     emulated = tmp_path / "emulated.toml"

@@ -114,12 +114,33 @@ def test_what_cannot_be_read_is_listed_and_the_rest_all_the_same(here: Here) -> 
     assert "notes" not in ended.out
 
 
-def test_of_no_folder_there_are_no_sessions(here: Here) -> None:
-    assert here("sessions").out == "0 sessions, 0.0 kB\n"
+def test_where_there_is_no_folder_a_line_says_so(here: Here) -> None:
+    ended = here("sessions")
+    assert (ended.code, ended.out) == (2, "")
+    assert "palpate-sessions: there is no such folder; runs make it where they are started" in ended.err
     for words in (("info", "nowhere"), ("sessions", "--sessions", "nowhere")):
         ended = here(*words)
         assert (ended.code, ended.err.count("\n")) == (2, 1)
         assert "there is no such folder" in ended.err
+
+
+def test_what_is_no_session_is_said_alike_by_all_commands(here: Here) -> None:
+    """And where the session may be that was meant."""
+    folder = recorded("one")
+    Path("notes.txt").write_text("x")
+    lists = f"`palpate sessions --sessions {ROOT}` lists those below it"
+    wrong = {
+        "nowhere": "there is no such folder",
+        "notes.txt": "it is a file, and none of the name session.jsonl.zst",
+        folder.name: f"there is no such folder; {folder} is one",
+        str(ROOT): f"there is no session.jsonl.zst in it; {lists}",
+    }
+    commands = (["info"], ["report"], ["replay"], ["view"], ["export", "--csv", "x"], ["watch", "--session"])
+    for name, why in wrong.items():
+        for command in commands:
+            ended = here(*command, name)
+            assert (ended.code, ended.out) == (2, "")
+            assert ended.err == f"error: {name} is not a session: {why}\n"
 
 
 def test_info_is_of_a_folder_or_its_log(here: Here) -> None:
@@ -127,7 +148,7 @@ def test_info_is_of_a_folder_or_its_log(here: Here) -> None:
     said = here("info", folder)
     assert (said.code, said.err) == (0, "")
     assert here("info", folder / "session.jsonl.zst").out == said.out
-    for words in ("bench (emulated), seed 7, without a calibration", "2 grips, 2 contacts", "ended    done"):
+    for words in ("bench (emulated), seed 7, without a calibration", "2 grips, 2 touches", "ended    done"):
         assert words in said.out
 
 

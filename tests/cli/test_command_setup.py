@@ -264,6 +264,7 @@ def test_a_force_that_the_servo_does_not_have(
         ([], "--rig"),
         (["--rig", "no-such.toml"], "no-such.toml"),
         (["--rig", "bench.toml", "--id", "13"], "the rig file has no servo with id 13; it has 11, 12, 21"),
+        (["--rig", "bench.toml", "--yes"], "there is no terminal to ask on"),
     ],
 )
 def test_what_people_get_wrong_is_one_line(

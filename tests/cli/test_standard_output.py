@@ -31,6 +31,19 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize(
+    "command", ["setup-motors --rig rig.toml", "calibrate --rig rig.toml", "doctor --move", "check --hold"]
+)
+@pytest.mark.parametrize("stdin", ["<&-", "</dev/null"])
+def test_a_question_that_nobody_hears_is_a_line(tmp_path: Path, command: str, stdin: str) -> None:
+    """Of commands that somebody has to answer; the rig's devices are not even looked at."""
+    (tmp_path / "rig.toml").write_text((EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8"))
+    done = shell(f"PALPATE {command} {stdin}", tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "and there is no terminal to ask on" in done.stderr
+
+
 def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> None:
     text = small(firm_rig()).replace("max_grips = 8", "max_grips = 1")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")

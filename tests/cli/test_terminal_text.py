@@ -14,6 +14,7 @@ from palpate.cli.terminal import Doing, Terminal
 from palpate.errors import printable
 from palpate.rig.identification.observers import MoveEvent
 from palpate.views.ports_table import show_unplugged
+from palpate.views.tables import table as plain_table
 
 EVIL = "v1\x1b[2J\x1b]0;title\x07\u202e\x9b31m\r"
 
@@ -49,6 +50,22 @@ def test_printable_text_prints_and_says_the_same(text: str) -> None:
     assert safe.isprintable()
     assert printable(safe) == safe
     assert safe == text or not text.isprintable()
+
+
+@given(st.lists(st.sampled_from(["", " ", "a", " b  ", "c\n", "  \n", " d \n  e "]), max_size=12))
+def test_into_a_file_no_line_ends_with_blanks(parts: list[str]) -> None:
+    """The last line's stay where no end of a line follows: something may be written behind them."""
+    file = io.StringIO()
+    Terminal(file=file, width=80, soft_wrap=True).print(Text("").join(map(Text, parts)), end="")
+    *lines, last = "".join(parts).split("\n")
+    assert file.getvalue() == "".join(f"{line.rstrip()}\n" for line in lines) + last
+
+
+def test_tables_are_filled_up_on_a_terminal_only() -> None:
+    rows = plain_table("what", "is")
+    rows.add_row("a", "[red]b[/] ")
+    assert shown(rows) == "what  is\na     b\n"
+    assert shown(rows, terminal=True).splitlines()[0].endswith("is\x1b[0m")
 
 
 def test_markup_in_names_is_shown_as_it_is() -> None:

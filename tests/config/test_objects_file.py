@@ -33,15 +33,20 @@ def file(tmp_path: Path) -> Path:
 
 
 def refusal(file: Path, content: object) -> str:
+    return refusals(file, content)[0]
+
+
+def refusals(file: Path, content: object) -> list[str]:
     file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
     with pytest.raises(InputError) as caught:
         load_objects(file)
-    message = str(caught.value)
-    assert message.startswith(str(file))
-    assert "\n" not in message
-    assert "pydantic" not in message
-    assert "http" not in message
-    return message.removeprefix(f"{file}: ")
+    messages = [str(caught.value), *getattr(caught.value, "__notes__", [])]
+    for message in messages:
+        assert message.startswith(str(file))
+        assert "\n" not in message
+        assert "pydantic" not in message
+        assert "http" not in message
+    return [message.removeprefix(f"{file}: ") for message in messages]
 
 
 def test_the_short_form_becomes_one_state_with_one_section(file: Path) -> None:
@@ -185,11 +190,27 @@ def test_heights_that_overlap_or_lie_under_the_table_are_refused(file: Path) -> 
     message = refusal(file, in_states(sections=sections))
     assert missing(message, '"plate"', '"up"', "section 1, z", "overlaps", "section 0") == []
     sections[0]["z"] = [-1, 8]
-    assert "section 0, z: starts at -1 mm, below the support plane (and 1 more)" in refusal(
-        file, in_states(sections=sections)
-    )
+    below, overlaps = refusals(file, in_states(sections=sections))
+    assert below.endswith("section 0, z: starts at -1 mm, below the support plane")
+    assert missing(overlaps, "section 1, z", "overlaps", "section 0") == []
     sections[0]["z"] = [8, 8]
     assert "the first value must be below the second" in refusal(file, in_states(sections=sections))
+
+
+def test_every_mistake_is_a_line_up_to_ten(file: Path) -> None:
+    content = catalogue()
+    content["objects"] = [{"name": f"o{k}", "outline": SQUARE, "hight": 10} for k in range(3)]
+    content["objects"][1]["height"] = "high"
+    assert refusals(file, content) == [
+        'object "o0": unknown key "hight"; did you mean "height"?',
+        'object "o1": unknown key "hight"; did you mean "height"?',
+        'object "o2": unknown key "hight"; did you mean "height"?',
+        'object "o1", height: is "high"; it must be a number',
+    ]
+    content["objects"] = [{"name": f"o{k}", "outline": SQUARE} for k in range(12)]
+    first, *others, last = refusals(file, content)
+    assert first == 'object "o0": the key "height" is missing (or give "states")'
+    assert (len(others), last) == (9, "2 more, which are not shown")
 
 
 def test_probabilities_add_up_to_one_at_most(file: Path) -> None:

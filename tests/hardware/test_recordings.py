@@ -6,6 +6,8 @@ from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
 from palpate.drivers.tactile.mounting import Mounting
 from palpate.geometry import Counts
+from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
+from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
 from palpate.testing.hardware.bench import Recording
 
 DESCRIBED = Mounting(Shape.CYLINDER, 8.5, 1000.0).describe(
@@ -15,7 +17,7 @@ DESCRIBED = Mounting(Shape.CYLINDER, 8.5, 1000.0).describe(
 
 def recording(counts: Counts) -> Recording:
     frames = tuple(TactileFrame(10 + k, 0.02 * k, 0.02 * k + 0.005, frame) for k, frame in enumerate(counts))
-    return Recording(DESCRIBED, frames, ArrayCounters(len(frames), 0, 0, 0, 0))
+    return Recording(DESCRIBED, frames, 0)
 
 
 def at_rest(noise_counts: float) -> Counts:
@@ -23,37 +25,50 @@ def at_rest(noise_counts: float) -> Counts:
     return np.rint(rest).astype(np.uint16)
 
 
-def test_stuck_taxels_are_those_that_never_change_or_are_at_the_top() -> None:
+def bad(counts: Counts) -> list[list[int]]:
+    shown = shown_of(counts)
+    return np.argwhere(shown.dead | shown.hot | shown.unsteady).tolist()
+
+
+def shown_of(counts: Counts) -> UntouchedFrames:
+    shown = untouched_frames(recording(counts).frames, DESCRIBED.max_count, 0.0)
+    assert shown is not None
+    return shown
+
+
+def test_bad_taxels_are_those_that_never_change_or_are_at_the_top() -> None:
     counts = at_rest(2.0)
     counts[:, 1, 2] = 0
     counts[:, 4, 6] = DESCRIBED.max_count
-    found = recording(counts).stuck()
-    assert found is not None
-    assert np.argwhere(found).tolist() == [[1, 2], [4, 6]]
+    assert bad(counts) == [[1, 2], [4, 6]]
 
 
 def test_a_sound_array_has_none() -> None:
-    found = recording(at_rest(2.0)).stuck()
-    assert found is not None
-    assert not found.any()
+    assert bad(at_rest(2.0)) == []
+    assert shown_of(at_rest(2.0)).tells_dead
 
 
 def test_an_array_without_noise_does_not_tell_but_a_taxel_at_the_top_does() -> None:
     counts = at_rest(0.0)
-    assert recording(counts).stuck() is None
+    assert not shown_of(counts).tells_dead
     counts[:, 0, 3] = DESCRIBED.max_count
-    found = recording(counts).stuck()
-    assert found is not None
-    assert np.argwhere(found).tolist() == [[0, 3]]
+    assert bad(counts) == [[0, 3]]
 
 
 def test_rate_and_noise() -> None:
     found = recording(at_rest(2.0))
-    assert abs(found.rate_hz - 50.0) < 1e-6
+    assert abs(frame_rate_hz(found.frames) - 50.0) < 1e-6
     assert 1.8 < found.noise_counts() < 2.2
+    assert not comes_too_seldom(47.6, 50.0)
+    assert comes_too_seldom(47.4, 50.0)
+    assert frame_rate_hz(found.frames[:1]) == 0.0
 
 
-def test_lost_frames_do_not_slow_the_rate() -> None:
-    whole = recording(at_rest(2.0))
-    holed = Recording(DESCRIBED, (*whole.frames[:100], *whole.frames[150:]), whole.counters)
-    assert abs(holed.rate_hz - 50.0) < 1e-6
+def test_a_few_frames_may_get_lost() -> None:
+    assert frames_gone(ArrayCounters(0, 0, 1, 0, 0), ArrayCounters(200, 1, 3, 3, 9)) == 6
+    assert [loses_too_many(gone, came) for gone, came in ((1, 100), (2, 100), (5, 995), (6, 994))] == [
+        False,
+        True,
+        False,
+        True,
+    ]

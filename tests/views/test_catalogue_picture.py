@@ -101,7 +101,7 @@ def test_texts_cover_no_other_and_stay_inside_of_their_cards(states: Any) -> Non
     picture = drawn(states(*odd_parts()))
     words = texts(picture)
     said = [line for _, line in words]
-    assert said.count("feels like state-2, state-3 and 5 more") == 11
+    assert said.count("feels like state-2; state-3 and 5 more") == 11
     assert any(line.startswith("may feel like bracket") and line.endswith("1 and 1 more") for line in said)
     assert "not known at 9 ranges of height" in said
     for (first, one), (second, other) in combinations(words, 2):

@@ -260,7 +260,7 @@ def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
 def _twins_words(twins: TwinNote, room: float) -> str:
     """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
     for count in range(len(twins.names), 1, -1):
-        words = f"{twins.words} {', '.join(twins.names[:count])}{_more(twins, count)}"
+        words = f"{twins.words} {'; '.join(twins.names[:count])}{_more(twins, count)}"
         if text_width(words, 11.5) <= room:
             return words
     before, more = f"{twins.words} ", _more(twins, 1)

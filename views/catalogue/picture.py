@@ -126,7 +126,7 @@ def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tup
         (element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
         (
             element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
-            f"no tip of radius {fingers.slimmest_mm:g} mm gets there",
+            f"no {'ball' if fingers.all_balls else 'tip'} of radius {fingers.slimmest_mm:g} mm gets there",
         ),
         (centre + ray, "turns after which it looks the same"),
         (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),

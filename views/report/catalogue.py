@@ -63,7 +63,8 @@ def _pairs(found: ObjectsCheckOut, kind: str) -> Iterator[str]:
         return
     names = ("one", "other", "how alike", "what would help")
     rows = [
-        (_name(pair.first), _name(pair.second), fit_words(pair), help_words(pair)) for pair in pairs[:_SHOWN]
+        (_name(pair.first), _name(pair.second), fit_words(pair), help_words(pair, found.rig))
+        for pair in pairs[:_SHOWN]
     ]
     more = [paragraph(f"and {len(pairs) - _SHOWN} more")] if len(pairs) > _SHOWN else []
     yield section(_KINDS[kind], table(names, rows), *more)

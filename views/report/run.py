@@ -19,7 +19,7 @@ from palpate.views.answer import answer_lines
 from palpate.views.explanation import ContactRecord, why_lines
 from palpate.views.report.grips import grip_sections, name_of
 from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
-from palpate.views.sessions_text import info_lines
+from palpate.views.sessions_text import info_lines, instant_words
 
 __all__ = ["run_report"]
 
@@ -34,7 +34,10 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     answer = _answer(file)
     title = f"{answer.verdict.value.capitalize()}: {answer.object or 'no object'}" if answer else "No answer"
     parts = [
-        heading(f"{title} – rig {summary.rig or '?'}", f"{Path(summary.path).name}, {summary.began or ''}"),
+        heading(
+            f"{title} – rig {summary.rig or '?'}",
+            f"{Path(summary.path).name}, {instant_words(summary.began)}",
+        ),
         section("Answer", *_answer_parts(answer, summary, folder)),
         *grip_sections(grips, samples.rig, samples.objects, truth),
         section("Why each rival fell", _rivals(grips, samples.objects)),

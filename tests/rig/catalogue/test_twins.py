@@ -30,7 +30,7 @@ from stacked_parts import (
 
 from palpate.config import load_objects, load_rig
 from palpate.errors import InputError
-from palpate.rig.catalogue.finger_model import heights_in_words, rig_fingers
+from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, heights_in_words, rig_fingers
 from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, state_sections
 from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating_heights
@@ -78,6 +78,45 @@ def test_parts_that_differ_low_down_feel_the_same_and_a_low_finger_would_tell(st
     both = compared(found, 10, 4)
     assert both is not None
     assert both.likeness is Likeness.SAME
+
+
+def balls_at(*heights: float) -> RigFingers:
+    """Fingers whose tips are balls of 5 mm."""
+    return RigFingers(
+        "balls", tuple(AtHeight(height, 5.0, ("f",), 5.0, True) for height in heights), BOUND_MM
+    )
+
+
+def test_further_balls_are_suggested_at_heights_at_which_they_tell(states: Any) -> None:
+    """One above the step tells; one beside it meets what stands out below, the same of both."""
+    block, within = rectangle(60, 40), moved(rectangle(30, 20), 0.0, 15, 10)
+    found = states(
+        part("a", section(0, 60, block)), part("b", section(0, 25, block), section(25, 60, within))
+    )
+    (pair,) = find_twins(found, balls_at(10))
+    heights = told(pair).heights_mm
+    assert heights
+    for low, high in heights:
+        assert low == high > 25
+        assert find_twins(found, balls_at(10, low)) == ()
+    assert len(find_twins(found, balls_at(10, 22))) == 1
+
+
+def test_a_ball_is_not_sent_into_a_groove_that_only_a_disc_gets_into(states: Any) -> None:
+    groove = section(27, 28, moved(rectangle(56, 36), 0.0, 2, 2))
+    block = rectangle(60, 40)
+    found = states(
+        part("a", section(0, 40, block)), part("b", section(0, 27, block), groove, section(28, 40, block))
+    )
+    assert told(compared(found, 10)).heights_mm == ((27.0, 28.0),)
+    (pair,) = find_twins(found, balls_at(10))
+    assert told(pair).heights_mm == ()
+
+
+def test_a_rig_of_balls_and_upright_tips_gets_an_upright_one_more() -> None:
+    mixed = RigFingers("mixed", (*balls_at(10).at, AtHeight(12, 6.0, ("g",), 3.0)), BOUND_MM)
+    assert mixed.another(20.0) == AtHeight(20.0, 6.0, ("",), 3.0)
+    assert balls_at(10, 20).another(30.0) == AtHeight(30.0, 5.0, ("",), 5.0, is_ball=True)
 
 
 def test_mirror_images_are_told_apart_unless_they_are_images_by_a_turn_too(states: Any) -> None:

@@ -58,7 +58,8 @@ def failing(
 def test_a_servo_that_does_not_answer_is_named_and_nothing_gets_torque(tmp_path: Path, dead: int) -> None:
     session = small_session()
     session.servos[dead].power_off()
-    with pytest.raises(DeviceError, match=rf"servo {dead} on mock://\S+/bus does not answer"):
+    joint = {11: "f1 aim", 12: "f1 slide", 21: "f2 aim", 22: "f2 slide", 31: "f3 aim", 32: "f3 slide"}[dead]
+    with pytest.raises(DeviceError, match=rf"^{joint}: servo {dead} on mock://\S+/bus does not answer"):
         session.run_grip(tmp_path, session.middle())
     assert session.stages == []
     check_off(session)
