@@ -37,6 +37,7 @@ _SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
+_ROUNDING = 1e-6
 _HIDDEN = 1.5  # times the noise's limit: three standard deviations more, and a force is noticed
 
 
@@ -133,7 +134,10 @@ class MotionBounds:
         begin_s = min(float(trace.time_s[0]) for trace in known)
         frames = [np.floor((trace.time_s - begin_s) / period_s).astype(np.int64) for trace in known]
         count = max(int(index[-1]) for index in frames) + 1
-        periods = [_Periods(index, count, period_s) for index in frames]
+        periods = [
+            _Periods(index, count, max(1, math.ceil(trace.time_bound_s / period_s - _ROUNDING)))
+            for index, trace in zip(frames, known, strict=True)
+        ]
         fingers = [self.rig.fingers[touch.finger_index] for touch in touches]
         measured_s = [trace.measured_s for trace in known if math.isfinite(trace.measured_s)]
         measured = int((max(measured_s) - begin_s) / period_s) + 1 if measured_s else count
@@ -141,7 +145,7 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, within_mm, of)
+                _row(finger, trace, within_mm, of, period_s)
                 for finger, trace, of in zip(fingers, known, periods, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
@@ -150,7 +154,7 @@ class MotionBounds:
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods"
+    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods", period_s: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Force at the contact and anywhere, work and stored energy (b,) of one finger at most.
 
@@ -162,11 +166,16 @@ def _row(
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
-    grown = np.where(trace.force_n > 0, stiff * trace.touch_mm_s * periods.period_s, 0.0)
+    gap_s = np.diff(trace.time_s, prepend=-math.inf, append=math.inf)
+    gap_s = np.where(np.isfinite(gap_s), np.maximum(gap_s, period_s), period_s)
+    advance = np.maximum(trace.touch_mm_s * gap_s, [*trace.advance_mm, 0.0])
+    grown = np.where(trace.force_n > 0, stiff * np.maximum(advance[:-1], advance[1:]), 0.0)
     there = np.zeros(len(trace.time_s), dtype=bool)
     if math.isfinite(trace.measured_s):
+        late_s = trace.time_bound_s * np.array([[-1.0], [0.0], [1.0]])
         end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
-        there = (trace.force_n > 0) & (np.abs(trace.travel_mm - end_mm) < _THERE_MM)
+        at_mm = np.interp(trace.time_s + late_s, trace.time_s, trace.travel_mm)
+        there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _THERE_MM).all(axis=0)
     free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
     hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
@@ -180,14 +189,14 @@ def _row(
 
 @dataclass(frozen=True, eq=False)
 class _Periods:
-    """Periods of time, `count` of them, each `period_s` long; in which of them `frames` (f,) were taken."""
+    """Periods of time, `count` of them; in which of them `frames` (f,) were taken, `within` some of that."""
 
     frames: Ints
     count: int
-    period_s: float
+    within: int
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of each period's frames and its neighbours', (b,): frames may be older by a period."""
+        """The largest of the frames (f,) that may be of each period, (b,)."""
         most = np.zeros(self.count)
         np.maximum.at(most, self.frames, values)
         before, after = self._nearest
@@ -195,8 +204,8 @@ class _Periods:
         filled = np.where(
             np.arange(self.count) < self.frames.min(), 0.0, np.maximum(most[before], most[after])
         )
-        padded = np.concatenate([[0.0], filled, [0.0]])
-        result: Floats = np.maximum(np.maximum(padded[:-2], padded[2:]), filled)
+        padded = np.pad(filled, self.within)
+        result: Floats = np.lib.stride_tricks.sliding_window_view(padded, 2 * self.within + 1).max(axis=1)
         return result
 
     @cached_property

@@ -316,7 +316,7 @@ class Hand:
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
         self._array_guard.heard(fingers)
         for finger, frames in zip(fingers, taken, strict=True):
-            self._array_guard.feel(finger, frames, self.clock.now())
+            self._array_guard.feel(finger, frames)
         return taken
 
     def pause(self, seconds: float) -> None:
@@ -331,6 +331,16 @@ class Hand:
             self.clock.sleep(seconds / looks)
             self._check()
             self._array_guard.look()
+
+    def settle(self, fingers: Sequence[HostFinger], seconds: float) -> None:
+        """Let so much time pass, and then all frames come that these fingers' arrays have sampled in it.
+
+        Whatever holds them back, frames that are read next were sampled afterwards. Raises as `pause`.
+        """
+        rested_s = self.clock.now() + seconds
+        self.pause(seconds)
+        while any(self._array_guard.sampled_s(finger) < rested_s for finger in fingers):
+            self.pause(1 / self.rig.closing.sample_rate_hz)
 
     def reading(self, finger: HostFinger) -> ArrayReading:
         """What an array that streams has sent in the last pause."""

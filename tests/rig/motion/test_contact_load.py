@@ -95,7 +95,7 @@ def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_is_known() -> None:
         meter.feel(0.2 if k == 150 else 0.0, (k + 1) * PERIOD_S, 0.01 if k == 120 else 0.0)
     trace = meter.trace()
     assert trace is not None
-    assert (trace.free_within_mm[:50] == 0.5).all()
+    assert (trace.free_within_mm[:47] == 0.5).all()
     assert not trace.free_within_mm[53:].any()
     assert trace.unnoticed_n[60] == pytest.approx(0.05 / 8)
     assert trace.unnoticed_n[170] == pytest.approx(0.05 / 7)
