@@ -98,8 +98,8 @@ class LoadMeter:
         self._forces.append((latest_s, force_n, steady_n, *doubts_n))
 
     def late_by(self, late_s: float) -> None:
-        """Note how much earlier than `latest_s` frames may have been sampled; two periods if not said."""
-        self._late_s = late_s
+        """Note how much earlier than `latest_s` frames may have been sampled, at most; two periods anyway."""
+        self._late_s = max(self._late_s, late_s)
 
     def stopped(self, now: float) -> None:
         """Note that the finger was told to stop: from now on it stands or goes back, until a stage begins."""
