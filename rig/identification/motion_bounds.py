@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -37,7 +38,6 @@ _SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
-_ROUNDING = 1e-6
 _HIDDEN = 1.5  # times the noise's limit: three standard deviations more, and a force is noticed
 
 
@@ -132,12 +132,8 @@ class MotionBounds:
             return []
         period_s = 1 / self.rig.closing.sample_rate_hz
         begin_s = min(float(trace.time_s[0]) for trace in known)
-        frames = [np.floor((trace.time_s - begin_s) / period_s).astype(np.int64) for trace in known]
-        count = max(int(index[-1]) for index in frames) + 1
-        periods = [
-            _Periods(index, count, max(1, math.ceil(trace.time_bound_s / period_s - _ROUNDING)))
-            for index, trace in zip(frames, known, strict=True)
-        ]
+        count = math.floor((max(float(trace.time_s[-1]) for trace in known) - begin_s) / period_s) + 1
+        periods = [_Periods.of(trace, begin_s, period_s, count) for trace in known]
         fingers = [self.rig.fingers[touch.finger_index] for touch in touches]
         measured_s = [trace.measured_s for trace in known if math.isfinite(trace.measured_s)]
         measured = int((max(measured_s) - begin_s) / period_s) + 1 if measured_s else count
@@ -189,29 +185,40 @@ def _row(
 
 @dataclass(frozen=True, eq=False)
 class _Periods:
-    """Periods of time, `count` of them; in which of them `frames` (f,) were taken, `within` some of that."""
+    """Periods of time, `count` of them: those of which frames (f,) are, and `first` and `last` may be."""
 
     frames: Ints
+    first: Ints
+    last: Ints
     count: int
-    within: int
+
+    @classmethod
+    def of(cls, trace: LoadTrace, begin_s: float, period_s: float, count: int) -> Self:
+        """Of a trace's frames: each may be of any period around its time that its bound reaches."""
+        bound_s = trace.time_bound_s * np.array([[0.0], [-1.0], [1.0]])
+        at = np.floor((trace.time_s + bound_s - begin_s) / period_s).astype(np.int64)
+        frames, first, last = np.clip(at, 0, count - 1)
+        return cls(frames, first, last, count)
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of the frames (f,) that may be of each period, (b,)."""
+        """The largest of the values (f,) of the frames that may be of each period, (b,)."""
         most = np.zeros(self.count)
-        np.maximum.at(most, self.frames, values)
+        for step in range(int((self.last - self.first).max()) + 1):
+            np.maximum.at(most, np.minimum(self.first + step, self.last), values)
         before, after = self._nearest
         # Periods without a frame take the larger one of those on either side.
-        filled = np.where(
-            np.arange(self.count) < self.frames.min(), 0.0, np.maximum(most[before], most[after])
+        result: Floats = np.where(
+            np.arange(self.count) < self.first.min(), 0.0, np.maximum(most[before], most[after])
         )
-        padded = np.pad(filled, self.within)
-        result: Floats = np.lib.stride_tricks.sliding_window_view(padded, 2 * self.within + 1).max(axis=1)
         return result
 
     @cached_property
     def _nearest(self) -> tuple[Ints, Ints]:
-        """The nearest periods that have frames, before and after each, (b,)."""
-        known, every = np.unique(self.frames), np.arange(self.count)
+        """The nearest periods of which frames may be, before and after each, (b,)."""
+        every = np.arange(self.count)
+        edges = np.bincount(self.first, minlength=self.count + 1)
+        edges -= np.bincount(self.last + 1, minlength=self.count + 1)
+        known = np.flatnonzero(np.cumsum(edges)[:-1])
         after = known[np.minimum(np.searchsorted(known, every), len(known) - 1)]
         return known[np.maximum(np.searchsorted(known, every, side="right") - 1, 0)], after
 
