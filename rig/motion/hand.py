@@ -290,8 +290,18 @@ class Hand:
                 raise DeviceError(f"tactile array {finger.name}: {wrong}")
 
     def start_arrays(self) -> None:
-        """Let every array stream; from now on silence counts."""
-        self._array_guard.start(self.fingers)
+        """Let every array stream; from now on silence counts. Servos are looked at where that takes long."""
+        spoken_s = self.clock.now()
+        for finger in self.fingers:
+            self._array_guard.start([finger])
+            spoken_s = self._speak(spoken_s)
+
+    def _speak(self, spoken_s: float) -> float:
+        """Look at the servos if they have heard nothing for long; returns when they heard last."""
+        if self.clock.now() - spoken_s <= SPEAK_S:
+            return spoken_s
+        self.states(self._servos)
+        return self.clock.now()
 
     def meter(self, meters: Mapping[HostFinger, LoadMeter]) -> None:
         """Have every frame's force metered from now on, until the arrays rest."""
@@ -309,9 +319,7 @@ class Hand:
         taken: list[list[TactileFrame]] = [[] for _ in fingers]
         spoken_s = self.clock.now()
         for _ in range(count):
-            if self.clock.now() - spoken_s > SPEAK_S:
-                self.states(self._servos)
-                spoken_s = self.clock.now()
+            spoken_s = self._speak(spoken_s)
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
         self._array_guard.heard(fingers)
