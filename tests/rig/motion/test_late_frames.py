@@ -26,8 +26,7 @@ STALL_S = 0.13
 @pytest.mark.parametrize(
     ("kind", "name", "seed"),
     [
-        ("light", "latency timer of 16 ms", 3),
-        ("fast", "16 ms and stalls everywhere", 6),
+        ("fast", "16 ms and stalls everywhere", 3),
         ("fast", "frames late by 0 to 80 ms", 7),
     ],
 )
