@@ -75,6 +75,10 @@ class Mover(Protocol):
         """Note the states of `servos`."""
         ...
 
+    def stopped(self, now: float, /) -> None:
+        """Note that the servos have been told to stop, and have confirmed it."""
+        ...
+
     def judge(self, now: float, /) -> End | None:
         """After all states are noted: an end that servos report. Raises what must end all motion."""
         ...
@@ -148,6 +152,8 @@ def _stop(bus: Bus, read: ReadStates, now: Callable[[], float], movers: Sequence
         states = _look(read, movers, now)
         driven = [servo for mover in movers for servo in mover.driven]
         stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in driven})
+        for mover in movers:
+            mover.stopped(now())
 
 
 def _look(read: ReadStates, movers: Sequence[Mover], now: Callable[[], float]) -> Mapping[int, ServoState]:
@@ -228,6 +234,9 @@ class ServoMover:
         self.seen.append((now, state))
         if abs(state.position_rad - self._moved_rad) > self._guard.moved_rad:
             self._moved_rad, self.moved_s = state.position_rad, now
+
+    def stopped(self, now: float) -> None:
+        """Nothing: what it was told is enough."""
 
     def judge(self, now: float) -> End | None:
         """Contact, arrival, stall or deadline, in this order."""

@@ -80,7 +80,10 @@ class ArrayDriver(Protocol):
         ...
 
     def start(self, rate_hz: float) -> None:
-        """Stream frames at `rate_hz`, or as near to it as the array can."""
+        """Stream frames at `rate_hz`, or as near to it as the array can.
+
+        Where no stream ran, all frames that are read afterwards were sampled after the call.
+        """
         ...
 
     def stop(self) -> None:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -131,9 +132,8 @@ class MotionBounds:
             return []
         period_s = 1 / self.rig.closing.sample_rate_hz
         begin_s = min(float(trace.time_s[0]) for trace in known)
-        frames = [np.floor((trace.time_s - begin_s) / period_s).astype(np.int64) for trace in known]
-        count = max(int(index[-1]) for index in frames) + 1
-        periods = [_Periods(index, count, period_s) for index in frames]
+        count = math.floor((max(float(trace.time_s[-1]) for trace in known) - begin_s) / period_s) + 1
+        periods = [_Periods.of(trace, begin_s, period_s, count) for trace in known]
         fingers = [self.rig.fingers[touch.finger_index] for touch in touches]
         measured_s = [trace.measured_s for trace in known if math.isfinite(trace.measured_s)]
         measured = int((max(measured_s) - begin_s) / period_s) + 1 if measured_s else count
@@ -141,7 +141,7 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, within_mm, of)
+                _row(finger, trace, within_mm, of, period_s)
                 for finger, trace, of in zip(fingers, known, periods, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
@@ -150,7 +150,7 @@ class MotionBounds:
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods"
+    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods", period_s: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Force at the contact and anywhere, work and stored energy (b,) of one finger at most.
 
@@ -162,11 +162,16 @@ def _row(
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
-    grown = np.where(trace.force_n > 0, stiff * trace.touch_mm_s * periods.period_s, 0.0)
+    gap_s = np.diff(trace.time_s, prepend=-math.inf, append=math.inf)
+    gap_s = np.where(np.isfinite(gap_s), np.maximum(gap_s, period_s), period_s)
+    advance = np.maximum(trace.touch_mm_s * gap_s, [*trace.advance_mm, 0.0])
+    grown = np.where(trace.force_n > 0, stiff * np.maximum(advance[:-1], advance[1:]), 0.0)
     there = np.zeros(len(trace.time_s), dtype=bool)
     if math.isfinite(trace.measured_s):
+        late_s = trace.time_bound_s * np.array([[-1.0], [0.0], [1.0]])
         end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
-        there = (trace.force_n > 0) & (np.abs(trace.travel_mm - end_mm) < _THERE_MM)
+        at_mm = np.interp(trace.time_s + late_s, trace.time_s, trace.travel_mm)
+        there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _THERE_MM).all(axis=0)
     free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
     hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
@@ -180,29 +185,40 @@ def _row(
 
 @dataclass(frozen=True, eq=False)
 class _Periods:
-    """Periods of time, `count` of them, each `period_s` long; in which of them `frames` (f,) were taken."""
+    """Periods of time, `count` of them: those of which frames (f,) are, and `first` and `last` may be."""
 
     frames: Ints
+    first: Ints
+    last: Ints
     count: int
-    period_s: float
+
+    @classmethod
+    def of(cls, trace: LoadTrace, begin_s: float, period_s: float, count: int) -> Self:
+        """Of a trace's frames: each may be of any period around its time that its bound reaches."""
+        bound_s = trace.time_bound_s * np.array([[0.0], [-1.0], [1.0]])
+        at = np.floor((trace.time_s + bound_s - begin_s) / period_s).astype(np.int64)
+        frames, first, last = np.clip(at, 0, count - 1)
+        return cls(frames, first, last, count)
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of each period's frames and its neighbours', (b,): frames may be older by a period."""
+        """The largest of the values (f,) of the frames that may be of each period, (b,)."""
         most = np.zeros(self.count)
-        np.maximum.at(most, self.frames, values)
+        for step in range(int((self.last - self.first).max()) + 1):
+            np.maximum.at(most, np.minimum(self.first + step, self.last), values)
         before, after = self._nearest
         # Periods without a frame take the larger one of those on either side.
-        filled = np.where(
-            np.arange(self.count) < self.frames.min(), 0.0, np.maximum(most[before], most[after])
+        result: Floats = np.where(
+            np.arange(self.count) < self.first.min(), 0.0, np.maximum(most[before], most[after])
         )
-        padded = np.concatenate([[0.0], filled, [0.0]])
-        result: Floats = np.maximum(np.maximum(padded[:-2], padded[2:]), filled)
         return result
 
     @cached_property
     def _nearest(self) -> tuple[Ints, Ints]:
-        """The nearest periods that have frames, before and after each, (b,)."""
-        known, every = np.unique(self.frames), np.arange(self.count)
+        """The nearest periods of which frames may be, before and after each, (b,)."""
+        every = np.arange(self.count)
+        edges = np.bincount(self.first, minlength=self.count + 1)
+        edges -= np.bincount(self.last + 1, minlength=self.count + 1)
+        known = np.flatnonzero(np.cumsum(edges)[:-1])
         after = known[np.minimum(np.searchsorted(known, every), len(known) - 1)]
         return known[np.maximum(np.searchsorted(known, every, side="right") - 1, 0)], after
 

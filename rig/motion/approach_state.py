@@ -104,15 +104,12 @@ class ApproachState:
 
     @property
     def unfelt_mm(self) -> float:
-        """How far along the line the tip was when something was noticed first; infinite if nothing was."""
+        """How far along the line the tip had come before anything was noticed; infinite if nothing was."""
         trace = self.trace
-        if trace is None or not trace.felt:
-            return math.inf
-        return float(trace.travel_mm[np.argmax(trace.force_n > 0)])
+        return math.inf if trace is None else trace.unfelt_mm
 
     def note_stopped(self, now: float) -> None:
-        """Note that the finger is stopped, and searches no longer."""
-        self.searching = False
+        """Note that the finger has been told to stop, or has arrived."""
         if self.meter is not None:
             self.meter.stopped(now)
 

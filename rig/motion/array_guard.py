@@ -12,6 +12,7 @@ from palpate.drivers.transport.clock import Clock
 from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.sample_times import SampleTimes
 
 __all__ = ["ArrayGuard", "ArrayReading"]
 
@@ -39,16 +40,19 @@ class ArrayGuard:
         self.meters: dict[HostFinger, LoadMeter] = {}
         self._heard_s: dict[HostFinger, float] = {}
         self._readings: dict[HostFinger, ArrayReading] = {}
+        self._times: dict[HostFinger, SampleTimes] = {}
 
     def start(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays stream; from now on their silence counts."""
         for finger in fingers:
+            if finger not in self._times:  # of one that streams already, frames may be under way
+                self._times[finger] = SampleTimes(self._clock.now())
             finger.array.start(self._closing.sample_rate_hz)
         self.heard(fingers)
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; unread frames are dropped."""
-        self._heard_s, self._readings, self.meters = {}, {}, {}
+        self._heard_s, self._readings, self.meters, self._times = {}, {}, {}, {}
         for finger in fingers:
             finger.array.stop()
             finger.array.frames()
@@ -91,18 +95,24 @@ class ArrayGuard:
             self._check_heard(finger, now)
             return _NOTHING
         self._heard_s[finger] = now
-        meter = self.meters.get(finger)
-        finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch())
-        force = self.feel(finger, frames, now)
+        meter, begun_s = self.meters.get(finger), self._times[finger].sampled_s
+        finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch(begun_s))
+        force = self.feel(finger, frames)
         self._check_force(finger, force)
         return ArrayReading(frames, force)
 
-    def feel(self, finger: HostFinger, frames: Sequence[TactileFrame], now: float) -> float:
+    def sampled_s(self, finger: HostFinger) -> float:
+        """Up to when, at least, all has been read that a finger's array has sampled."""
+        return self._times[finger].sampled_s
+
+    def feel(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> float:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
         forces = [finger.extractor.force_n(frame) for frame in frames]
+        times = self._times[finger]
+        latest = times.latest_s(frames).tolist()
         if (meter := self.meters.get(finger)) is not None:
-            for index, (force, frame) in enumerate(zip(forces, frames, strict=True), start=1):
-                at = now - (len(forces) - index) / self._closing.sample_rate_hz
+            meter.late_by(times.spread_s)
+            for force, frame, at in zip(forces, frames, latest, strict=True):
                 quiet = meter.quiet_mean(frame.counts, force)
                 steady = finger.extractor.steady_force_n(*quiet) if quiet else 0.0
                 meter.feel(force, at, steady, finger.extractor.zero_doubt_n)

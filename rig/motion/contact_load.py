@@ -43,17 +43,19 @@ class ContactLoad:
 class LoadTrace:
     """Load on the part by a finger over time, frame by frame: what motion bounds are computed from.
 
-    `time_s` (n,) ascending, on the rig's clock; `force_n` (n,): what was noticed, in the frame or in the mean
+    `time_s` (n,) ascending, on the rig's clock, within `time_bound_s` of when the frames were sampled;
+    `force_n` (n,): what was noticed, in the frame or in the mean
     of up to 64 quiet ones around it, 0 for nothing; `unnoticed_n` (n,): what the noise may hide of
     a steady push; `zero_doubt_n` (n,): what the doubt of the zero may hide of any force beside, and
     `any_zero_doubt_n` (n,) if no way was free; `free_within_mm` (n,): the way there is free of a part that
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how
     fast at most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if
-    never.
+    never; `unfelt_mm`: so far the tip had come at least before anything was noticed, infinite if nothing was.
     """
 
     time_s: Floats
+    time_bound_s: float
     force_n: Floats
     travel_mm: Floats
     advance_mm: Floats
@@ -63,6 +65,7 @@ class LoadTrace:
     free_within_mm: Floats
     touch_mm_s: float
     measured_s: float
+    unfelt_mm: float
 
     @property
     def felt(self) -> bool:

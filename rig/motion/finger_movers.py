@@ -63,6 +63,9 @@ class _FingerMover:
         """Whether the move has gone on for longer than it should."""
         return now - self.started_s > self.longest_s()
 
+    def stopped(self, now: float) -> None:
+        """Nothing: it is read again."""
+
     def longest_s(self) -> float:
         """How long it may take."""
         return _LONGEST_S
@@ -180,14 +183,17 @@ class TipMover(_FingerMover):
         """Note where the tip is."""
         _note(self.run, states, now)
 
-    def sense(self, now: float) -> End | None:
+    def sense(self, _now: float) -> End | None:
         """A contact, if the newest frame shows one."""
         reading = self.hand.reading(self.finger)
         if reading.force_n <= self._contact_n:
             return None
-        self.run.touched = True
-        self.run.note_stopped(now)
+        self.run.touched, self.run.searching = True, False
         return End.CONTACT
+
+    def stopped(self, now: float) -> None:
+        """From now on the tip stands or goes back; until the order was confirmed it may have gone on."""
+        self.run.note_stopped(now)
 
     @final
     def judge(self, now: float) -> End | None:
@@ -202,6 +208,8 @@ class TipMover(_FingerMover):
         if end is None and self.is_crowded():
             end = End.CLEARANCE
         if end is not None:
+            self.run.searching = False
+        if end is End.REACHED:
             self.run.note_stopped(now)
         return end
 

@@ -317,7 +317,7 @@ def _touched_at_once(
     begun = {run: run.travel_mm for run in runs}
     for run in runs:
         if run.meter is not None:
-            met_mm = begun[run] + back_mm
+            met_mm = min(begun[run] + back_mm, run.unfelt_mm)
             run.meter.begin(TouchStage.SLOW, hand.clock.now(), met_mm - _NEAR_MM, _NEAR_MM)
     _touch_slowly(hand, runs)
     _settle(hand, runs)
@@ -325,5 +325,5 @@ def _touched_at_once(
 
 
 def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
-    hand.pause(_SETTLE_S)
+    hand.settle([run.finger for run in runs], _SETTLE_S)
     look(hand, runs)

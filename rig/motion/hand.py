@@ -295,8 +295,18 @@ class Hand:
                 raise DeviceError(f"tactile array {finger.name}: {wrong}")
 
     def start_arrays(self) -> None:
-        """Let every array stream; from now on silence counts."""
-        self._array_guard.start(self.fingers)
+        """Let every array stream; from now on silence counts. Servos are looked at where that takes long."""
+        spoken_s = self.clock.now()
+        for finger in self.fingers:
+            self._array_guard.start([finger])
+            spoken_s = self._speak(spoken_s)
+
+    def _speak(self, spoken_s: float) -> float:
+        """Look at the servos if they have heard nothing for long; returns when they heard last."""
+        if self.clock.now() - spoken_s <= SPEAK_S:
+            return spoken_s
+        self.states(self._servos)
+        return self.clock.now()
 
     def meter(self, meters: Mapping[HostFinger, LoadMeter]) -> None:
         """Have every frame's force metered from now on, until the arrays rest."""
@@ -314,14 +324,12 @@ class Hand:
         taken: list[list[TactileFrame]] = [[] for _ in fingers]
         spoken_s = self.clock.now()
         for _ in range(count):
-            if self.clock.now() - spoken_s > SPEAK_S:
-                self.states(self._servos)
-                spoken_s = self.clock.now()
+            spoken_s = self._speak(spoken_s)
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
         self._array_guard.heard(fingers)
         for finger, frames in zip(fingers, taken, strict=True):
-            self._array_guard.feel(finger, frames, self.clock.now())
+            self._array_guard.feel(finger, frames)
         return taken
 
     def pause(self, seconds: float) -> None:
@@ -336,6 +344,16 @@ class Hand:
             self.clock.sleep(seconds / looks)
             self._check()
             self._array_guard.look()
+
+    def settle(self, fingers: Sequence[HostFinger], seconds: float) -> None:
+        """Let so much time pass, and then all frames come that these fingers' arrays have sampled in it.
+
+        Whatever holds them back, frames that are read next were sampled afterwards. Raises as `pause`.
+        """
+        rested_s = self.clock.now() + seconds
+        self.pause(seconds)
+        while any(self._array_guard.sampled_s(finger) < rested_s for finger in fingers):
+            self.pause(1 / self.rig.closing.sample_rate_hz)
 
     def reading(self, finger: HostFinger) -> ArrayReading:
         """What an array that streams has sent in the last pause."""

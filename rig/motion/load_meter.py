@@ -1,8 +1,9 @@
 """Load meter: collects forces and travels of one finger, frame by frame, and makes loads of them."""
 
 import math
+from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -36,6 +37,7 @@ class LoadMeter:
         """
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
+        self._late_s = 2 * period_s
         self._least_n, self._period_s = contact_force_n / 2, period_s
         self._unnoticed_n = unnoticed_n
         self._forces: list[tuple[float, float, float, float, float]] = []
@@ -70,24 +72,37 @@ class LoadMeter:
         self._quiet.append(read)
         return self._sum / len(self._quiet), len(self._quiet)
 
-    def may_touch(self) -> bool:
-        """Whether the tip may be at the part: unless the way is known to be free where it was seen last."""
+    def may_touch(self, since_s: float) -> bool:
+        """Whether the tip may have been at the part since an instant (s).
+
+        Unless the way is known to be free wherever it has been seen since then.
+        """
         if not self._begun or not self._travels:
             return True
-        return self._travels[-1][1] + _AHEAD_MM > self._begun[-1][2]
+        begun, seen = ([at for at, *_ in noted] for noted in (self._begun, self._travels))
+        free_mm = min(free for _, _, free, _ in self._begun[_last_before(begun, since_s) :])
+        seen_mm = max(travel for _, travel in self._travels[_last_before(seen, since_s) :])
+        return seen_mm + _AHEAD_MM > free_mm
 
     def feel(
-        self, force_n: float, now: float, steady_n: float = 0.0, doubts_n: tuple[float, float] = (0.0, 0.0)
+        self,
+        force_n: float,
+        latest_s: float,
+        steady_n: float = 0.0,
+        doubts_n: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Note the force of a frame that has arrived, and what is steady in the mean of the newest ones.
+        """Note the force of a frame, sampled at `latest_s` or before, and what is steady in the newest ones.
 
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free.
         """
-        # It may have been sampled one period ago: then the tip was not yet where it is now.
-        self._forces.append((now - self._period_s, force_n, steady_n, *doubts_n))
+        self._forces.append((latest_s, force_n, steady_n, *doubts_n))
+
+    def late_by(self, late_s: float) -> None:
+        """Note how much earlier than `latest_s` frames may have been sampled, at most; two periods anyway."""
+        self._late_s = max(self._late_s, late_s)
 
     def stopped(self, now: float) -> None:
-        """Note that the finger is to stop: from now on it stands or goes back, until a stage begins."""
+        """Note that the finger was told to stop: from now on it stands or goes back, until a stage begins."""
         self._stopped.append(now)
 
     def measured(self, now: float) -> None:
@@ -102,7 +117,7 @@ class LoadMeter:
         """A load for each stage in which something was felt, in order of time."""
         if not self._forces or not self._travels:
             return ()
-        times, forces, *_ = np.array(self._forces).T
+        times, (forces, *_) = self._times_s(), np.array(self._forces).T[1:]
         travels = np.interp(times, *np.array(self._travels).T)
         ends = [*(begun for begun, *_ in self._begun[1:]), math.inf]
         found = []
@@ -116,23 +131,52 @@ class LoadMeter:
         """All that was noted, frame by frame; None if nothing was."""
         if not self._forces or not self._travels:
             return None
-        times, forces, steady, doubt, any_doubt = np.array(self._forces).T
+        times, (forces, steady, doubt, any_doubt) = self._times_s(), np.array(self._forces).T[1:]
         travels = np.interp(times, *np.array(self._travels).T)
         quiet = forces <= self._unnoticed_n
-        begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
-        stage = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
+        noticed = np.where(quiet, _lasting(steady), forces)
         return LoadTrace(
             times,
-            np.where(quiet, _lasting(steady), forces),
+            self._late_s / 2,
+            noticed,
             travels,
             self._advances(times, travels),
             self._unnoticed_n * self._shares[_frames_together(quiet)],
             _lasting(doubt),
             _lasting(any_doubt),
-            np.where(travels > free[stage], 0.0, within[stage]),
+            self._free_within(times),
             self._touch_mm_s,
             self._measured_s,
+            self._unfelt_mm(times, noticed),
         )
+
+    def _times_s(self) -> Floats:
+        """Instants (n,) of the frames, each within half of what it may be late."""
+        latest: Floats = np.maximum.accumulate([at for at, *_ in self._forces])
+        return latest - self._late_s / 2
+
+    def _unfelt_mm(self, times: Floats, noticed: Floats) -> float:
+        """How far the tip had come at least when the last frame was sampled before anything was noticed."""
+        if not noticed.any():
+            return math.inf
+        before_s = times[max(int(np.argmax(noticed > 0)) - 1, 0)] - self._late_s / 2
+        return float(np.interp(before_s, *np.array(self._travels).T))
+
+    def _free_within(self, times: Floats) -> Floats:
+        """For how large a motion of the part the way is free wherever the tip may have been at a frame (n,).
+
+        A read of the servos may be as old as the read before it, so that the second one after an instant
+        is the first that is certainly younger.
+        """
+        begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
+        reads, travels = np.array(self._travels).T
+        begin_s, end_s = times - self._late_s / 2, times + self._late_s / 2
+        last = np.minimum(np.searchsorted(reads, end_s, side="right") + 1, len(reads) - 1)
+        seen_mm = _largest(travels, np.searchsorted(reads, begin_s, side="right") - 1, last)
+        first, last = (np.searchsorted(begun, at, side="right") - 1 for at in (begin_s, end_s))
+        is_free = seen_mm <= -_largest(-free, first, last)
+        result: Floats = np.where(is_free, -_largest(-within, first, last), 0.0)
+        return result
 
     @cached_property
     def _shares(self) -> Floats:
@@ -171,6 +215,19 @@ class LoadMeter:
         if forces[last] > 0:
             ended_s = math.inf  # it has not left the part yet
         return ContactLoad(stage, float(force.max()), float(steps.sum()), work, begun_s, ended_s)
+
+
+def _last_before(times: Sequence[float], at_s: float) -> int:
+    """Index of the last of some instants, in order, that is not later; of the first if all are."""
+    return max(bisect_right(times, at_s) - 1, 0)
+
+
+def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
+    """Largest of `values` from one index (n,) to another, both included; before the first is the first."""
+    first, last = np.maximum(first, 0), np.maximum(last, 0)
+    steps = np.arange(int((last - first).max(initial=0)) + 1)
+    result: Floats = values[np.minimum(first[:, None] + steps, last[:, None])].max(axis=1)
+    return result
 
 
 def _lasting(values: Floats) -> Floats:

@@ -284,6 +284,9 @@ class _WayMover:
         while self._needed[0][0] < now - _RECENT_S[1]:
             self._needed.popleft()
 
+    def stopped(self, now: float) -> None:
+        """Nothing: another way begins."""
+
     def judge(self, now: float) -> End | None:
         """A contact that currents show; arrival; a stall."""
         if self._feels and self._is_pressing(now):

@@ -116,17 +116,10 @@ class PushingTouches:
             contact = finger.error.contact(approach, shape, self._part.displacement, finger.travel_mm)
             if contact is not None:
                 return contact
-        far = min(finger.travel_mm, _unfelt_mm(finger))
+        trace = finger.meter.trace()
+        far = finger.travel_mm if trace is None else min(finger.travel_mm, trace.unfelt_mm)
         far -= 2 * self._rig.closing.back_off_mm if finger.touched else 0.0
         return finger.error.miss(approach, max(far, 0.0))
-
-
-def _unfelt_mm(finger: SimulatedFinger) -> float:
-    """Where something was noticed first on its way; infinite if nothing was."""
-    trace = finger.meter.trace()
-    if trace is None or not trace.felt:
-        return math.inf
-    return float(trace.travel_mm[np.argmax(trace.force_n > 0)])
 
 
 class _Grip:

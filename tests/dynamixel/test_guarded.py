@@ -7,7 +7,7 @@ import pytest
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.errors import HardwareAlert
-from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
+from palpate.drivers.dynamixel.guarded import End, Guard, ServoMover, guarded_loop, guarded_move
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.emulators.chain import ServoChain
@@ -83,6 +83,37 @@ def test_one_stops_at_contact_and_the_other_goes_on(shafts: Shafts) -> None:
     still = shafts.reader.read(shafts.servos).all()[1]
     assert still.position_rad == pytest.approx(touching.position_rad, abs=0.05)
     assert still.velocity_rad_s == 0.0
+
+
+def test_a_mover_is_told_of_its_stop_once_the_servo_holds_it(shafts: Shafts) -> None:
+    """Until then it may have gone on: what it does in that time counts."""
+
+    class Sensing(ServoMover):
+        sensed_s = stopped_s = goal_rad = 0.0
+
+        def sense(self, now: float) -> End | None:
+            if self.seen[-1][1].position_rad < 0.2:
+                return None
+            self.sensed_s = now
+            return End.CONTACT
+
+        def stopped(self, now: float) -> None:
+            self.stopped_s = now
+            self.goal_rad = self.servo.read("Goal Position") * self.servo.model.rad_per_tick
+
+    servo = shafts.servos[0]
+    mover = Sensing(servo, 1.0, 0.02)
+    ends = guarded_loop(
+        shafts.bus,
+        lambda servos: shafts.reader.read(servos).all(),
+        shafts.clock.now,
+        shafts.clock.sleep,
+        [mover],
+        period_s=0.005,
+    )
+    assert ends == {mover: End.CONTACT}
+    assert mover.stopped_s > mover.sensed_s
+    assert mover.goal_rad - servo.zero_tick * servo.model.rad_per_tick < 0.4
 
 
 def test_one_that_is_held_is_stopped_where_it_stands(shafts: Shafts) -> None:

@@ -116,6 +116,7 @@ def press(
     force = np.where(pressed, force_n, 0.0)
     return LoadTrace(
         time_s,
+        1 / RIG.closing.sample_rate_hz,
         force,
         np.cumsum(advance_mm),
         advance_mm,
@@ -123,6 +124,7 @@ def press(
         *np.zeros((3, len(time_s))),
         1.5,
         begin_s + 0.8 * last_s,
+        math.inf,
     )
 
 

@@ -87,6 +87,32 @@ def test_a_finger_is_taken_to_go_forward_until_it_is_stopped_and_not_while_it_st
     assert trace.measured_s == 0.7
 
 
+def test_a_frame_that_may_be_old_belongs_to_wherever_the_tip_may_have_been() -> None:
+    """Frames that may be up to 80 ms old, on a way that is free for 1 mm."""
+    traces = []
+    for late_s in (0.0, 0.08):
+        meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0)
+        meter.late_by(late_s)
+        meter.begin(TouchStage.SLOW, 0.0, free_mm=1.0, free_within_mm=0.5)
+        for k in range(200):
+            meter.see(5 * k * PERIOD_S, k * PERIOD_S)
+            meter.feel(0.2 if k >= 150 else 0.0, (k + 1) * PERIOD_S)
+        trace = meter.trace()
+        assert trace is not None
+        traces.append(trace)
+    fresh, old = traces
+    assert (fresh.time_bound_s, old.time_bound_s) == pytest.approx((PERIOD_S, 0.04))
+    assert fresh.unfelt_mm - old.unfelt_mm == pytest.approx(5 * (0.08 - 2 * PERIOD_S), abs=0.01)
+    assert old.free_within_mm.sum() == pytest.approx(fresh.free_within_mm.sum(), abs=1.0)
+    assert meter.may_touch(0.0)
+    begins = LoadMeter(0.3, PERIOD_S)
+    begins.begin(TouchStage.QUICK, 0.0, free_mm=10.0)
+    for travel, at_s in ((12.0, 1.0), (5.0, 1.2), (4.0, 1.3)):
+        begins.see(travel, at_s)
+    assert not begins.may_touch(1.25)
+    assert begins.may_touch(1.1), "frames of the time before are still to come"
+
+
 def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_is_known() -> None:
     meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0)
     meter.begin(TouchStage.SLOW, 0.0, free_mm=1.0, free_within_mm=0.5)
@@ -95,7 +121,7 @@ def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_is_known() -> None:
         meter.feel(0.2 if k == 150 else 0.0, (k + 1) * PERIOD_S, 0.01 if k == 120 else 0.0)
     trace = meter.trace()
     assert trace is not None
-    assert (trace.free_within_mm[:50] == 0.5).all()
+    assert (trace.free_within_mm[:47] == 0.5).all()
     assert not trace.free_within_mm[53:].any()
     assert trace.unnoticed_n[60] == pytest.approx(0.05 / 8)
     assert trace.unnoticed_n[170] == pytest.approx(0.05 / 7)
