@@ -21,12 +21,12 @@ from palpate.recognizer.grouping import FEW, Boxes, connected
 from palpate.recognizer.region import (
     Cells,
     Intervals,
-    corners,
     divide_longest,
     probe_cells,
     probed_intervals,
     refine_intervals,
 )
+from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
@@ -46,6 +46,7 @@ _REFINEMENTS, _PARTS = 4, 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
+_COINCIDING_MM = 1e-9  # vertices as near as that are one
 _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
@@ -148,8 +149,12 @@ def _witnessed(
 
 
 def _vertex_means(polygon: Floats) -> Floats:
-    """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to."""
-    real = corners(polygon)
+    """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to.
+
+    Of vertices that coincide one counts: a side that only touches a corner may or may not have cut it off.
+    """
+    real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
+    real[:, 0] |= ~real.any(axis=1)
     result: Floats = np.einsum("tvj,tv->tj", polygon, real) / real.sum(axis=1)[:, None]
     return result
 
@@ -284,12 +289,16 @@ class _SymmetryShift:
 
 
 def _symmetry_shift(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints) -> _SymmetryShift:
-    """The reference of a region is its largest cell, brought into [−π, π)."""
+    """The reference of a region is its largest cell, brought into [−π, π).
+
+    A region that reaches all the way round has cells half a turn from there: which way they are turned must not
+    hang on rounding.
+    """
     turn = _symmetry_turn(catalogue, cells)
     middle = cells.middle
-    reference = middle[_best_by_region(cells.volume, first, label)][label]
-    angle = np.rint((middle - reference) / turn) * turn
-    whole = 2 * np.pi * np.floor((reference + np.pi) / (2 * np.pi))
+    reference = middle[_best_by_region(to_nine_digits(cells.volume), first, label)][label]
+    angle = np.rint(((middle - reference) / turn).round(9)) * turn
+    whole = 2 * np.pi * np.floor(((reference + np.pi) / (2 * np.pi)).round(9))
     return _SymmetryShift(angle + whole, angle)
 
 
@@ -347,9 +356,10 @@ def _with_witnesses(
     place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
     tried = np.column_stack([middle * _LEVER_MM, rotate(spot, middle)])
-    off = np.linalg.norm(tried - mean[label], axis=1)
+    # Rounded: of cells that are as near or as large, the first is taken.
+    off, size = np.linalg.norm(tried - mean[label], axis=1).round(6), to_nine_digits(share)
     # Any cell that may hold comes before all that do not; of those the largest comes first.
-    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
+    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), size / (1.0 + size))
     rank = np.where(eligible > 0, rank, -1.0)
     chosen = _best_by_region(rank, first, label)
     regions = Regions(

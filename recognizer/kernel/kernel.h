@@ -55,6 +55,17 @@ static inline double modulo_turn(double x)
     return r;
 }
 
+/* To so many decimals, 1e9 for nine: as numpy's round. */
+static inline double rounded(double x, double decimals) { return rint(x * decimals) / decimals; }
+
+/* To nine digits: `palpate.recognizer.rounding.to_nine_digits`. */
+static inline double to_nine_digits(double x)
+{
+    int power;
+    const double share = frexp(x, &power);
+    return ldexp(rounded(share, 1e9), power);
+}
+
 static inline double wrapped(double x) { return x - TURN * rint(x / TURN); }
 
 static inline double smaller(double a, double b) { return a < b ? a : b; }

@@ -179,18 +179,18 @@ static void turn_region(const asked *of, round_room *r, Py_ssize_t region)
     const int64_t begin = r->first[region], end = r->first[region + 1];
     double most = -1, reference = 0;
     for (int64_t k = begin; k < end; k++) {
-        const double volume = r->area[k] * (of->hi[r->row[k]] - of->lo[r->row[k]]);
+        const double volume = to_nine_digits(r->area[k] * (of->hi[r->row[k]] - of->lo[r->row[k]]));
         if (volume > most) {
             most = volume;
             reference = (of->lo[r->row[k]] + of->hi[r->row[k]]) / 2;
         }
     }
-    const double whole = TURN * floor((reference + PI) / TURN);
+    const double whole = TURN * floor(rounded((reference + PI) / TURN, 1e9));
     for (int64_t k = begin; k < end; k++) {
         const int64_t row = r->row[k];
         const double lo = of->lo[row], hi = of->hi[row], middle = (lo + hi) / 2;
         const double turn = TURN / (double)of->symmetry[of->state[row]];
-        const double angle = rint((middle - reference) / turn) * turn, shift = angle + whole;
+        const double angle = rint(rounded((middle - reference) / turn, 1e9)) * turn, shift = angle + whole;
         const point *polygon = of->polygon + row * of->vertices;
         point *to = r->polygon + k * of->vertices;
         r->node[k] = of->node[row];
@@ -232,7 +232,8 @@ static int priority(const asked *of, const round_room *r, int64_t k, int64_t few
     return of->holds[r->row[k]] && !r->refinable[r->label[k]];
 }
 
-/* How gladly a region's cells are taken: those that may hold, the nearer to the middle the rather; then the largest. */
+/* How gladly a region's cells are taken: those that may hold, the nearer to the middle the rather; then the largest.
+   Rounded: of cells that are as near or as large, the first is taken. */
 static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
 {
     const int64_t begin = r->first[region], end = r->first[region + 1];
@@ -256,10 +257,12 @@ static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
         else if (of->holds[r->row[k]]) {
             const point at = turned(r->spot[k], r->middle[k]);
             const double x = r->middle[k] * LEVER_MM - mean[0] / whole, y = at.x - mean[1] / whole,
-                         z = at.y - mean[2] / whole, off = sqrt(x * x + y * y + z * z);
+                         z = at.y - mean[2] / whole, off = rounded(sqrt(x * x + y * y + z * z), 1e6);
             r->rank[k] = 1.0 + eligible - off / (1.0 + off);
-        } else
-            r->rank[k] = r->share[k] / (1.0 + r->share[k]);
+        } else {
+            const double size = to_nine_digits(r->share[k]);
+            r->rank[k] = size / (1.0 + size);
+        }
     }
 }
 

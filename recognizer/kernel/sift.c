@@ -6,6 +6,7 @@
 #include "sweep.h"
 
 #define OUT 0.9 /* `witness_search._OUT` */
+#define COINCIDING_MM 1e-9 /* `witness_search._COINCIDING_MM` */
 
 /* What is found: cells one after the other. */
 typedef struct {
@@ -46,17 +47,21 @@ static int add(sifted *all, int64_t row, const point *polygon, int size, const c
     return 1;
 }
 
-/* Mean of a polygon's vertices, whatever it is padded to. */
+/* Mean of a polygon's vertices; of those that coincide one counts. */
 static point vertex_mean(const point *polygon, int size)
 {
-    point sum = polygon[0];
-    int count = 1;
-    for (int k = 1; k < size; k++)
-        if (polygon[k].x != polygon[0].x || polygon[k].y != polygon[0].y) {
+    point sum = {0, 0};
+    int count = 0;
+    for (int k = 0; k < size; k++) {
+        const point *before = &polygon[k ? k - 1 : size - 1];
+        if (larger(fabs(polygon[k].x - before->x), fabs(polygon[k].y - before->y)) > COINCIDING_MM) {
             sum.x += polygon[k].x;
             sum.y += polygon[k].y;
             count++;
         }
+    }
+    if (!count)
+        return polygon[0];
     sum.x /= count;
     sum.y /= count;
     return sum;
