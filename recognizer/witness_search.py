@@ -46,7 +46,6 @@ _REFINEMENTS, _PARTS = 4, 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
-_COINCIDING_MM = 1e-9  # vertices as near as that are one
 _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
@@ -136,7 +135,7 @@ def _witnessed(
     constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
 ) -> WitnessedCells:
     """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = _vertex_means(section)[:, None]
+    middle = _outline_means(section)[:, None]
     places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
@@ -148,14 +147,17 @@ def _witnessed(
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def _vertex_means(polygon: Floats) -> Floats:
-    """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to.
+def _outline_means(polygon: Floats) -> Floats:
+    """Means (t, 2) of the outlines of convex polygons (t, v, 2).
 
-    Of vertices that coincide one counts: a side that only touches a corner may or may not have cut it off.
+    Unlike that of the vertices, this does not depend on whether a side that only touches another one or a corner
+    has left a vertex there, which hangs on rounding.
     """
-    real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
-    real[:, 0] |= ~real.any(axis=1)
-    result: Floats = np.einsum("tvj,tv->tj", polygon, real) / real.sum(axis=1)[:, None]
+    leg = np.roll(polygon, -1, axis=1) - polygon
+    length = np.hypot(leg[..., 0], leg[..., 1])
+    first = polygon[:, 0]
+    along = np.einsum("tv,tvj->tj", length, polygon - first[:, None] + leg / 2)
+    result: Floats = first + along / np.maximum(length.sum(axis=1), 1e-300)[:, None]
     return result
 
 

@@ -6,7 +6,6 @@
 #include "sweep.h"
 
 #define OUT 0.9 /* `witness_search._OUT` */
-#define COINCIDING_MM 1e-9 /* `witness_search._COINCIDING_MM` */
 
 /* What is found: cells one after the other. */
 typedef struct {
@@ -47,24 +46,21 @@ static int add(sifted *all, int64_t row, const point *polygon, int size, const c
     return 1;
 }
 
-/* Mean of a polygon's vertices; of those that coincide one counts. */
-static point vertex_mean(const point *polygon, int size)
+/* Mean of a polygon's outline: `witness_search._outline_means`. */
+static point outline_mean(const point *polygon, int size)
 {
-    point sum = {0, 0};
-    int count = 0;
+    const point first = polygon[0];
+    double whole = 0, x = 0, y = 0;
     for (int k = 0; k < size; k++) {
-        const point *before = &polygon[k ? k - 1 : size - 1];
-        if (larger(fabs(polygon[k].x - before->x), fabs(polygon[k].y - before->y)) > COINCIDING_MM) {
-            sum.x += polygon[k].x;
-            sum.y += polygon[k].y;
-            count++;
-        }
+        const point one = polygon[k], two = polygon[k + 1 < size ? k + 1 : 0];
+        const double dx = two.x - one.x, dy = two.y - one.y, length = sqrt(dx * dx + dy * dy);
+        whole += length;
+        x += length * (one.x - first.x + dx / 2);
+        y += length * (one.y - first.y + dy / 2);
     }
-    if (!count)
-        return polygon[0];
-    sum.x /= count;
-    sum.y /= count;
-    return sum;
+    whole = larger(whole, 1e-300);
+    point found = {first.x + x / whole, first.y + y / whole};
+    return found;
 }
 
 static int is_open(const paths *of, int64_t state, double theta, point spot, const char *skipped)
@@ -72,13 +68,13 @@ static int is_open(const paths *of, int64_t state, double theta, point spot, con
     return paths_are_free(of, state, theta, theta, &spot.x, 1, skipped);
 }
 
-/* Look for a place of a section in the middle orientation that the free paths leave: the middle of its vertices, and
+/* Look for a place of a section in the middle orientation that the free paths leave: the middle of its outline, and
    with `corners` places towards them. */
 static void try_section(const paths *of, int64_t state, const point *section, int size, int corners,
                         const char *skipped, candidate *at)
 {
     const double theta = (at->lo + at->hi) / 2;
-    const point mean = vertex_mean(section, size);
+    const point mean = outline_mean(section, size);
     at->spot = mean;
     at->holds = is_open(of, state, theta, mean, skipped);
     for (int k = 0; corners && k < size && !at->holds; k++) {
