@@ -17,7 +17,7 @@ from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, si
 from palpate.recognizer.compiled_regions import found_regions
 from palpate.recognizer.compiled_shapes import furthest_along_axes
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.grouping import FEW, Boxes, connected
+from palpate.recognizer.grouping import Boxes, connected, few_in_each
 from palpate.recognizer.region import (
     Cells,
     Intervals,
@@ -213,7 +213,7 @@ def _compiled_round(
     assert KERNEL is not None
     cells = found.cells
     rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
-    component = connected(_boxes(constraints, cells)) if len(cells) > FEW else None
+    component = None if few_in_each(cells.state) else connected(_boxes(constraints, cells))
     evidence, rules, room = (
         constraints.compiled_evidence,
         constraints.compiled_rules,

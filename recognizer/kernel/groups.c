@@ -43,14 +43,19 @@ static int64_t numbered(int64_t *parent, Py_ssize_t count, int64_t *label)
     return found;
 }
 
-int64_t components_of_few(const box *boxes, Py_ssize_t count, int64_t *parent, int64_t *label)
+int64_t components_of_few(const box *boxes, Py_ssize_t count, Py_ssize_t states, int64_t *parent, int64_t *before,
+                          int64_t *last, int64_t *label)
 {
-    for (Py_ssize_t k = 0; k < count; k++)
-        parent[k] = k;
-    for (Py_ssize_t one = 0; one < count; one++)
-        for (Py_ssize_t two = one + 1; two < count; two++)
-            if (boxes[one].state == boxes[two].state && meet(&boxes[one], &boxes[two]))
-                join(parent, one, two);
+    for (Py_ssize_t state = 0; state < states; state++)
+        last[state] = -1;
+    for (Py_ssize_t one = 0; one < count; one++) {
+        parent[one] = one;
+        before[one] = last[boxes[one].state];
+        last[boxes[one].state] = one;
+        for (int64_t two = before[one]; two >= 0; two = before[two])
+            if (meet(&boxes[one], &boxes[two]))
+                join(parent, two, one);
+    }
     return numbered(parent, count, label);
 }
 

@@ -39,7 +39,7 @@ typedef struct {
     char *refinable, *verified, *doubtful;
     double *theta;
     point *position;
-    int64_t *witness, *work;
+    int64_t *witness, *work, *before, *last;
     double *term;
     box *boxes;
 } round_room;
@@ -58,7 +58,7 @@ static int take_room(round_room *r, const asked *of, Py_ssize_t evidence_count)
 {
     const Py_ssize_t k = of->count;
     int fine = 1;
-    int64_t **ints[] = {&r->row, &r->label, &r->node, &r->first, &r->fit_state, &r->witness, &r->work};
+    int64_t **ints[] = {&r->row, &r->label, &r->node, &r->first, &r->fit_state, &r->witness};
     double **numbers[] = {&r->lo, &r->hi, &r->middle, &r->half, &r->share, &r->rank, &r->radius, &r->area, &r->theta};
     point **points[] = {&r->spot, &r->centre, &r->turned_centre, &r->position};
     char **flags[] = {&r->kept, &r->wanted, &r->refinable, &r->verified, &r->doubtful};
@@ -73,7 +73,12 @@ static int take_room(round_room *r, const asked *of, Py_ssize_t evidence_count)
     r->polygon = room_for(&fine, k * of->vertices, sizeof(point));
     r->term = room_for(&fine, of->vertices, sizeof(double));
     r->skipped = of->skipped ? room_for(&fine, k * evidence_count, 1) : NULL;
-    r->boxes = of->label ? NULL : room_for(&fine, k, sizeof(box));
+    if (!of->label) {
+        r->boxes = room_for(&fine, k, sizeof(box));
+        r->work = room_for(&fine, k, sizeof(int64_t));
+        r->before = room_for(&fine, k, sizeof(int64_t));
+        r->last = room_for(&fine, of->states, sizeof(int64_t));
+    }
     return fine;
 }
 
@@ -82,7 +87,7 @@ static void end_room(round_room *r)
     void *all[] = {r->row, r->label, r->node, r->first, r->fit_state, r->witness, r->work, r->lo, r->hi, r->middle,
                    r->half, r->share, r->rank, r->radius, r->area, r->theta, r->spot, r->centre, r->turned_centre,
                    r->position, r->kept, r->wanted, r->refinable, r->verified, r->doubtful, r->polygon, r->term,
-                   r->skipped, r->boxes};
+                   r->skipped, r->boxes, r->before, r->last};
     for (size_t j = 0; j < sizeof all / sizeof *all; j++)
         free(all[j]);
 }
@@ -94,7 +99,7 @@ static point turned(point a, double angle)
     return found;
 }
 
-/* Components of a few cells, by boxes of the positions that they allow. */
+/* Components of cells, few of each state, by boxes of the positions that they allow. */
 static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
 {
     static const point nothing = {0, 0};
@@ -107,7 +112,7 @@ static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
                    TURN / (double)of->symmetry[state], state};
         r->boxes[k] = one;
     }
-    return components_of_few(r->boxes, of->count, r->work, label);
+    return components_of_few(r->boxes, of->count, of->states, r->work, r->before, r->last, label);
 }
 
 /* What cells of a region are sorted by: what they are, not how they were found. */
