@@ -17,6 +17,7 @@ from palpate.recognizer.tables import expand_ranges
 __all__ = ["Boxes", "connected", "few_in_each"]
 
 _FEW = 160  # boxes that are compared each with each
+_FEW_IN_EACH = 500  # boxes of a state, in the mean over boxes
 _PAIRS_AT_ONCE = 2_000_000
 _FIRST_NEIGHBOURS = 32
 _STRETCH_RAD = 32.0  # of keys for each state: more than three turns
@@ -70,8 +71,9 @@ def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
 
 
 def few_in_each(state: Ints) -> bool:
-    """Whether of boxes of states (k,) each state has so few that all of them are compared."""
-    return int(np.bincount(state).max(initial=0)) <= _FEW
+    """Whether boxes of states (k,) are so few of each that all of a state are compared with each other."""
+    count = np.bincount(state).astype(float)
+    return bool(count @ count <= _FEW_IN_EACH * len(state))
 
 
 def _by_spreading(links: Bools) -> Ints:

@@ -39,7 +39,7 @@ typedef struct {
     char *refinable, *verified, *doubtful;
     double *theta;
     point *position;
-    int64_t *witness, *work, *before, *last;
+    int64_t *witness;
     double *term;
     box *boxes;
 } round_room;
@@ -73,21 +73,16 @@ static int take_room(round_room *r, const asked *of, Py_ssize_t evidence_count)
     r->polygon = room_for(&fine, k * of->vertices, sizeof(point));
     r->term = room_for(&fine, of->vertices, sizeof(double));
     r->skipped = of->skipped ? room_for(&fine, k * evidence_count, 1) : NULL;
-    if (!of->label) {
-        r->boxes = room_for(&fine, k, sizeof(box));
-        r->work = room_for(&fine, k, sizeof(int64_t));
-        r->before = room_for(&fine, k, sizeof(int64_t));
-        r->last = room_for(&fine, of->states, sizeof(int64_t));
-    }
+    r->boxes = of->label ? NULL : room_for(&fine, k, sizeof(box));
     return fine;
 }
 
 static void end_room(round_room *r)
 {
-    void *all[] = {r->row, r->label, r->node, r->first, r->fit_state, r->witness, r->work, r->lo, r->hi, r->middle,
+    void *all[] = {r->row, r->label, r->node, r->first, r->fit_state, r->witness, r->lo, r->hi, r->middle,
                    r->half, r->share, r->rank, r->radius, r->area, r->theta, r->spot, r->centre, r->turned_centre,
                    r->position, r->kept, r->wanted, r->refinable, r->verified, r->doubtful, r->polygon, r->term,
-                   r->skipped, r->boxes, r->before, r->last};
+                   r->skipped, r->boxes};
     for (size_t j = 0; j < sizeof all / sizeof *all; j++)
         free(all[j]);
 }
@@ -112,7 +107,7 @@ static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
                    TURN / (double)of->symmetry[state], state};
         r->boxes[k] = one;
     }
-    return components_of_few(r->boxes, of->count, of->states, r->work, r->before, r->last, label);
+    return components_of_few(r->boxes, of->count, of->states, label);
 }
 
 /* What cells of a region are sorted by: what they are, not how they were found. */
@@ -149,6 +144,11 @@ static int order_cells(const asked *of, round_room *r)
             }
         else
             r->regions = labels_of_few(of, r, label);
+        if (r->regions < 0)
+            PyErr_NoMemory();
+        fine = r->regions >= 0;
+    }
+    if (fine) {
         for (Py_ssize_t k = 0; k < of->count; k++)
             at[label[k] + 1]++;
         for (Py_ssize_t j = 0; j < r->regions; j++)
