@@ -94,6 +94,15 @@ static point turned(point a, double angle)
     return found;
 }
 
+/* The same to 1e-10 mm, for what is rounded to more than that. */
+static point near_turned(point a, double angle)
+{
+    double c, s;
+    near_cosine_sine(angle, &c, &s);
+    point found = {c * a.x - s * a.y, s * a.x + c * a.y};
+    return found;
+}
+
 /* Components of cells, few of each state, by boxes of the positions that they allow. */
 static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
 {
@@ -245,7 +254,7 @@ static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
     double whole = 0, mean[3] = {0, 0, 0};
     int64_t fewest = INT64_MAX;
     for (int64_t k = begin; k < end; k++) {
-        const point at = turned(r->turned_centre[k], r->middle[k]);
+        const point at = near_turned(r->turned_centre[k], r->middle[k]);
         whole += r->share[k];
         mean[0] += r->share[k] * (r->middle[k] * LEVER_MM);
         mean[1] += r->share[k] * at.x;
@@ -260,7 +269,7 @@ static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
         if (!eligible)
             r->rank[k] = -1.0;
         else if (of->holds[r->row[k]]) {
-            const point at = turned(r->spot[k], r->middle[k]);
+            const point at = near_turned(r->spot[k], r->middle[k]);
             const double x = r->middle[k] * LEVER_MM - mean[0] / whole, y = at.x - mean[1] / whole,
                          z = at.y - mean[2] / whole, off = rounded(sqrt(x * x + y * y + z * z), 1e6);
             r->rank[k] = 1.0 + eligible - off / (1.0 + off);
@@ -385,17 +394,21 @@ static int spread(const round_room *r, Py_ssize_t region, int64_t found[CANDIDAT
     return count;
 }
 
+/* What has been tried, the spot of the region's best cell first and then each cell's, is not tried again. */
 static void search_region(const asked *of, round_room *r, polishing *job, Py_ssize_t region)
 {
     int64_t found[CANDIDATES];
+    const int64_t best = best_of(r, region, 0);
     const int count = spread(r, region, found);
     place_at(r, region, best_of(r, region, 1));
     for (int k = 0; k < count; k++)
-        if (try_cell(of, r, job, region, found[k], r->spot[found[k]]))
+        if (found[k] != best && try_cell(of, r, job, region, found[k], r->spot[found[k]]))
             return;
-    for (int k = 0; k < count; k++)
-        if (try_cell(of, r, job, region, found[k], r->turned_centre[found[k]]))
+    for (int k = 0; k < count; k++) {
+        const point spot = r->spot[found[k]], centre = r->turned_centre[found[k]];
+        if ((spot.x != centre.x || spot.y != centre.y) && try_cell(of, r, job, region, found[k], centre))
             return;
+    }
 }
 
 typedef struct {
