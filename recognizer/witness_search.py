@@ -5,6 +5,7 @@ are judged by `verification`. Where none in a region holds, cells that prove to 
 others are cut finer: a configuration comes to light, or nothing is left, or the region remains unverified.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -81,6 +82,23 @@ class Regions:
             cells=self.cells.select(cell),
             unturned=self.unturned.select(cell),
             first=np.cumsum(np.append(0, count)),
+        )
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Regions]") -> "Regions":
+        """The regions of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        before = np.cumsum([0, *(part.first[-1] for part in parts)])
+        begins = [part.first[:-1] + cells for part, cells in zip(parts, before[:-1], strict=True)]
+        return cls(
+            Cells.joined([part.cells for part in parts]),
+            Cells.joined([part.unturned for part in parts]),
+            np.concatenate([*begins, before[-1:]]),
+            np.concatenate([part.theta for part in parts]),
+            np.concatenate([part.position for part in parts]),
+            np.concatenate([part.verified for part in parts]),
+            np.concatenate([part.node for part in parts]),
         )
 
     def with_cells(self, kept: Bools) -> "Regions":
@@ -167,15 +185,16 @@ def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:
     return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
 
 
-def connected_regions(
-    constraints: Constraints, found: WitnessedCells, refinements: int = _REFINEMENTS
-) -> Regions:
+def connected_regions(constraints: Constraints, found: WitnessedCells) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
-    regions, again = search_round(constraints, found, refinable=refinements > 0)
-    if not len(again):
-        return regions
-    finer = cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
-    return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+    done = []
+    for nth in range(_REFINEMENTS + 1):
+        regions, again = search_round(constraints, found, refinable=nth < _REFINEMENTS)
+        done.append(regions)
+        if not len(again):
+            break
+        found = cut_finer(constraints, again, at_first=nth == 0)
+    return Regions.joined(done)
 
 
 def search_round(
@@ -253,18 +272,6 @@ def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> Witn
         return _of_arrays(constraints, cells.node[sifted.row], sifted)
     parts, _ = divide_longest(cells, _LEVER_MM, _PARTS)
     return _witnessed(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
-
-
-def _joined_regions(one: Regions, two: Regions) -> Regions:
-    return Regions(
-        Cells.joined([one.cells, two.cells]),
-        Cells.joined([one.unturned, two.unturned]),
-        np.concatenate([one.first, one.first[-1] + two.first[1:]]),
-        np.concatenate([one.theta, two.theta]),
-        np.concatenate([one.position, two.position]),
-        np.concatenate([one.verified, two.verified]),
-        np.concatenate([one.node, two.node]),
-    )
 
 
 def _boxes(constraints: Constraints, cells: Cells) -> Boxes:
