@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
+from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, sifted_parts
@@ -47,6 +48,7 @@ _REFINEMENTS, _PARTS = 4, 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
+_COINCIDING_MM = 1e-9  # vertices as near as that are one
 _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
@@ -153,7 +155,7 @@ def _witnessed(
     constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
 ) -> WitnessedCells:
     """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = _outline_means(section)[:, None]
+    middle = _corner_means(section)[:, None]
     places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
@@ -165,17 +167,21 @@ def _witnessed(
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def _outline_means(polygon: Floats) -> Floats:
-    """Means (t, 2) of the outlines of convex polygons (t, v, 2).
+def _corner_means(polygon: Floats) -> Floats:
+    """Means (t, 2) of the corners of convex polygons (t, v, 2), whatever they are padded to.
 
-    Unlike that of the vertices, this does not depend on whether a side that only touches another one or a corner
-    has left a vertex there, which hangs on rounding.
+    Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a corner
+    or a side may or may not leave a vertex there, by rounding.
     """
-    leg = np.roll(polygon, -1, axis=1) - polygon
-    length = np.hypot(leg[..., 0], leg[..., 1])
-    first = polygon[:, 0]
-    along = np.einsum("tv,tvj->tj", length, polygon - first[:, None] + leg / 2)
-    result: Floats = first + along / np.maximum(length.sum(axis=1), 1e-300)[:, None]
+    real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
+    real[:, 0] |= ~real.any(axis=1)
+    count, column = real.sum(axis=1)[:, None], np.arange(polygon.shape[1])
+    row = np.arange(len(polygon))[:, None]
+    vertex = polygon[row, np.argsort(~real, axis=1, kind="stable")]
+    came, goes = vertex - vertex[row, (column - 1) % count], vertex[row, (column + 1) % count] - vertex
+    off_line = np.abs(cross(came, goes)) > _COINCIDING_MM * np.linalg.norm(came + goes, axis=2)
+    counts = (column < count) & (off_line | (np.sum(came * goes, axis=2) <= 0))
+    result: Floats = np.einsum("tv,tvj->tj", counts, vertex) / counts.sum(axis=1)[:, None]
     return result
 
 
