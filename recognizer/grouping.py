@@ -57,8 +57,8 @@ class Boxes:
 def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
     """Component (k,) of each box, numbered from 0.
 
-    Where more than `most_pairs` would have to be compared, and not all states have few, boxes that are a little
-    apart may be joined, too.
+    Where more than `most_pairs` would have to be compared, and not all states have few, boxes that are a
+    little apart may be joined, too.
     """
     count = len(boxes.state)
     if count > _FEW:

@@ -1,7 +1,7 @@
 """Rounding of what decides: values that are equal but for rounding must not be put in an order by that.
 
-Which of two cells is the larger or the nearer would otherwise depend on how sums were taken; the compiled kernel
-rounds likewise.
+Which of two cells is the larger or the nearer would otherwise depend on how sums were taken; the compiled
+kernel rounds likewise.
 """
 
 import numpy as np

@@ -170,8 +170,8 @@ def _witnessed(
 def _corner_means(polygon: Floats) -> Floats:
     """Means (t, 2) of the corners of convex polygons (t, v, 2), whatever they are padded to.
 
-    Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a corner
-    or a side may or may not leave a vertex there, by rounding.
+    Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a
+    corner or a side may or may not leave a vertex there, by rounding.
     """
     real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
     real[:, 0] |= ~real.any(axis=1)
@@ -306,8 +306,8 @@ class _SymmetryShift:
 def _symmetry_shift(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints) -> _SymmetryShift:
     """The reference of a region is its largest cell, brought into [−π, π).
 
-    A region that reaches all the way round has cells half a turn from there: which way they are turned must not
-    hang on rounding.
+    A region that reaches all the way round has cells half a turn from there: which way they are turned must
+    not hang on rounding.
     """
     turn = _symmetry_turn(catalogue, cells)
     middle = cells.middle

@@ -87,15 +87,6 @@ static inline void near_cosine_sine(double angle, double *cosine, double *sine)
     *sine = turned & 2 ? -two : two;
 }
 
-/* Before a function with long loops that gain from wider vectors than every processor has: made for both, chosen as
-   the module is loaded. No operation is another one for it, so results are the same. Where loops are short, going to
-   and fro between the two kinds of code costs more than it saves. */
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__) && defined(__GLIBC__)
-#define VECTORISED __attribute__((target_clones("avx2", "default")))
-#else
-#define VECTORISED
-#endif
-
 /* Which of `size` flags are set, in order; how many. Mostly few are. */
 static inline int indices_of(const unsigned char *flags, int size, int32_t *found)
 {
