@@ -38,6 +38,7 @@ __all__ = [
     "Regions",
     "WitnessedCells",
     "connected_regions",
+    "corner_means",
     "cut_finer",
     "find_witnesses",
     "position_boxes",
@@ -155,7 +156,7 @@ def _witnessed(
     constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
 ) -> WitnessedCells:
     """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = _corner_means(section)[:, None]
+    middle = corner_means(section)[:, None]
     places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
@@ -167,7 +168,7 @@ def _witnessed(
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def _corner_means(polygon: Floats) -> Floats:
+def corner_means(polygon: Floats) -> Floats:
     """Means (t, 2) of the corners of convex polygons (t, v, 2), whatever they are padded to.
 
     Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a

@@ -77,7 +77,7 @@ static int is_corner(const point *polygon, int size, int k)
            came.x * goes.x + came.y * goes.y <= 0;
 }
 
-/* Mean of a polygon's corners: `witness_search._corner_means`. */
+/* Mean of a polygon's corners: `witness_search.corner_means`. */
 static point corner_mean(const point *polygon, int size)
 {
     point sum = {0, 0};
