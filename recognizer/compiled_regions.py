@@ -63,8 +63,8 @@ def found_regions(
 ) -> FoundRegions:
     """A round of the witness search over cells: node, state, lo, hi, polygon, spot, holds, each (k, …).
 
-    `component` (k,): of each cell, None where there are few, to be found by comparing all. `room`: so many
-    cells, times contacts, may be cut finer, if they are `refinable`.
+    `component` (k,): of each cell, None where states have few each, to be found by comparing all of these.
+    `room`: so many cells, times contacts, may be cut finer, if they are `refinable`.
     """
     shape = cells[4].shape[:2]
     found = kernel.regions(

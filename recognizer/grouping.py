@@ -14,10 +14,10 @@ from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_shapes import grouped
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["FEW", "Boxes", "connected"]
+__all__ = ["Boxes", "connected", "few_in_each"]
 
-FEW = 160
-"""Boxes that are compared each with each."""
+_FEW = 160  # boxes that are compared each with each
+_FEW_IN_EACH = 500  # boxes of a state, in the mean over boxes
 _PAIRS_AT_ONCE = 2_000_000
 _FIRST_NEIGHBOURS = 32
 _STRETCH_RAD = 32.0  # of keys for each state: more than three turns
@@ -57,16 +57,23 @@ class Boxes:
 def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
     """Component (k,) of each box, numbered from 0.
 
-    Where more than `most_pairs` would have to be compared, boxes that are a little apart may be joined, too.
+    Where more than `most_pairs` would have to be compared, and not all states have few, boxes that are a
+    little apart may be joined, too.
     """
     count = len(boxes.state)
-    if count > FEW:
+    if count > _FEW:
         return _connected_by_order(boxes, most_pairs)
     if KERNEL is not None:
         everything = np.arange(count)
         return grouped(KERNEL, boxes.arrays, everything, (everything, everything + 1, np.full(count, count)))
     one, two = np.arange(count)[:, None], np.arange(count)[None]
     return _by_spreading((boxes.state[:, None] == boxes.state) & boxes.meet(one, two))
+
+
+def few_in_each(state: Ints) -> bool:
+    """Whether boxes of states (k,) are so few of each that all of a state are compared with each other."""
+    count = np.bincount(state).astype(float)
+    return bool(count @ count <= _FEW_IN_EACH * len(state))
 
 
 def _by_spreading(links: Bools) -> Ints:
@@ -121,7 +128,7 @@ def _connected_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     if not len(outside) or int(after.max()) <= _FIRST_NEIGHBOURS:
         return label
     around = before + after + 1
-    if int(around[outside].sum()) > most_pairs:
+    if int(around[outside].sum()) > most_pairs and not few_in_each(boxes.state):
         return _connected_by_bins(boxes)
     if KERNEL is not None:
         begin = np.concatenate([near[1], (at - before)[outside]])

@@ -16,6 +16,7 @@ from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
+from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tight_bounds import enclosures
 from palpate.recognizer.witness_search import Regions
@@ -252,16 +253,10 @@ def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
     position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm
     # Of two that are alike in all that, as two places of one state may be, the one turned less is first.
     rows = np.lexsort(
-        (regions.theta.round(6), state, -_but_for_rounding(volume), constraints.nulls[regions.node])
+        (regions.theta.round(6), state, -to_nine_digits(volume), constraints.nulls[regions.node])
     )
     weight = volume / (float(volume.sum()) or 1.0)
     return Hypotheses(constraints, regions.select(rows), state[rows], position[rows], weight[rows])
-
-
-def _but_for_rounding(value: Floats) -> Floats:
-    """Values (h,) to nine digits: what is equal but for rounding has no order that depends on that."""
-    share, power = np.frexp(value)
-    return np.ldexp(share.round(9), power)
 
 
 def _fewest_nulls_first(row: tuple[int | None, ...]) -> tuple[int, tuple[tuple[bool, int], ...]]:

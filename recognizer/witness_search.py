@@ -5,28 +5,30 @@ are judged by `verification`. Where none in a region holds, cells that prove to 
 others are cut finer: a configuration comes to light, or nothing is left, or the region remains unverified.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
+from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, sifted_parts
 from palpate.recognizer.compiled_regions import found_regions
 from palpate.recognizer.compiled_shapes import furthest_along_axes
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.grouping import FEW, Boxes, connected
+from palpate.recognizer.grouping import Boxes, connected, few_in_each
 from palpate.recognizer.region import (
     Cells,
     Intervals,
-    corners,
     divide_longest,
     probe_cells,
     probed_intervals,
     refine_intervals,
 )
+from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
@@ -36,6 +38,7 @@ __all__ = [
     "Regions",
     "WitnessedCells",
     "connected_regions",
+    "corner_means",
     "cut_finer",
     "find_witnesses",
     "position_boxes",
@@ -46,6 +49,7 @@ _REFINEMENTS, _PARTS = 4, 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
+_COINCIDING_MM = 1e-9  # vertices as near as that are one
 _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
@@ -81,6 +85,23 @@ class Regions:
             cells=self.cells.select(cell),
             unturned=self.unturned.select(cell),
             first=np.cumsum(np.append(0, count)),
+        )
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Regions]") -> "Regions":
+        """The regions of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        before = np.cumsum([0, *(part.first[-1] for part in parts)])
+        begins = [part.first[:-1] + cells for part, cells in zip(parts, before[:-1], strict=True)]
+        return cls(
+            Cells.joined([part.cells for part in parts]),
+            Cells.joined([part.unturned for part in parts]),
+            np.concatenate([*begins, before[-1:]]),
+            np.concatenate([part.theta for part in parts]),
+            np.concatenate([part.position for part in parts]),
+            np.concatenate([part.verified for part in parts]),
+            np.concatenate([part.node for part in parts]),
         )
 
     def with_cells(self, kept: Bools) -> "Regions":
@@ -135,7 +156,7 @@ def _witnessed(
     constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
 ) -> WitnessedCells:
     """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = _vertex_means(section)[:, None]
+    middle = corner_means(section)[:, None]
     places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
@@ -147,10 +168,21 @@ def _witnessed(
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def _vertex_means(polygon: Floats) -> Floats:
-    """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to."""
-    real = corners(polygon)
-    result: Floats = np.einsum("tvj,tv->tj", polygon, real) / real.sum(axis=1)[:, None]
+def corner_means(polygon: Floats) -> Floats:
+    """Means (t, 2) of the corners of convex polygons (t, v, 2), whatever they are padded to.
+
+    Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a
+    corner or a side may or may not leave a vertex there, by rounding.
+    """
+    real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
+    real[:, 0] |= ~real.any(axis=1)
+    count, column = real.sum(axis=1)[:, None], np.arange(polygon.shape[1])
+    row = np.arange(len(polygon))[:, None]
+    vertex = polygon[row, np.argsort(~real, axis=1, kind="stable")]
+    came, goes = vertex - vertex[row, (column - 1) % count], vertex[row, (column + 1) % count] - vertex
+    off_line = np.abs(cross(came, goes)) > _COINCIDING_MM * np.linalg.norm(came + goes, axis=2)
+    counts = (column < count) & (off_line | (np.sum(came * goes, axis=2) <= 0))
+    result: Floats = np.einsum("tv,tvj->tj", counts, vertex) / counts.sum(axis=1)[:, None]
     return result
 
 
@@ -160,15 +192,16 @@ def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:
     return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
 
 
-def connected_regions(
-    constraints: Constraints, found: WitnessedCells, refinements: int = _REFINEMENTS
-) -> Regions:
+def connected_regions(constraints: Constraints, found: WitnessedCells) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
-    regions, again = search_round(constraints, found, refinable=refinements > 0)
-    if not len(again):
-        return regions
-    finer = cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
-    return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+    done = []
+    for nth in range(_REFINEMENTS + 1):
+        regions, again = search_round(constraints, found, refinable=nth < _REFINEMENTS)
+        done.append(regions)
+        if not len(again):
+            break
+        found = cut_finer(constraints, again, at_first=nth == 0)
+    return Regions.joined(done)
 
 
 def search_round(
@@ -206,7 +239,7 @@ def _compiled_round(
     assert KERNEL is not None
     cells = found.cells
     rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
-    component = connected(_boxes(constraints, cells)) if len(cells) > FEW else None
+    component = None if few_in_each(cells.state) else connected(_boxes(constraints, cells))
     evidence, rules, room = (
         constraints.compiled_evidence,
         constraints.compiled_rules,
@@ -248,18 +281,6 @@ def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> Witn
     return _witnessed(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
 
 
-def _joined_regions(one: Regions, two: Regions) -> Regions:
-    return Regions(
-        Cells.joined([one.cells, two.cells]),
-        Cells.joined([one.unturned, two.unturned]),
-        np.concatenate([one.first, one.first[-1] + two.first[1:]]),
-        np.concatenate([one.theta, two.theta]),
-        np.concatenate([one.position, two.position]),
-        np.concatenate([one.verified, two.verified]),
-        np.concatenate([one.node, two.node]),
-    )
-
-
 def _boxes(constraints: Constraints, cells: Cells) -> Boxes:
     lo, hi = position_boxes(cells, np.zeros((len(cells), 2)), constraints.anchor_mm)
     return Boxes(
@@ -284,12 +305,16 @@ class _SymmetryShift:
 
 
 def _symmetry_shift(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints) -> _SymmetryShift:
-    """The reference of a region is its largest cell, brought into [−π, π)."""
+    """The reference of a region is its largest cell, brought into [−π, π).
+
+    A region that reaches all the way round has cells half a turn from there: which way they are turned must
+    not hang on rounding.
+    """
     turn = _symmetry_turn(catalogue, cells)
     middle = cells.middle
-    reference = middle[_best_by_region(cells.volume, first, label)][label]
-    angle = np.rint((middle - reference) / turn) * turn
-    whole = 2 * np.pi * np.floor((reference + np.pi) / (2 * np.pi))
+    reference = middle[_best_by_region(to_nine_digits(cells.volume), first, label)][label]
+    angle = np.rint(((middle - reference) / turn).round(9)) * turn
+    whole = 2 * np.pi * np.floor(((reference + np.pi) / (2 * np.pi)).round(9))
     return _SymmetryShift(angle + whole, angle)
 
 
@@ -347,9 +372,10 @@ def _with_witnesses(
     place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
     tried = np.column_stack([middle * _LEVER_MM, rotate(spot, middle)])
-    off = np.linalg.norm(tried - mean[label], axis=1)
+    # Rounded: of cells that are as near or as large, the first is taken.
+    off, size = np.linalg.norm(tried - mean[label], axis=1).round(6), to_nine_digits(share)
     # Any cell that may hold comes before all that do not; of those the largest comes first.
-    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
+    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), size / (1.0 + size))
     rank = np.where(eligible > 0, rank, -1.0)
     chosen = _best_by_region(rank, first, label)
     regions = Regions(

@@ -180,20 +180,23 @@ static int64_t lower_bound(const double *values, int64_t from, int64_t to, doubl
     return from;
 }
 
-/* The same, begun at a guess: few steps where the answer is near it. */
+#define STEPS 8
+
+/* The same, begun at a guess: mostly a few steps from there. */
 static int64_t lower_bound_near(const double *values, int64_t from, int64_t to, double value, int64_t guess)
 {
-    int64_t stride = 1;
+    int64_t at = guess;
     if (guess < from || guess > to)
         return lower_bound(values, from, to, value);
-    if (guess < to && values[guess] < value) {
-        for (from = guess + 1; from + stride < to && values[from + stride] < value; stride *= 2)
-            from += stride + 1;
-        return lower_bound(values, from, from + stride < to ? from + stride : to, value);
-    }
-    for (to = guess; to - stride >= from && values[to - stride] >= value; stride *= 2)
-        to -= stride;
-    return lower_bound(values, to - stride > from ? to - stride : from, to, value);
+    while (at < to && at < guess + STEPS && values[at] < value)
+        at++;
+    if (at == guess + STEPS)
+        return lower_bound(values, at, to, value);
+    if (at > guess)
+        return at;
+    while (at > from && at > guess - STEPS && values[at - 1] >= value)
+        at--;
+    return at == guess - STEPS ? lower_bound(values, from, at, value) : at;
 }
 
 static int64_t upper_bound_near(const double *values, int64_t from, int64_t to, double value, int64_t guess)
@@ -224,24 +227,6 @@ runs by_normal(const edge_set *edges, int64_t state, double lo, double width, co
             found.to[1] = found.from[0];
     }
     return found;
-}
-
-interval intersect(interval one, interval other)
-{
-    double width = one.hi - one.lo, other_width = other.hi - other.lo;
-    double begin = modulo_turn(other.lo - one.lo);
-    double tail = begin - TURN + other_width;
-    double first = tail >= 0 ? 0.0 : begin <= width ? begin : INFINITY;
-    double last = begin <= width ? smaller(width, begin + other_width) : smaller(width, tail);
-    interval both = {one.lo + first, one.lo + last};
-    return both;
-}
-
-interval orientation_range(const edge_set *edges, int64_t edge, double normals_lo, double normals_hi)
-{
-    double lo = normals_lo - edges->normal_rad[edge] - edges->span[edge];
-    interval range = {lo, lo + smaller(normals_hi - normals_lo + 2 * edges->span[edge], TURN)};
-    return range;
 }
 
 /* How far up from `angle` the first angle with nearest ≤ |angle| ≤ furthest (modulo a turn) is. */
@@ -281,17 +266,21 @@ typedef struct {
 
 enum verdict { EXCLUDED, UNDECIDED, ALLOWED };
 
-/* Whether it is within [least, most] on the whole interval, or nowhere, by more than a billionth of its height: then
-   `clip_to_sinusoid` says the same, and its arc cosines need not be taken. */
-static enum verdict range_verdict(const sinusoid *of, double least, double most)
+/* Whether it is in [least, most] nowhere on the interval, or at both ends, by more than a billionth of its height: then
+   the hull is known without arc cosines. A limit that neither end comes near moves neither: it is made infinite. */
+static enum verdict range_verdict(const sinusoid *of, double *least, double *most)
 {
     double scale = larger(of->height, 1e-9), margin = 1e-9 * scale;
+    double upper = larger(of->lo, of->hi), lower = smaller(of->lo, of->hi);
     int crest = of->slope_lo >= -margin && of->slope_hi <= margin;
     int trough = of->slope_lo <= margin && of->slope_hi >= -margin;
-    double up = crest ? scale : larger(of->lo, of->hi), down = trough ? -scale : smaller(of->lo, of->hi);
-    if (up < least - margin || down > most + margin)
+    if ((crest ? scale : upper) < *least - margin || (trough ? -scale : lower) > *most + margin)
         return EXCLUDED;
-    return down > least + margin && up < most - margin ? ALLOWED : UNDECIDED;
+    if (lower > *least + margin)
+        *least = -INFINITY;
+    if (upper < *most - margin)
+        *most = INFINITY;
+    return *least == -INFINITY && *most == INFINITY ? ALLOWED : UNDECIDED;
 }
 
 static const interval nothing = {INFINITY, -INFINITY};
@@ -336,21 +325,25 @@ interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *sec
         s[k] *= height;
     }
     const int narrow = at.hi - at.lo < 3.0;
-    double inner = 0.0, outer = 0.0;
+    double inner = 0.0, outer = 0.0, least[4], most[4];
+    int undecided = 0; /* a bit for each */
     for (int k = 0; k < 4; k++) {
-        const double least = middle[k] - half[k] - ROUNDING_MM, most = middle[k] + half[k] + ROUNDING_MM;
+        least[k] = middle[k] - half[k] - ROUNDING_MM;
+        most[k] = middle[k] + half[k] + ROUNDING_MM;
         const double *n = k < 2 ? na : nb;
         const sinusoid normal = {c[0] * n[0] - s[0] * n[1], c[1] * n[0] - s[1] * n[1], -s[0] * n[0] - c[0] * n[1],
                                  -s[1] * n[0] - c[1] * n[1], height};
         const sinusoid along = {normal.slope_lo, normal.slope_hi, -normal.lo, -normal.hi, height};
-        enum verdict found = narrow ? range_verdict(k % 2 ? &along : &normal, least, most) : UNDECIDED;
+        enum verdict found = narrow ? range_verdict(k % 2 ? &along : &normal, &least[k], &most[k]) : UNDECIDED;
         if (found == EXCLUDED)
             return nothing;
-        if (found == ALLOWED)
-            continue;
-        double turned = from_a->bearing - (k < 2 ? first->normal_rad[edge_a] : second->normal_rad[edge_b]);
-        clip_to_sinusoid(at, k % 2 ? turned - PI / 2 : turned, least, most, height, &inner, &outer);
+        undecided |= (found == UNDECIDED) << k;
     }
+    for (int k = 0; k < 4; k++)
+        if (undecided >> k & 1) {
+            double turned = from_a->bearing - (k < 2 ? first->normal_rad[edge_a] : second->normal_rad[edge_b]);
+            clip_to_sinusoid(at, k % 2 ? turned - PI / 2 : turned, least[k], most[k], height, &inner, &outer);
+        }
     interval left = {at.lo + inner, at.hi - outer};
     return left;
 }
@@ -406,7 +399,7 @@ interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], co
         const double height = sqrt(a * a + b * b);
         const sinusoid of = {a * cos_lo + b * sin_lo, a * cos_hi + b * sin_hi, b * cos_lo - a * sin_lo,
                              b * cos_hi - a * sin_hi, height};
-        enum verdict found = narrow ? range_verdict(&of, least, most) : UNDECIDED;
+        enum verdict found = narrow ? range_verdict(&of, &least, &most) : UNDECIDED;
         if (found == EXCLUDED)
             return nothing;
         if (found == UNDECIDED)

@@ -59,10 +59,24 @@ typedef struct {
 } interval;
 
 /* Hull of the part of `one` inside `other` modulo a turn; lo > hi where there is none. */
-interval intersect(interval one, interval other);
+static inline interval intersect(interval one, interval other)
+{
+    double width = one.hi - one.lo, other_width = other.hi - other.lo;
+    double begin = modulo_turn(other.lo - one.lo);
+    double tail = begin - TURN + other_width;
+    double first = tail >= 0 ? 0.0 : begin <= width ? begin : INFINITY;
+    double last = begin <= width ? smaller(width, begin + other_width) : smaller(width, tail);
+    interval both = {one.lo + first, one.lo + last};
+    return both;
+}
 
 /* Orientations that turn an edge's normal into a range (memo §2.2.2). */
-interval orientation_range(const edge_set *edges, int64_t edge, double normals_lo, double normals_hi);
+static inline interval orientation_range(const edge_set *edges, int64_t edge, double normals_lo, double normals_hi)
+{
+    double lo = normals_lo - edges->normal_rad[edge] - edges->span[edge];
+    interval range = {lo, lo + smaller(normals_hi - normals_lo + 2 * edges->span[edge], TURN)};
+    return range;
+}
 
 /* A contact as the tests of the tree take it: place of the tip's centre from the anchor, and its bound. */
 typedef struct {

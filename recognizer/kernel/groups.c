@@ -43,15 +43,69 @@ static int64_t numbered(int64_t *parent, Py_ssize_t count, int64_t *label)
     return found;
 }
 
-int64_t components_of_few(const box *boxes, Py_ssize_t count, int64_t *parent, int64_t *label)
+/* Boxes in the order of their states: where they lie, and which ones they are. */
+typedef struct {
+    double *x0, *y0, *x1, *y1;
+    int64_t *order, *parent, *first;
+} sorted;
+
+static void sort_by_state(const box *boxes, Py_ssize_t count, Py_ssize_t states, sorted *to)
 {
     for (Py_ssize_t k = 0; k < count; k++)
-        parent[k] = k;
-    for (Py_ssize_t one = 0; one < count; one++)
-        for (Py_ssize_t two = one + 1; two < count; two++)
-            if (boxes[one].state == boxes[two].state && meet(&boxes[one], &boxes[two]))
-                join(parent, one, two);
-    return numbered(parent, count, label);
+        to->first[boxes[k].state + 1]++;
+    for (Py_ssize_t state = 0; state < states; state++)
+        to->first[state + 1] += to->first[state];
+    for (Py_ssize_t k = 0; k < count; k++) {
+        const int64_t at = to->first[boxes[k].state]++;
+        to->x0[at] = boxes[k].x0;
+        to->y0[at] = boxes[k].y0;
+        to->x1[at] = boxes[k].x1;
+        to->y1[at] = boxes[k].y1;
+        to->order[at] = k;
+        to->parent[k] = k;
+    }
+}
+
+#define AT_ONCE 256
+
+/* Join a box with those of the places [from, at), so many at once, that it meets. */
+static void join_with(const box *boxes, const sorted *all, int64_t from, int64_t at)
+{
+    unsigned char near[AT_ONCE];
+    int32_t found[AT_ONCE];
+    const int size = (int)(at - from < AT_ONCE ? at - from : AT_ONCE);
+    const double *restrict x0 = all->x0 + from, *restrict y0 = all->y0 + from;
+    const double *restrict x1 = all->x1 + from, *restrict y1 = all->y1 + from;
+    const double left = all->x0[at], right = all->x1[at], low = all->y0[at], high = all->y1[at];
+    for (int j = 0; j < size; j++)
+        near[j] = (x0[j] <= right) & (left <= x1[j]) & (y0[j] <= high) & (low <= y1[j]);
+    const int count = indices_of(near, size, found);
+    for (int j = 0; j < count; j++) {
+        const int64_t one = all->order[from + found[j]], two = all->order[at];
+        if (meet(&boxes[one], &boxes[two]))
+            join(all->parent, one, two);
+    }
+}
+
+int64_t components_of_few(const box *boxes, Py_ssize_t count, Py_ssize_t states, int64_t *label)
+{
+    const size_t n = (size_t)count + 1;
+    double *sides = malloc(4 * n * sizeof(double));
+    int64_t *room = calloc(2 * n + (size_t)states + 2, sizeof(int64_t)), found = -1;
+    if (sides && room) {
+        sorted all = {sides, sides + n, sides + 2 * n, sides + 3 * n, room, room + n, room + 2 * n};
+        sort_by_state(boxes, count, states, &all);
+        for (int64_t at = 0, begin = 0; at < count; at++) {
+            if (at && boxes[all.order[at]].state != boxes[all.order[at - 1]].state)
+                begin = at;
+            for (int64_t from = begin; from < at; from += AT_ONCE)
+                join_with(boxes, &all, from, at);
+        }
+        found = numbered(all.parent, count, label);
+    }
+    free(sides);
+    free(room);
+    return found;
 }
 
 /* groups(states, middles, half widths, turns, lo (k × 2), hi (k × 2), k, order (m), m, ones (n), begins (n), ends (n),

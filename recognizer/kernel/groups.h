@@ -11,7 +11,8 @@ typedef struct {
     int64_t state;
 } box;
 
-/* Component of each of a few boxes, numbered in the order of their first ones; how many. `parent`: room. */
-int64_t components_of_few(const box *boxes, Py_ssize_t count, int64_t *parent, int64_t *label);
+/* Component of each box, numbered in the order of their first ones; how many, or −1 if memory is out. Each is compared
+   with all others of its state, of which there should be few. */
+int64_t components_of_few(const box *boxes, Py_ssize_t count, Py_ssize_t states, int64_t *label);
 
 #endif

@@ -55,6 +55,17 @@ static inline double modulo_turn(double x)
     return r;
 }
 
+/* To so many decimals, 1e9 for nine: as numpy's round. */
+static inline double rounded(double x, double decimals) { return rint(x * decimals) / decimals; }
+
+/* To nine digits: `palpate.recognizer.rounding.to_nine_digits`. */
+static inline double to_nine_digits(double x)
+{
+    int power;
+    const double share = frexp(x, &power);
+    return ldexp(rounded(share, 1e9), power);
+}
+
 static inline double wrapped(double x) { return x - TURN * rint(x / TURN); }
 
 static inline double smaller(double a, double b) { return a < b ? a : b; }
@@ -75,15 +86,6 @@ static inline void near_cosine_sine(double angle, double *cosine, double *sine)
     *cosine = turned == 1 || turned == 2 ? -one : one;
     *sine = turned & 2 ? -two : two;
 }
-
-/* Before a function with long loops that gain from wider vectors than every processor has: made for both, chosen as
-   the module is loaded. No operation is another one for it, so results are the same. Where loops are short, going to
-   and fro between the two kinds of code costs more than it saves. */
-#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__) && defined(__GLIBC__)
-#define VECTORISED __attribute__((target_clones("avx2", "default")))
-#else
-#define VECTORISED
-#endif
 
 /* Which of `size` flags are set, in order; how many. Mostly few are. */
 static inline int indices_of(const unsigned char *flags, int size, int32_t *found)

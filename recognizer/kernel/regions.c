@@ -39,7 +39,7 @@ typedef struct {
     char *refinable, *verified, *doubtful;
     double *theta;
     point *position;
-    int64_t *witness, *work;
+    int64_t *witness;
     double *term;
     box *boxes;
 } round_room;
@@ -58,7 +58,7 @@ static int take_room(round_room *r, const asked *of, Py_ssize_t evidence_count)
 {
     const Py_ssize_t k = of->count;
     int fine = 1;
-    int64_t **ints[] = {&r->row, &r->label, &r->node, &r->first, &r->fit_state, &r->witness, &r->work};
+    int64_t **ints[] = {&r->row, &r->label, &r->node, &r->first, &r->fit_state, &r->witness};
     double **numbers[] = {&r->lo, &r->hi, &r->middle, &r->half, &r->share, &r->rank, &r->radius, &r->area, &r->theta};
     point **points[] = {&r->spot, &r->centre, &r->turned_centre, &r->position};
     char **flags[] = {&r->kept, &r->wanted, &r->refinable, &r->verified, &r->doubtful};
@@ -79,7 +79,7 @@ static int take_room(round_room *r, const asked *of, Py_ssize_t evidence_count)
 
 static void end_room(round_room *r)
 {
-    void *all[] = {r->row, r->label, r->node, r->first, r->fit_state, r->witness, r->work, r->lo, r->hi, r->middle,
+    void *all[] = {r->row, r->label, r->node, r->first, r->fit_state, r->witness, r->lo, r->hi, r->middle,
                    r->half, r->share, r->rank, r->radius, r->area, r->theta, r->spot, r->centre, r->turned_centre,
                    r->position, r->kept, r->wanted, r->refinable, r->verified, r->doubtful, r->polygon, r->term,
                    r->skipped, r->boxes};
@@ -94,7 +94,16 @@ static point turned(point a, double angle)
     return found;
 }
 
-/* Components of a few cells, by boxes of the positions that they allow. */
+/* The same to 1e-10 mm, for what is rounded to more than that. */
+static point near_turned(point a, double angle)
+{
+    double c, s;
+    near_cosine_sine(angle, &c, &s);
+    point found = {c * a.x - s * a.y, s * a.x + c * a.y};
+    return found;
+}
+
+/* Components of cells, few of each state, by boxes of the positions that they allow. */
 static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
 {
     static const point nothing = {0, 0};
@@ -107,7 +116,7 @@ static int64_t labels_of_few(const asked *of, round_room *r, int64_t *label)
                    TURN / (double)of->symmetry[state], state};
         r->boxes[k] = one;
     }
-    return components_of_few(r->boxes, of->count, r->work, label);
+    return components_of_few(r->boxes, of->count, of->states, label);
 }
 
 /* What cells of a region are sorted by: what they are, not how they were found. */
@@ -144,6 +153,11 @@ static int order_cells(const asked *of, round_room *r)
             }
         else
             r->regions = labels_of_few(of, r, label);
+        if (r->regions < 0)
+            PyErr_NoMemory();
+        fine = r->regions >= 0;
+    }
+    if (fine) {
         for (Py_ssize_t k = 0; k < of->count; k++)
             at[label[k] + 1]++;
         for (Py_ssize_t j = 0; j < r->regions; j++)
@@ -179,18 +193,18 @@ static void turn_region(const asked *of, round_room *r, Py_ssize_t region)
     const int64_t begin = r->first[region], end = r->first[region + 1];
     double most = -1, reference = 0;
     for (int64_t k = begin; k < end; k++) {
-        const double volume = r->area[k] * (of->hi[r->row[k]] - of->lo[r->row[k]]);
+        const double volume = to_nine_digits(r->area[k] * (of->hi[r->row[k]] - of->lo[r->row[k]]));
         if (volume > most) {
             most = volume;
             reference = (of->lo[r->row[k]] + of->hi[r->row[k]]) / 2;
         }
     }
-    const double whole = TURN * floor((reference + PI) / TURN);
+    const double whole = TURN * floor(rounded((reference + PI) / TURN, 1e9));
     for (int64_t k = begin; k < end; k++) {
         const int64_t row = r->row[k];
         const double lo = of->lo[row], hi = of->hi[row], middle = (lo + hi) / 2;
         const double turn = TURN / (double)of->symmetry[of->state[row]];
-        const double angle = rint((middle - reference) / turn) * turn, shift = angle + whole;
+        const double angle = rint(rounded((middle - reference) / turn, 1e9)) * turn, shift = angle + whole;
         const point *polygon = of->polygon + row * of->vertices;
         point *to = r->polygon + k * of->vertices;
         r->node[k] = of->node[row];
@@ -232,14 +246,15 @@ static int priority(const asked *of, const round_room *r, int64_t k, int64_t few
     return of->holds[r->row[k]] && !r->refinable[r->label[k]];
 }
 
-/* How gladly a region's cells are taken: those that may hold, the nearer to the middle the rather; then the largest. */
+/* How gladly a region's cells are taken: those that may hold, the nearer to the middle the rather; then the largest.
+   Rounded: of cells that are as near or as large, the first is taken. */
 static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
 {
     const int64_t begin = r->first[region], end = r->first[region + 1];
     double whole = 0, mean[3] = {0, 0, 0};
     int64_t fewest = INT64_MAX;
     for (int64_t k = begin; k < end; k++) {
-        const point at = turned(r->turned_centre[k], r->middle[k]);
+        const point at = near_turned(r->turned_centre[k], r->middle[k]);
         whole += r->share[k];
         mean[0] += r->share[k] * (r->middle[k] * LEVER_MM);
         mean[1] += r->share[k] * at.x;
@@ -254,12 +269,14 @@ static void rank_cells(const asked *of, round_room *r, Py_ssize_t region)
         if (!eligible)
             r->rank[k] = -1.0;
         else if (of->holds[r->row[k]]) {
-            const point at = turned(r->spot[k], r->middle[k]);
+            const point at = near_turned(r->spot[k], r->middle[k]);
             const double x = r->middle[k] * LEVER_MM - mean[0] / whole, y = at.x - mean[1] / whole,
-                         z = at.y - mean[2] / whole, off = sqrt(x * x + y * y + z * z);
+                         z = at.y - mean[2] / whole, off = rounded(sqrt(x * x + y * y + z * z), 1e6);
             r->rank[k] = 1.0 + eligible - off / (1.0 + off);
-        } else
-            r->rank[k] = r->share[k] / (1.0 + r->share[k]);
+        } else {
+            const double size = to_nine_digits(r->share[k]);
+            r->rank[k] = size / (1.0 + size);
+        }
     }
 }
 
@@ -377,17 +394,21 @@ static int spread(const round_room *r, Py_ssize_t region, int64_t found[CANDIDAT
     return count;
 }
 
+/* What has been tried, the spot of the region's best cell first and then each cell's, is not tried again. */
 static void search_region(const asked *of, round_room *r, polishing *job, Py_ssize_t region)
 {
     int64_t found[CANDIDATES];
+    const int64_t best = best_of(r, region, 0);
     const int count = spread(r, region, found);
     place_at(r, region, best_of(r, region, 1));
     for (int k = 0; k < count; k++)
-        if (try_cell(of, r, job, region, found[k], r->spot[found[k]]))
+        if (found[k] != best && try_cell(of, r, job, region, found[k], r->spot[found[k]]))
             return;
-    for (int k = 0; k < count; k++)
-        if (try_cell(of, r, job, region, found[k], r->turned_centre[found[k]]))
+    for (int k = 0; k < count; k++) {
+        const point spot = r->spot[found[k]], centre = r->turned_centre[found[k]];
+        if ((spot.x != centre.x || spot.y != centre.y) && try_cell(of, r, job, region, found[k], centre))
             return;
+    }
 }
 
 typedef struct {

@@ -6,6 +6,7 @@
 #include "sweep.h"
 
 #define OUT 0.9 /* `witness_search._OUT` */
+#define COINCIDING_MM 1e-9 /* `witness_search._COINCIDING_MM` */
 
 /* What is found: cells one after the other. */
 typedef struct {
@@ -46,17 +47,49 @@ static int add(sifted *all, int64_t row, const point *polygon, int size, const c
     return 1;
 }
 
-/* Mean of a polygon's vertices, whatever it is padded to. */
-static point vertex_mean(const point *polygon, int size)
+static point leg_of(point from, point to)
 {
-    point sum = polygon[0];
-    int count = 1;
-    for (int k = 1; k < size; k++)
-        if (polygon[k].x != polygon[0].x || polygon[k].y != polygon[0].y) {
+    point found = {to.x - from.x, to.y - from.y};
+    return found;
+}
+
+static inline int before_of(int k, int size) { return k ? k - 1 : size - 1; }
+static inline int after_of(int k, int size) { return k + 1 < size ? k + 1 : 0; }
+
+/* Whether a vertex is where the one before it is. */
+static int coincides(const point *polygon, int size, int k)
+{
+    const point leg = leg_of(polygon[before_of(k, size)], polygon[k]);
+    return larger(fabs(leg.x), fabs(leg.y)) <= COINCIDING_MM;
+}
+
+/* Whether a vertex that coincides with none before it is not on a straight side. */
+static int is_corner(const point *polygon, int size, int k)
+{
+    int before = before_of(k, size), after = after_of(k, size);
+    while (before != k && coincides(polygon, size, before))
+        before = before_of(before, size);
+    while (after != k && coincides(polygon, size, after))
+        after = after_of(after, size);
+    const point came = leg_of(polygon[before], polygon[k]), goes = leg_of(polygon[k], polygon[after]);
+    const point whole = {came.x + goes.x, came.y + goes.y};
+    return fabs(came.x * goes.y - came.y * goes.x) > COINCIDING_MM * sqrt(whole.x * whole.x + whole.y * whole.y) ||
+           came.x * goes.x + came.y * goes.y <= 0;
+}
+
+/* Mean of a polygon's corners: `witness_search.corner_means`. */
+static point corner_mean(const point *polygon, int size)
+{
+    point sum = {0, 0};
+    int count = 0;
+    for (int k = 0; k < size; k++)
+        if (!coincides(polygon, size, k) && is_corner(polygon, size, k)) {
             sum.x += polygon[k].x;
             sum.y += polygon[k].y;
             count++;
         }
+    if (!count)
+        return polygon[0];
     sum.x /= count;
     sum.y /= count;
     return sum;
@@ -67,13 +100,13 @@ static int is_open(const paths *of, int64_t state, double theta, point spot, con
     return paths_are_free(of, state, theta, theta, &spot.x, 1, skipped);
 }
 
-/* Look for a place of a section in the middle orientation that the free paths leave: the middle of its vertices, and
+/* Look for a place of a section in the middle orientation that the free paths leave: the middle of its corners, and
    with `corners` places towards them. */
 static void try_section(const paths *of, int64_t state, const point *section, int size, int corners,
                         const char *skipped, candidate *at)
 {
     const double theta = (at->lo + at->hi) / 2;
-    const point mean = vertex_mean(section, size);
+    const point mean = corner_mean(section, size);
     at->spot = mean;
     at->holds = is_open(of, state, theta, mean, skipped);
     for (int k = 0; corners && k < size && !at->holds; k++) {

@@ -24,27 +24,26 @@ typedef struct {
     double x, y, least, most;
 } ring;
 
-/* Which of `size` edges from `from` on are in the first ring. */
-static int within_disc(const edge_set *edges, int64_t from, int size, const ring *disc, int32_t *found)
-{
-    unsigned char fits[BLOCK];
-    const double *restrict mx = edges->middle_x + from, *restrict my = edges->middle_y + from;
-    const double *restrict wide = edges->half_diagonal + from;
-    const double x = disc->x, y = disc->y, most = disc->most;
-    for (int j = 0; j < size; j++) {
-        double dx = mx[j] - x, dy = my[j] - y, outer = most + wide[j];
-        fits[j] = dx * dx + dy * dy <= outer * outer;
-    }
-    return indices_of(fits, size, found);
-}
-
+/* Two discs' worth of tests for each edge cost less than to guess which of them it passes: mostly about ten are looked
+   at, and few of these are left. */
 static int within_rings(const edge_set *edges, int64_t from, int64_t to, const ring *rings, int count, int32_t *found)
 {
-    const double *mx = edges->middle_x + from, *my = edges->middle_y + from, *wide = edges->half_diagonal + from;
-    int left = within_disc(edges, from, (int)(to - from), rings, found), kept = 0; /* the disc leaves few */
+    const double *restrict mx = edges->middle_x + from, *restrict my = edges->middle_y + from;
+    const double *restrict wide = edges->half_diagonal + from;
+    const ring disc = rings[0], around = rings[1];
+    const int size = (int)(to - from);
+    int left = 0, kept = 0;
+    for (int j = 0; j < size; j++) {
+        const double dx = mx[j] - disc.x, dy = my[j] - disc.y, outer = disc.most + wide[j];
+        const double ex = mx[j] - around.x, ey = my[j] - around.y, square = ex * ex + ey * ey;
+        const double furthest = around.most + wide[j], nearest = larger(around.least - wide[j], 0.0);
+        found[left] = j;
+        left += (dx * dx + dy * dy <= outer * outer) & (square <= furthest * furthest) & (square >= nearest * nearest);
+    }
     for (int i = 0; i < left; i++) {
-        int j = found[i], within = 1;
-        for (int k = 1; k < count && within; k++) {
+        const int j = found[i];
+        int within = 1;
+        for (int k = 2; k < count && within; k++) {
             double dx = mx[j] - rings[k].x, dy = my[j] - rings[k].y, square = dx * dx + dy * dy;
             double outer = rings[k].most + wide[j], inner = larger(rings[k].least - wide[j], 0.0);
             within = square <= outer * outer && square >= inner * inner;
@@ -64,7 +63,7 @@ static double point_segment(double px, double py, const double *start, const dou
     return dx * dx + dy * dy;
 }
 
-/* Whether the distance of two contacts is one that their edges allow (memo §2.2.1). */
+/* Whether the distance of two contacts is one that their edges allow (memo §2.2.1). Mostly their ends say so. */
 static int distance_fits(const edge_set *first, int64_t a, const edge_set *second, int64_t b, double measured,
                          double bound)
 {
@@ -72,19 +71,23 @@ static int distance_fits(const edge_set *first, int64_t a, const edge_set *secon
     const double *r = second->start + 2 * b, *s = second->end + 2 * b;
     double slack = first->slack_mm[a] + second->slack_mm[b] + bound + ROUNDING_MM;
     const double *ends[4][2] = {{p, r}, {p, s}, {q, r}, {q, s}};
-    double longest = 0.0;
+    double longest = 0.0, shortest = INFINITY;
     for (int k = 0; k < 4; k++) {
-        double dx = ends[k][0][0] - ends[k][1][0], dy = ends[k][0][1] - ends[k][1][1];
-        longest = larger(longest, dx * dx + dy * dy);
+        double dx = ends[k][0][0] - ends[k][1][0], dy = ends[k][0][1] - ends[k][1][1], square = dx * dx + dy * dy;
+        longest = larger(longest, square);
+        shortest = smaller(shortest, square);
     }
-    if (measured > sqrt(longest) + slack)
+    const double least = measured - slack, most = larger(measured + slack, 0.0);
+    if (least > 0 && least * least > longest)
         return 0;
+    if (shortest <= most * most)
+        return 1;
     const double *u = first->direction + 2 * a, *v = second->direction + 2 * b;
-    double shortest = point_segment(p[0], p[1], r, v, second->length[b]);
+    shortest = point_segment(p[0], p[1], r, v, second->length[b]);
     shortest = smaller(shortest, point_segment(q[0], q[1], r, v, second->length[b]));
     shortest = smaller(shortest, point_segment(r[0], r[1], p, u, first->length[a]));
     shortest = smaller(shortest, point_segment(s[0], s[1], p, u, first->length[a]));
-    if (measured >= sqrt(shortest) - slack)
+    if (shortest <= most * most)
         return 1;
     double ux = q[0] - p[0], uy = q[1] - p[1], vx = s[0] - r[0], vy = s[1] - r[1];
     double one = (ux * (r[1] - p[1]) - uy * (r[0] - p[0])) * (ux * (s[1] - p[1]) - uy * (s[0] - p[0]));
@@ -98,7 +101,14 @@ typedef struct {
     double cos, sin, swing;
 } sector;
 
-static double swing_of(double half) { return half >= PI ? 2 : 2 * sin(half / 2); }
+static double swing_of(double half)
+{
+    double cosine, sine;
+    if (half >= PI)
+        return 2;
+    near_cosine_sine(half / 2, &cosine, &sine);
+    return 2 * sine;
+}
 
 static sector sector_of(interval at)
 {
