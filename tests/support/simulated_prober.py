@@ -12,6 +12,7 @@ import numpy as np
 from simulated_load import LoadedTip
 from simulated_stage import SimulatedStage
 
+from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
     FREE,
     IN,
@@ -29,6 +30,7 @@ from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.geometry import Counts, Floats
+from palpate.geometry.plane import wrap_angle
 from palpate.rig.commissioning.calibration import ConnectedRig
 from palpate.rig.commissioning.rig_prober import approaches_of, joint_ways
 from palpate.rig.emulated.devices import emulate
@@ -285,7 +287,6 @@ class SimulatedProber:
             worth = (ARM_N_PER_A, ARM_N_PER_A)
         newton_per_a = sum(worth)
         current = push / newton_per_a + out * FRICTION_A
-        facing = _tip(truth, _stood(truth, item, start), ways)[1] - _travel_rad(truth, item, ways, start)
         return PressMeasurement(
             world.rig.fingers[item.finger].name,
             placing,
@@ -296,10 +297,22 @@ class SimulatedProber:
             step_mm,
             CURRENT_STEP_A * newton_per_a,
             np.zeros(len(travel)),
-            np.full(len(travel), math.remainder(facing, 2 * math.pi)),
+            self._described_facing(item, travel),
             worth,
             (FRICTION_A, FRICTION_A),
         )
+
+    def _described_facing(self, item: ServoPath, travel_mm: Floats) -> Floats:
+        """Where the finger faces, from its direction of travel, as rig file and servos have it; (n,)."""
+        model = nominal_models(self._world.rig.fingers)[item.finger]
+
+        def values(servos: Floats) -> Floats:
+            return np.tile(model.prior, (len(servos), 1))
+
+        servos, ends = item.servos_at(travel_mm), item.servos_rad[[0, -1]]
+        first, last = model.centres(values(ends), ends, np.zeros((2, 2)))
+        facing = model.facing_rad(values(servos), servos, np.zeros((len(servos), 2)))
+        return wrap_angle(facing - math.atan2(last[1] - first[1], last[0] - first[0]))
 
     def _felt(self, truth: Truth, item: ServoPath, ways: Ways, places: Floats) -> tuple[Floats, Floats]:
         """Forces on taxels (n, 8, 20), and along the way (n,), after travels (n,)."""
