@@ -8,6 +8,10 @@ knowing gains, so that a slope of gains is not taken for it. Currents tell newto
 An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
 and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. How much is
 unknown as far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+
+Errors of one level are not independent: where the travel is off, all columns and the current are off together.
+What travels scatter by is estimated from the residuals, and each level is decorrelated by it (generalised least
+squares). A press as a whole may be off, too, by a share of its travel.
 """
 
 import math
@@ -32,6 +36,8 @@ _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
 _HEADING_BOUND_DEG = 5.0  # where the rig file gives none
+_STRETCH_SIGMA = 0.005  # of a press's travel: joints and links that are not as described, the skin's evenness
+_LIT = 0.1  # of the strongest column of a press: what a weaker one is off by says little
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
 _SHEAR_SHARE = 0.7  # of the skin's stiffness along a surface to that across it, as of rubber
 _SURE = 1e-5  # deviation of what the rig file rules out
@@ -84,10 +90,11 @@ def fit_presses(
     """
     model = _Model(presses, levels, column_counts, rows_used, noise_counts, description, spec)
     x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
+    model.decorrelate(x)
+    x = least_squares(model.residuals, x, model.jacobian, method="lm").x
     square = _squared(model.jacobian(x))
-    misfit = max(1.0, model.misfit(model.residuals(x)))
-    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
-    gains, touch, bearing, _ = model.parts(x)
+    sigma = np.sqrt(max(1.0, model.misfit(x)) * np.diag(np.linalg.inv(square)))
+    gains, touch, bearing, _, _ = model.parts(x)
     counts = model.counts(x)
     return PressFit(
         gain=np.exp(gains),
@@ -116,10 +123,11 @@ def _squared(slopes: Floats) -> Floats:
 
 
 class _Model:
-    """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
+    """The unknowns are those of the finger, logarithms of the columns' gains, and four of each press.
 
-    Of a press: travel (mm) and bearing (rad) at first contact, and friction (N). `strongest` (m, 1): counts
-    of the column with most, or a part of the press's most where that is more.
+    Of a press: travel (mm) and bearing (rad) at first contact, friction (N), and the share by which its dents
+    are deeper than its travel says. `strongest` (m, 1): counts of the column with most, or a part of the
+    press's most where that is more.
     """
 
     def __init__(
@@ -162,6 +170,7 @@ class _Model:
         self._push_sigma = step[levels.press]
         loaded = np.array([p.press.friction_sigma_n for p in presses])
         self._friction_sigma = np.sqrt(step**2 + (_FRICTION_SIGMA * levels.free_n) ** 2 + loaded**2)
+        self._travel_off: Floats = np.zeros((len(levels.press), cols + 1))
 
     def start(self) -> Floats:
         """Values to begin with: contact and stiffness from straight lines, nominal ones otherwise."""
@@ -174,33 +183,96 @@ class _Model:
             touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
         firm = float(np.median(slopes / np.cos(self._bearing)))
         shared = [self._phase_rad, math.log(firm), 0.0, 0.0, self._friction, self._softness]
-        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_n])
+        return np.concatenate(
+            [
+                shared,
+                np.zeros(self._cols),
+                touch,
+                self._bearing,
+                self._levels.free_n,
+                np.zeros(self._presses),
+            ]
+        )
 
-    def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Logarithms of gains, travels and bearings at first contact, frictions."""
+    def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Logarithms of gains, travels and bearings at first contact, frictions, stretches."""
         gains, rest = x[_SHARED : _SHARED + self._cols], x[_SHARED + self._cols :]
-        touch, bearing, friction = rest.reshape(3, self._presses)
-        return gains, touch, bearing, friction
+        touch, bearing, friction, stretch = rest.reshape(4, self._presses)
+        return gains, touch, bearing, friction, stretch
 
     def counts(self, x: Floats) -> Floats:
         """What columns should read, (m, cols)."""
-        gains, touch, bearing, _ = self.parts(x)
-        result: Floats = self._forces(x[:_SHARED], touch, bearing)[0] * np.exp(gains) * self._counts_per_n
+        gains, touch, bearing, _, stretch = self.parts(x)
+        load, _ = self._forces(x[:_SHARED], touch, bearing, stretch)
+        result: Floats = load * np.exp(gains) * self._counts_per_n
         return result
 
-    def misfit(self, residuals: Floats) -> float:
-        """Mean square of the residuals of counts or of those of pushes, whichever is larger."""
-        m = len(self._levels.press)
-        counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
-        looked = m * max(int((self._rows_used > 0).sum()), 1)
-        return max(float(counts @ counts) / looked, float(currents @ currents) / m)
+    def decorrelate(self, x: Floats) -> None:
+        """From now on, levels are taken to be off together by what their travels scatter by near `x`.
+
+        What the travel of each is off by is told by what it is off by all in all; its variance goes with one
+        over the samples. A press has two levels' worth of unknowns along its travel.
+        """
+        m, cols = len(self._levels.press), self._cols
+        slopes = self.jacobian(x)[: m * (cols + 1)]
+        at_touch = _SHARED + cols + self._levels.press
+        along = np.column_stack(
+            [
+                slopes[: m * cols].reshape(m, cols, -1)[np.arange(m), :, at_touch],
+                slopes[m * cols :][np.arange(m), at_touch],
+            ]
+        )
+        off = self._by_level(self.residuals(x))
+        sure = np.einsum("mk,mk->m", along, along)
+        off_mm = np.einsum("mk,mk->m", along, off) / np.maximum(sure, 1e-12)
+        freedom = m / max(m - 2 * self._presses, 1)
+        variance = freedom * float((sure * self._levels.samples * off_mm**2).sum() / sure.sum())
+        self._travel_off = along * np.sqrt(variance / self._levels.samples)[:, None]
+
+    def misfit(self, x: Floats) -> float:
+        """Mean square of what presses are off by at `x`: in lit columns, or pushes level by level.
+
+        Errors of a column in the levels of one press are taken to be the same: they are summed up.
+        """
+        off = self._by_level(self.residuals(x))
+        count = np.bincount(self._levels.press, minlength=self._presses)
+        summed = np.zeros((self._presses, self._cols))
+        np.add.at(summed, self._levels.press, off[:, :-1])
+        most = np.zeros((self._presses, self._cols))
+        np.maximum.at(most, self._levels.press, np.where(self._rows_used > 0, self.counts(x), 0.0))
+        lit = most > _LIT * most.max(axis=1, keepdims=True)
+        square = float((summed**2 / count[:, None])[lit].sum())
+        # Each press has its place and its bearing, each column its gain.
+        unknowns = 2 * self._presses + int(lit.any(axis=0).sum()) + 2
+        freedom = max(int(lit.sum()) - unknowns, int(lit.sum()) // 4, 1)
+        return max(square / freedom, float((off[:, -1] ** 2).mean()))
+
+    def _by_level(self, residuals: Floats) -> Floats:
+        """Residuals (m, cols + 1) of counts and pushes."""
+        m, cols = len(self._levels.press), self._cols
+        counts, pushes = residuals[: m * cols].reshape(m, cols), residuals[m * cols : m * (cols + 1)]
+        return np.column_stack([counts, pushes])
+
+    def _decorrelated(self, counts: Floats, pushes: Floats) -> tuple[Floats, Floats]:
+        """Values (m, cols, …) and (m, …) less what their levels have in common: inverse square roots.
+
+        The covariance of a level is 1 + h hᵀ, of which h is `_travel_off`.
+        """
+        off = self._travel_off
+        square = np.einsum("mk,mk->m", off, off)
+        part = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)
+        common = np.einsum("mc,mc...->m...", off[:, :-1], counts) + (off[:, -1] * pushes.T).T
+        common = (part * common.T).T
+        counts = counts - np.einsum("mc,m...->mc...", off[:, :-1], common)
+        return counts, pushes - (off[:, -1] * common.T).T
 
     def residuals(self, x: Floats) -> Floats:
         """What is off, in standard deviations: counts (m · cols), pushes (m), what is likely."""
-        gains, touch, bearing, friction = self.parts(x)
-        load, push = self._forces(x[:_SHARED], touch, bearing)
+        gains, touch, bearing, friction, stretch = self.parts(x)
+        load, push = self._forces(x[:_SHARED], touch, bearing, stretch)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
         off_n = friction[self._levels.press] + push - self._levels.push_n
+        counts, pushes = self._decorrelated(counts, off_n / self._push_sigma)
         likely = [
             [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
@@ -208,24 +280,27 @@ class _Model:
             gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
             (friction - self._levels.free_n) / self._friction_sigma,
+            stretch / _STRETCH_SIGMA,
         ]
-        return np.concatenate([counts.ravel(), off_n / self._push_sigma, *likely])
+        return np.concatenate([counts.ravel(), pushes, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
         m, cols, n = len(self._levels.press), self._cols, self._presses
-        result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 2 * n, len(x)))
-        gains, touch, bearing, _ = self.parts(x)
+        result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 3 * n, len(x)))
+        gains, touch, bearing, _, stretch = self.parts(x)
         shared = x[:_SHARED]
-        load, push = self._forces(shared, touch, bearing)
+        load, push = self._forces(shared, touch, bearing, stretch)
         to_counts = np.exp(gains) * self._counts_per_n * self._weight
         to_push = 1 / self._push_sigma
 
         def scaled(load: Floats, push: Floats) -> tuple[Floats, Floats]:
             return load * to_counts, push * to_push
 
-        def moved(shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
-            there = self._forces(shared, touch, bearing)
+        def moved(
+            shared: Floats, touch: Floats, bearing: Floats, stretch: Floats
+        ) -> tuple[Floats, Floats]:
+            there = self._forces(shared, touch, bearing, stretch)
             return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
 
         counts, current = scaled(load, push)
@@ -235,17 +310,21 @@ class _Model:
         for place in _NUMERIC:
             step = np.zeros(_SHARED)
             step[place] = _STEP
-            read[..., place], pushed[:, place] = moved(shared + step, touch, bearing)
+            read[..., place], pushed[:, place] = moved(shared + step, touch, bearing, stretch)
         every = np.arange(cols)
         read[:, every, _SHARED + every] = counts
         level, press = np.arange(m), self._levels.press
         at_touch = _SHARED + cols + press
-        by_touch, by_bearing = moved(shared, touch + _STEP, bearing), moved(shared, touch, bearing + _STEP)
-        read[level, :, at_touch], pushed[level, at_touch] = by_touch
-        read[level, :, at_touch + n], pushed[level, at_touch + n] = by_bearing
+        for k, there in (
+            (0, (touch + _STEP, bearing, stretch)),
+            (1, (touch, bearing + _STEP, stretch)),
+            (3, (touch, bearing, stretch + _STEP)),
+        ):
+            read[level, :, at_touch + k * n], pushed[level, at_touch + k * n] = moved(shared, *there)
         pushed[level, at_touch + 2 * n] = to_push
+        read[:], pushed[:] = self._decorrelated(read, pushed)
         likely = result[m * (cols + 1) :]
-        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-2 * n, 0)])
+        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-3 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
             [
                 [1 / self._phase_sigma, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
@@ -253,25 +332,28 @@ class _Model:
                 np.full(cols, 1 / self._gain_sigma),
                 1 / self._bearing_sigma,
                 1 / self._friction_sigma,
+                np.full(n, 1 / _STRETCH_SIGMA),
             ]
         )
         return result
 
-    def _forces(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+    def _forces(
+        self, shared: Floats, touch: Floats, bearing: Floats, stretch: Floats
+    ) -> tuple[Floats, Floats]:
         """Force on columns (m, cols) and along the travel (m,), N: means over each level.
 
         Two places stand for all of a level's: they have its mean and its spread.
         """
-        travel, spread = self._levels.travel_mm, self._levels.spread_mm
-        lower = self._forces_at(travel - spread, shared, touch, bearing)
-        upper = self._forces_at(travel + spread, shared, touch, bearing)
+        press, spread = self._levels.press, self._levels.spread_mm
+        travel, longer = self._levels.travel_mm - touch[press], 1 + stretch[press]
+        lower = self._forces_at(longer * (travel - spread), shared, bearing)
+        upper = self._forces_at(longer * (travel + spread), shared, bearing)
         return (lower[0] + upper[0]) / 2, (lower[1] + upper[1]) / 2
 
-    def _forces_at(
-        self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
-    ) -> tuple[Floats, Floats]:
+    def _forces_at(self, travel_mm: Floats, shared: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+        """The same for travels past first contact (m,)."""
         press, radius = self._levels.press, self._radius_mm
-        free, turned = dent_and_bearing(travel_mm - touch[press], bearing[press], radius, self._curvature)
+        free, turned = dent_and_bearing(travel_mm, bearing[press], radius, self._curvature)
         sine, cosine = np.abs(np.sin(turned)), np.cos(turned)
         # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
         slid = np.abs(np.tan((turned + bearing[press]) / 2))
