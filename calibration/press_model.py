@@ -25,7 +25,7 @@ from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
 from palpate.config import FingerConfig
 from palpate.drivers.tactile.messages import Description
-from palpate.geometry import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["PressFit", "fit_presses"]
 
@@ -54,6 +54,7 @@ class PressFit:
     sideways, over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
     press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
     cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    `misfit` (n,): root mean square of what each press is off by in the columns that it lights, in deviations.
     """
 
     gain: Floats
@@ -72,6 +73,7 @@ class PressFit:
     bearing_rad: Floats
     counts: Floats
     off: Floats
+    misfit: Floats
 
 
 def fit_presses(
@@ -93,6 +95,7 @@ def fit_presses(
     model.decorrelate(x)
     x = least_squares(model.residuals, x, model.jacobian, method="lm").x
     square = _squared(model.jacobian(x))
+    squares, lit = model.misfits(x)
     sigma = np.sqrt(max(1.0, model.misfit(x)) * np.diag(np.linalg.inv(square)))
     gains, touch, bearing, _, _ = model.parts(x)
     counts = model.counts(x)
@@ -113,6 +116,7 @@ def fit_presses(
         bearing_rad=bearing,
         counts=counts,
         off=np.where(rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
+        misfit=np.sqrt(squares.sum(axis=1) / np.maximum(lit.sum(axis=1), 1)),
     )
 
 
@@ -229,23 +233,27 @@ class _Model:
         variance = freedom * float((sure * self._levels.samples * off_mm**2).sum() / sure.sum())
         self._travel_off = along * np.sqrt(variance / self._levels.samples)[:, None]
 
-    def misfit(self, x: Floats) -> float:
-        """Mean square of what presses are off by at `x`: in lit columns, or pushes level by level.
+    def misfits(self, x: Floats) -> tuple[Floats, Bools]:
+        """Squares (n, cols) of what presses are off by at `x`, 0 in columns that they do not light; lit ones.
 
         Errors of a column in the levels of one press are taken to be the same: they are summed up.
         """
-        off = self._by_level(self.residuals(x))
-        count = np.bincount(self._levels.press, minlength=self._presses)
-        summed = np.zeros((self._presses, self._cols))
-        np.add.at(summed, self._levels.press, off[:, :-1])
-        most = np.zeros((self._presses, self._cols))
-        np.maximum.at(most, self._levels.press, np.where(self._rows_used > 0, self.counts(x), 0.0))
+        press, shape = self._levels.press, (self._presses, self._cols)
+        summed, most = np.zeros(shape), np.zeros(shape)
+        np.add.at(summed, press, self._by_level(self.residuals(x))[:, :-1])
+        np.maximum.at(most, press, np.where(self._rows_used > 0, self.counts(x), 0.0))
         lit = most > _LIT * most.max(axis=1, keepdims=True)
-        square = float((summed**2 / count[:, None])[lit].sum())
+        levels = np.bincount(press, minlength=self._presses)[:, None]
+        return np.where(lit, summed**2 / levels, 0.0), lit
+
+    def misfit(self, x: Floats) -> float:
+        """Mean square of what lit columns of presses are off by at `x`, or pushes, whichever is larger."""
+        squares, lit = self.misfits(x)
         # Each press has its place and its bearing, each column its gain.
         unknowns = 2 * self._presses + int(lit.any(axis=0).sum()) + 2
         freedom = max(int(lit.sum()) - unknowns, int(lit.sum()) // 4, 1)
-        return max(square / freedom, float((off[:, -1] ** 2).mean()))
+        pushes = self._by_level(self.residuals(x))[:, -1]
+        return max(float(squares.sum()) / freedom, float((pushes**2).mean()))
 
     def _by_level(self, residuals: Floats) -> Floats:
         """Residuals (m, cols + 1) of counts and pushes."""
