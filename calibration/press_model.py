@@ -6,8 +6,10 @@ patch over the columns, and each patch grows with its dent: both tell where the 
 knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 
 An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
-and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. How much is
-unknown as far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An arm gives
+way in any direction, by how much depends on its posture: a share of the dent that each press has for itself,
+and one that all have in common, which looks like a softer skin. How much all that is remains open as far as
+the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
 
 Errors of one level are not independent: where the travel is off, all columns and the current are off together.
 What travels scatter by is estimated from the residuals, and each level is decorrelated by it (generalised least
@@ -23,7 +25,7 @@ from scipy.optimize import least_squares
 
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
-from palpate.config import FingerConfig
+from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.tactile.messages import Description
 from palpate.geometry import Bools, Floats, Ints
 
@@ -51,7 +53,7 @@ class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
     `gain` (cols,) ± `gain_log_sigma`. `friction`: of tip on reference; `softness`: how far the tip gives way
-    sideways, over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
+    (a slide's sideways, an arm's all round), over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
     press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
     cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
     `misfit` (n,): root mean square of what each press is off by in the columns that it lights, in deviations.
@@ -148,9 +150,12 @@ class _Model:
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
         self._phase_rad = math.radians(spec.array.heading_deg)
         self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
-        # Softness: how far the tip gives way sideways, as a part of how far the same force dents it.
+        # Softness: how far the tip gives way, sideways or all round, as a part of how far the same force dents it.
         self._friction = spec.tip.max_friction / 2
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
+        self._is_arm = isinstance(spec, ArmFingerConfig)
+        own = self._softness / math.sqrt(3) if self._is_arm else 0.0
+        self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own)
         self._load_sigma = np.maximum(np.array([self._friction, self._softness]) / math.sqrt(3), _SURE)
         self._gain_sigma = spec.array.gain_spread / math.sqrt(3)
         self._bearing = np.array([p.bearing_rad for p in presses])
@@ -288,7 +293,7 @@ class _Model:
             gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
             (friction - self._levels.free_n) / self._friction_sigma,
-            stretch / _STRETCH_SIGMA,
+            stretch / self._stretch_sigma,
         ]
         return np.concatenate([counts.ravel(), pushes, *likely])
 
@@ -340,7 +345,7 @@ class _Model:
                 np.full(cols, 1 / self._gain_sigma),
                 1 / self._bearing_sigma,
                 1 / self._friction_sigma,
-                np.full(n, 1 / _STRETCH_SIGMA),
+                np.full(n, 1 / self._stretch_sigma),
             ]
         )
         return result
@@ -366,7 +371,8 @@ class _Model:
         # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
         slid = np.abs(np.tan((turned + bearing[press]) / 2))
         along = np.minimum(_SHEAR_SHARE * slid, shared[_FRICTION])
-        dent = free / (1 + shared[_SOFTNESS] * sine * (sine - along * cosine))
+        aside = 1.0 if self._is_arm else sine * (sine - along * cosine)
+        dent = free / (1 + shared[_SOFTNESS] * aside)
         felt = turned - np.sign(turned) * along * dent / (_SHEAR_SHARE * radius)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _LEAST_DENT, _MOST_DENT)
         pressed = distribute_pressure(

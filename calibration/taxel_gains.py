@@ -16,7 +16,7 @@ from palpate.calibration.measurements import IN
 from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
 from palpate.calibration.press_model import PressFit, fit_presses
 from palpate.calibration.pressure_distribution import dent_and_bearing
-from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
+from palpate.config import ArmFingerConfig, FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
@@ -85,7 +85,7 @@ def fit_gains(
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),
-        phase_sigma_deg=math.degrees(found.phase_sigma_rad),
+        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), _facing_sigma_deg(spec)),
         presses=len(used),
         residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
     )
@@ -118,6 +118,11 @@ def _disagreeing(found: PressFit) -> int | None:
     worst = int(found.misfit.argmax())
     limit = _DISAGREES * max(1.0, float(np.median(found.misfit)))
     return worst if found.misfit[worst] > limit else None
+
+
+def _facing_sigma_deg(spec: FingerConfig) -> float:
+    """By how much the finger may face elsewhere than described, from its travel, in all presses alike."""
+    return spec.elbow.zero_bound_deg / math.sqrt(3) if isinstance(spec, ArmFingerConfig) else 0.0
 
 
 def _silent(levels: PressLevels, idle: IdleFit) -> Bools:
