@@ -310,9 +310,7 @@ class _Model:
         def scaled(load: Floats, push: Floats) -> tuple[Floats, Floats]:
             return load * to_counts, push * to_push
 
-        def moved(
-            shared: Floats, touch: Floats, bearing: Floats, stretch: Floats
-        ) -> tuple[Floats, Floats]:
+        def moved(shared: Floats, touch: Floats, bearing: Floats, stretch: Floats) -> tuple[Floats, Floats]:
             there = self._forces(shared, touch, bearing, stretch)
             return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
 
