@@ -134,6 +134,9 @@ def test_presses_that_say_nothing_are_errors() -> None:
     flat = replace(DESCRIPTION, shape=Shape.FLAT)
     with pytest.raises(InputError, match="cylindrical"):
         fit_gains([good], flat, idle, SPEC)
+    ball = SPEC.model_copy(update={"tip": SPEC.tip.model_copy(update={"shape": "ball"})})
+    with pytest.raises(InputError, match="on a ball"):
+        fit_gains([good], replace(DESCRIPTION, emulated=False), idle, ball)
 
 
 def test_a_press_that_met_nothing_is_left_out() -> None:
@@ -161,7 +164,7 @@ def test_bounds_hold_where_travels_are_not_well_known() -> None:
             replace(
                 at,
                 press=replace(
-                    at.press, travel_mm=at.press.travel_mm + rng.normal(0, 0.03, len(at.press.leg))
+                    at.press, travel_mm=at.press.travel_mm + rng.normal(0, 0.05, len(at.press.leg))
                 ),
             )
             for at in pressed.presses
@@ -171,7 +174,7 @@ def test_bounds_hold_where_travels_are_not_well_known() -> None:
         off, well = np.array(found.gain) / pressed.finger.taxels.gain - 1, bound < 0.15
         assert (np.abs(off) < bound)[well].all()
         errors.append(off[well] / bound[well] * 3.3)
-    assert np.mean(np.concatenate(errors) ** 2) < 1.3
+    assert np.mean(np.concatenate(errors) ** 2) < 1.0
 
 
 def test_an_arm_that_gives_way_differently_in_each_press() -> None:
