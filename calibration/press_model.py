@@ -6,18 +6,19 @@ patch over the columns, and each patch grows with its dent: both tell where the 
 knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 
 An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
-and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An arm gives
-way in any direction, by how much depends on its posture: a share of the dent that each press has for itself,
-and one that all have in common, which looks like a softer skin. How much all that is remains open as far as
-the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An arm
+gives way in any direction, by how much depends on its posture: a share of the dent that each press has for
+itself, and one that all have in common, which looks like a softer skin. How much all that is remains open as
+far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
 
-Errors of one level are not independent: where the travel is off, all columns and the current are off together.
-What travels scatter by is estimated from the residuals, and each level is decorrelated by it (generalised least
-squares). A press as a whole may be off, too, by a share of its travel.
+Errors of one level are not independent: where the travel is off, all columns and the current are off
+together. What travels scatter by is estimated from the residuals, and each level is decorrelated by it
+(generalised least squares). A press as a whole may be off, too, by a share of its travel.
 """
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,9 +54,10 @@ class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
     `gain` (cols,) ± `gain_log_sigma`. `friction`: of tip on reference; `softness`: how far the tip gives way
-    (a slide's sideways, an arm's all round), over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
-    press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
-    cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    (a slide's sideways, an arm's all round), over how far the same force dents it. `touch_mm` (n,): travel at
+    first contact, from each press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns
+    should read. `off` (m, cols): what they read more, as a share of the strongest column; 0 where a column is
+    not looked at.
     `misfit` (n,): root mean square of what each press is off by in the columns that it lights, in deviations.
     """
 
@@ -94,7 +96,7 @@ def fit_presses(
     """
     model = _Model(presses, levels, column_counts, rows_used, noise_counts, description, spec)
     x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
-    model.decorrelate(x)
+    model = model.decorrelated(x)
     x = least_squares(model.residuals, x, model.jacobian, method="lm").x
     square = _squared(model.jacobian(x))
     squares, lit = model.misfits(x)
@@ -150,7 +152,7 @@ class _Model:
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
         self._phase_rad = math.radians(spec.array.heading_deg)
         self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
-        # Softness: how far the tip gives way, sideways or all round, as a part of how far the same force dents it.
+        # Softness: how far the tip gives way, sideways or all round, over how far the same force dents it.
         self._friction = spec.tip.max_friction / 2
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
         self._is_arm = isinstance(spec, ArmFingerConfig)
@@ -216,8 +218,8 @@ class _Model:
         result: Floats = load * np.exp(gains) * self._counts_per_n
         return result
 
-    def decorrelate(self, x: Floats) -> None:
-        """From now on, levels are taken to be off together by what their travels scatter by near `x`.
+    def decorrelated(self, x: Floats) -> "_Model":
+        """The same with levels that are off together by what their travels scatter by near `x`.
 
         What the travel of each is off by is told by what it is off by all in all; its variance goes with one
         over the samples. A press has two levels' worth of unknowns along its travel.
@@ -236,7 +238,9 @@ class _Model:
         off_mm = np.einsum("mk,mk->m", along, off) / np.maximum(sure, 1e-12)
         freedom = m / max(m - 2 * self._presses, 1)
         variance = freedom * float((sure * self._levels.samples * off_mm**2).sum() / sure.sum())
-        self._travel_off = along * np.sqrt(variance / self._levels.samples)[:, None]
+        result = copy(self)
+        result._travel_off = along * np.sqrt(variance / self._levels.samples)[:, None]
+        return result
 
     def misfits(self, x: Floats) -> tuple[Floats, Bools]:
         """Squares (n, cols) of what presses are off by at `x`, 0 in columns that they do not light; lit ones.
@@ -266,7 +270,7 @@ class _Model:
         counts, pushes = residuals[: m * cols].reshape(m, cols), residuals[m * cols : m * (cols + 1)]
         return np.column_stack([counts, pushes])
 
-    def _decorrelated(self, counts: Floats, pushes: Floats) -> tuple[Floats, Floats]:
+    def _apart(self, counts: Floats, pushes: Floats) -> tuple[Floats, Floats]:
         """Values (m, cols, …) and (m, …) less what their levels have in common: inverse square roots.
 
         The covariance of a level is 1 + h hᵀ, of which h is `_travel_off`.
@@ -285,7 +289,7 @@ class _Model:
         load, push = self._forces(x[:_SHARED], touch, bearing, stretch)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
         off_n = friction[self._levels.press] + push - self._levels.push_n
-        counts, pushes = self._decorrelated(counts, off_n / self._push_sigma)
+        counts, pushes = self._apart(counts, off_n / self._push_sigma)
         likely = [
             [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
@@ -333,7 +337,7 @@ class _Model:
         ):
             read[level, :, at_touch + k * n], pushed[level, at_touch + k * n] = moved(shared, *there)
         pushed[level, at_touch + 2 * n] = to_push
-        read[:], pushed[:] = self._decorrelated(read, pushed)
+        read[:], pushed[:] = self._apart(read, pushed)
         likely = result[m * (cols + 1) :]
         places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-3 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(

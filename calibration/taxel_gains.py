@@ -40,11 +40,11 @@ def fit_gains(
     Bounds hold in 99.9 % of cases. A gain is counts per N over what the array says; of a taxel that was not
     pressed it is 1, bounded by the rig file's `gain_spread`. The newtons are those that currents show, whose
     scale all gains and the stiffness share. Only the way in is looked at: there the backlash is taken up and
-    friction always has the same sign. Rows are taken to bear even shares: those of an emulated ball do, those of
-    a real one do not. Presses that met nothing where they should have, and those that no
-    place on the reference explains, as a corner in the patch, are left out, as long as they are fewer than
-    half. Raises InputError without presses, for an array that is not bent round a
-    cylinder, for real balls, and for presses that move or load the array too little.
+    friction always has the same sign. Rows are taken to bear even shares: those of an emulated ball do, those
+    of a real one do not. Presses that met nothing where they should have, and those that no place on the
+    reference explains, as a corner in the patch, are left out, as long as they are fewer than half. Raises
+    InputError without presses, for an array that is not bent round a cylinder, for real balls, and for
+    presses that move or load the array too little.
     """
     if not presses:
         raise InputError("gains of an array: there are no presses; press a reference at several bearings")
@@ -55,8 +55,8 @@ def fit_gains(
         )
     if spec.tip.is_ball and not description.emulated:
         raise InputError(
-            f"finger {spec.name}: gains of an array on a ball are not measured by presses, because its rows do "
-            "not bear even shares of a load; give them in the rig file, and use the rig without a calibration"
+            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do not "
+            "bear even shares; give them in the rig file, and use the rig without a calibration"
         )
     full = description.max_count - 0.5 - idle.zero_counts
     used = informative_presses(presses, idle.live, full, idle.noise_counts)
