@@ -55,8 +55,8 @@ def fit_gains(
         )
     if spec.tip.is_ball and not description.emulated:
         raise InputError(
-            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do not "
-            "bear even shares; give them in the rig file, and use the rig without a calibration"
+            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do "
+            "not bear even shares; give them in the rig file, and do without a calibration"
         )
     full = description.max_count - 0.5 - idle.zero_counts
     used = informative_presses(presses, idle.live, full, idle.noise_counts)
