@@ -8,7 +8,8 @@ With `--simulated`, calibration measures geometry, tips and taxels of the same r
 time between: twenty times faster. Parts are identified on the emulated bench in either case.
 
 With `--load`, tips stick (friction 0 to 0.6), aims give way to forces across the slide by up to 0.05 mm/N and
-forces of 0 to 0.5 N take up their play, all drawn per seed and declared; `--simulated` has it, too.
+forces of 0 to 0.5 N take up their play, all drawn per seed and declared; `--simulated` has it, too. Joints
+of arms give way to forces by up to 0.05 mm/N, likewise; their tips do not stick.
 
 Every seed is a rig as `examples/fresh-rig.toml` describes it (with `--rig arms`, `examples/fresh-arms.toml`;
 with `--rig stage`, `examples/fresh-stage.toml`), with other hidden errors. Each is calibrated as
@@ -80,9 +81,14 @@ def rig_of(kind: str, load: bool) -> RigFile:
     rig = load_rig(RIGS[kind][0])
     if not load:
         return rig
-    if kind != "slides":
-        raise SystemExit("--load is for slides")
+    if kind == "stage":
+        raise SystemExit("--load is for slides and arms")
     data = rig.model_dump(mode="json", exclude_unset=True)
+    if kind == "arms":
+        data["emulation"]["deflection_mm_per_n"] = 0.05
+        for finger in data["fingers"]:
+            finger["bounds"] |= {"deflection_mm_per_n": 0.05, "deflection_deg_per_n": 0.02}
+        return RigFile.model_validate(data)
     data["emulation"] |= {
         "deflection_mm_per_n": 0.05,
         "play_holds_n": [0.0, 0.5],

@@ -6,12 +6,19 @@ patch over the columns, and each patch grows with its dent: both tell where the 
 knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 
 An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
-and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. How much is
-unknown as far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An arm
+gives way in any direction, by how much depends on its posture: a share of the dent that each press has for
+itself, and one that all have in common, which looks like a softer skin. How much all that is remains open as
+far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+
+Errors of one level are not independent: where the travel is off, all columns and the current are off
+together. What travels scatter by is estimated from the residuals, and each level is decorrelated by it
+(generalised least squares). A press as a whole may be off, too, by a share of its travel.
 """
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,9 +26,9 @@ from scipy.optimize import least_squares
 
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
-from palpate.config import FingerConfig
+from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.tactile.messages import Description
-from palpate.geometry import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["PressFit", "fit_presses"]
 
@@ -32,6 +39,8 @@ _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
 _HEADING_BOUND_DEG = 5.0  # where the rig file gives none
+_STRETCH_SIGMA = 0.005  # of a press's travel: joints and links that are not as described, the skin's evenness
+_LIT = 0.1  # of the strongest column of a press: what a weaker one is off by says little
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
 _SHEAR_SHARE = 0.7  # of the skin's stiffness along a surface to that across it, as of rubber
 _SURE = 1e-5  # deviation of what the rig file rules out
@@ -45,9 +54,11 @@ class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
     `gain` (cols,) ± `gain_log_sigma`. `friction`: of tip on reference; `softness`: how far the tip gives way
-    sideways, over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
-    press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
-    cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    (a slide's sideways, an arm's all round), over how far the same force dents it. `touch_mm` (n,): travel at
+    first contact, from each press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns
+    should read. `off` (m, cols): what they read more, as a share of the strongest column; 0 where a column is
+    not looked at.
+    `misfit` (n,): root mean square of what each press is off by in the columns that it lights, in deviations.
     """
 
     gain: Floats
@@ -66,6 +77,7 @@ class PressFit:
     bearing_rad: Floats
     counts: Floats
     off: Floats
+    misfit: Floats
 
 
 def fit_presses(
@@ -84,10 +96,12 @@ def fit_presses(
     """
     model = _Model(presses, levels, column_counts, rows_used, noise_counts, description, spec)
     x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
+    model = model.decorrelated(x)
+    x = least_squares(model.residuals, x, model.jacobian, method="lm").x
     square = _squared(model.jacobian(x))
-    misfit = max(1.0, model.misfit(model.residuals(x)))
-    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
-    gains, touch, bearing, _ = model.parts(x)
+    squares, lit = model.misfits(x)
+    sigma = np.sqrt(max(1.0, model.misfit(x)) * np.diag(np.linalg.inv(square)))
+    gains, touch, bearing, _, _ = model.parts(x)
     counts = model.counts(x)
     return PressFit(
         gain=np.exp(gains),
@@ -106,6 +120,7 @@ def fit_presses(
         bearing_rad=bearing,
         counts=counts,
         off=np.where(rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
+        misfit=np.sqrt(squares.sum(axis=1) / np.maximum(lit.sum(axis=1), 1)),
     )
 
 
@@ -116,10 +131,11 @@ def _squared(slopes: Floats) -> Floats:
 
 
 class _Model:
-    """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
+    """The unknowns are those of the finger, logarithms of the columns' gains, and four of each press.
 
-    Of a press: travel (mm) and bearing (rad) at first contact, and friction (N). `strongest` (m, 1): counts
-    of the column with most, or a part of the press's most where that is more.
+    Of a press: travel (mm) and bearing (rad) at first contact, friction (N), and the share by which its dents
+    are deeper than its travel says. `strongest` (m, 1): counts of the column with most, or a part of the
+    press's most where that is more.
     """
 
     def __init__(
@@ -136,9 +152,12 @@ class _Model:
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
         self._phase_rad = math.radians(spec.array.heading_deg)
         self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
-        # Softness: how far the tip gives way sideways, as a part of how far the same force dents it.
+        # Softness: how far the tip gives way, sideways or all round, over how far the same force dents it.
         self._friction = spec.tip.max_friction / 2
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
+        self._is_arm = isinstance(spec, ArmFingerConfig)
+        own = self._softness / math.sqrt(3) if self._is_arm else 0.0
+        self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own)
         self._load_sigma = np.maximum(np.array([self._friction, self._softness]) / math.sqrt(3), _SURE)
         self._gain_sigma = spec.array.gain_spread / math.sqrt(3)
         self._bearing = np.array([p.bearing_rad for p in presses])
@@ -162,6 +181,7 @@ class _Model:
         self._push_sigma = step[levels.press]
         loaded = np.array([p.press.friction_sigma_n for p in presses])
         self._friction_sigma = np.sqrt(step**2 + (_FRICTION_SIGMA * levels.free_n) ** 2 + loaded**2)
+        self._travel_off: Floats = np.zeros((len(levels.press), cols + 1))
 
     def start(self) -> Floats:
         """Values to begin with: contact and stiffness from straight lines, nominal ones otherwise."""
@@ -174,33 +194,102 @@ class _Model:
             touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
         firm = float(np.median(slopes / np.cos(self._bearing)))
         shared = [self._phase_rad, math.log(firm), 0.0, 0.0, self._friction, self._softness]
-        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_n])
+        return np.concatenate(
+            [
+                shared,
+                np.zeros(self._cols),
+                touch,
+                self._bearing,
+                self._levels.free_n,
+                np.zeros(self._presses),
+            ]
+        )
 
-    def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Logarithms of gains, travels and bearings at first contact, frictions."""
+    def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """Logarithms of gains, travels and bearings at first contact, frictions, stretches."""
         gains, rest = x[_SHARED : _SHARED + self._cols], x[_SHARED + self._cols :]
-        touch, bearing, friction = rest.reshape(3, self._presses)
-        return gains, touch, bearing, friction
+        touch, bearing, friction, stretch = rest.reshape(4, self._presses)
+        return gains, touch, bearing, friction, stretch
 
     def counts(self, x: Floats) -> Floats:
         """What columns should read, (m, cols)."""
-        gains, touch, bearing, _ = self.parts(x)
-        result: Floats = self._forces(x[:_SHARED], touch, bearing)[0] * np.exp(gains) * self._counts_per_n
+        gains, touch, bearing, _, stretch = self.parts(x)
+        load, _ = self._forces(x[:_SHARED], touch, bearing, stretch)
+        result: Floats = load * np.exp(gains) * self._counts_per_n
         return result
 
-    def misfit(self, residuals: Floats) -> float:
-        """Mean square of the residuals of counts or of those of pushes, whichever is larger."""
-        m = len(self._levels.press)
-        counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
-        looked = m * max(int((self._rows_used > 0).sum()), 1)
-        return max(float(counts @ counts) / looked, float(currents @ currents) / m)
+    def decorrelated(self, x: Floats) -> "_Model":
+        """The same with levels that are off together by what their travels scatter by near `x`.
+
+        What the travel of each is off by is told by what it is off by all in all; its variance goes with one
+        over the samples. A press has two levels' worth of unknowns along its travel.
+        """
+        m, cols = len(self._levels.press), self._cols
+        slopes = self.jacobian(x)[: m * (cols + 1)]
+        at_touch = _SHARED + cols + self._levels.press
+        along = np.column_stack(
+            [
+                slopes[: m * cols].reshape(m, cols, -1)[np.arange(m), :, at_touch],
+                slopes[m * cols :][np.arange(m), at_touch],
+            ]
+        )
+        off = self._by_level(self.residuals(x))
+        sure = np.einsum("mk,mk->m", along, along)
+        off_mm = np.einsum("mk,mk->m", along, off) / np.maximum(sure, 1e-12)
+        freedom = m / max(m - 2 * self._presses, 1)
+        variance = freedom * float((sure * self._levels.samples * off_mm**2).sum() / sure.sum())
+        result = copy(self)
+        result._travel_off = along * np.sqrt(variance / self._levels.samples)[:, None]
+        return result
+
+    def misfits(self, x: Floats) -> tuple[Floats, Bools]:
+        """Squares (n, cols) of what presses are off by at `x`, 0 in columns that they do not light; lit ones.
+
+        Errors of a column in the levels of one press are taken to be the same: they are summed up.
+        """
+        press, shape = self._levels.press, (self._presses, self._cols)
+        summed, most = np.zeros(shape), np.zeros(shape)
+        np.add.at(summed, press, self._by_level(self.residuals(x))[:, :-1])
+        np.maximum.at(most, press, np.where(self._rows_used > 0, self.counts(x), 0.0))
+        lit = most > _LIT * most.max(axis=1, keepdims=True)
+        levels = np.bincount(press, minlength=self._presses)[:, None]
+        return np.where(lit, summed**2 / levels, 0.0), lit
+
+    def misfit(self, x: Floats) -> float:
+        """Mean square of what lit columns of presses are off by at `x`, or pushes, whichever is larger."""
+        squares, lit = self.misfits(x)
+        # Each press has its place and its bearing, each column its gain.
+        unknowns = 2 * self._presses + int(lit.any(axis=0).sum()) + 2
+        freedom = max(int(lit.sum()) - unknowns, int(lit.sum()) // 4, 1)
+        pushes = self._by_level(self.residuals(x))[:, -1]
+        return max(float(squares.sum()) / freedom, float((pushes**2).mean()))
+
+    def _by_level(self, residuals: Floats) -> Floats:
+        """Residuals (m, cols + 1) of counts and pushes."""
+        m, cols = len(self._levels.press), self._cols
+        counts, pushes = residuals[: m * cols].reshape(m, cols), residuals[m * cols : m * (cols + 1)]
+        return np.column_stack([counts, pushes])
+
+    def _apart(self, counts: Floats, pushes: Floats) -> tuple[Floats, Floats]:
+        """Values (m, cols, …) and (m, …) less what their levels have in common: inverse square roots.
+
+        The covariance of a level is 1 + h hᵀ, of which h is `_travel_off`.
+        """
+        off = self._travel_off
+        square = np.einsum("mk,mk->m", off, off)
+        part = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)
+        common = np.einsum("mc,mc...->m...", off[:, :-1], counts) + (off[:, -1] * pushes.T).T
+        common = (part * common.T).T
+        counts = counts - np.einsum("mc,m...->mc...", off[:, :-1], common)
+        return counts, pushes - (off[:, -1] * common.T).T
 
     def residuals(self, x: Floats) -> Floats:
         """What is off, in standard deviations: counts (m · cols), pushes (m), what is likely."""
-        gains, touch, bearing, friction = self.parts(x)
-        load, push = self._forces(x[:_SHARED], touch, bearing)
+        gains, touch, bearing, friction, stretch = self.parts(x)
+        load, push = self._forces(x[:_SHARED], touch, bearing, stretch)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
         off_n = friction[self._levels.press] + push - self._levels.push_n
+        counts, pushes = self._apart(counts, off_n / self._push_sigma)
         likely = [
             [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
@@ -208,24 +297,25 @@ class _Model:
             gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
             (friction - self._levels.free_n) / self._friction_sigma,
+            stretch / self._stretch_sigma,
         ]
-        return np.concatenate([counts.ravel(), off_n / self._push_sigma, *likely])
+        return np.concatenate([counts.ravel(), pushes, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
         m, cols, n = len(self._levels.press), self._cols, self._presses
-        result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 2 * n, len(x)))
-        gains, touch, bearing, _ = self.parts(x)
+        result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 3 * n, len(x)))
+        gains, touch, bearing, _, stretch = self.parts(x)
         shared = x[:_SHARED]
-        load, push = self._forces(shared, touch, bearing)
+        load, push = self._forces(shared, touch, bearing, stretch)
         to_counts = np.exp(gains) * self._counts_per_n * self._weight
         to_push = 1 / self._push_sigma
 
         def scaled(load: Floats, push: Floats) -> tuple[Floats, Floats]:
             return load * to_counts, push * to_push
 
-        def moved(shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
-            there = self._forces(shared, touch, bearing)
+        def moved(shared: Floats, touch: Floats, bearing: Floats, stretch: Floats) -> tuple[Floats, Floats]:
+            there = self._forces(shared, touch, bearing, stretch)
             return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
 
         counts, current = scaled(load, push)
@@ -235,17 +325,21 @@ class _Model:
         for place in _NUMERIC:
             step = np.zeros(_SHARED)
             step[place] = _STEP
-            read[..., place], pushed[:, place] = moved(shared + step, touch, bearing)
+            read[..., place], pushed[:, place] = moved(shared + step, touch, bearing, stretch)
         every = np.arange(cols)
         read[:, every, _SHARED + every] = counts
         level, press = np.arange(m), self._levels.press
         at_touch = _SHARED + cols + press
-        by_touch, by_bearing = moved(shared, touch + _STEP, bearing), moved(shared, touch, bearing + _STEP)
-        read[level, :, at_touch], pushed[level, at_touch] = by_touch
-        read[level, :, at_touch + n], pushed[level, at_touch + n] = by_bearing
+        for k, there in (
+            (0, (touch + _STEP, bearing, stretch)),
+            (1, (touch, bearing + _STEP, stretch)),
+            (3, (touch, bearing, stretch + _STEP)),
+        ):
+            read[level, :, at_touch + k * n], pushed[level, at_touch + k * n] = moved(shared, *there)
         pushed[level, at_touch + 2 * n] = to_push
+        read[:], pushed[:] = self._apart(read, pushed)
         likely = result[m * (cols + 1) :]
-        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-2 * n, 0)])
+        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-3 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
             [
                 [1 / self._phase_sigma, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
@@ -253,30 +347,34 @@ class _Model:
                 np.full(cols, 1 / self._gain_sigma),
                 1 / self._bearing_sigma,
                 1 / self._friction_sigma,
+                np.full(n, 1 / self._stretch_sigma),
             ]
         )
         return result
 
-    def _forces(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+    def _forces(
+        self, shared: Floats, touch: Floats, bearing: Floats, stretch: Floats
+    ) -> tuple[Floats, Floats]:
         """Force on columns (m, cols) and along the travel (m,), N: means over each level.
 
         Two places stand for all of a level's: they have its mean and its spread.
         """
-        travel, spread = self._levels.travel_mm, self._levels.spread_mm
-        lower = self._forces_at(travel - spread, shared, touch, bearing)
-        upper = self._forces_at(travel + spread, shared, touch, bearing)
+        press, spread = self._levels.press, self._levels.spread_mm
+        travel, longer = self._levels.travel_mm - touch[press], 1 + stretch[press]
+        lower = self._forces_at(longer * (travel - spread), shared, bearing)
+        upper = self._forces_at(longer * (travel + spread), shared, bearing)
         return (lower[0] + upper[0]) / 2, (lower[1] + upper[1]) / 2
 
-    def _forces_at(
-        self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
-    ) -> tuple[Floats, Floats]:
+    def _forces_at(self, travel_mm: Floats, shared: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+        """The same for travels past first contact (m,)."""
         press, radius = self._levels.press, self._radius_mm
-        free, turned = dent_and_bearing(travel_mm - touch[press], bearing[press], radius, self._curvature)
+        free, turned = dent_and_bearing(travel_mm, bearing[press], radius, self._curvature)
         sine, cosine = np.abs(np.sin(turned)), np.cos(turned)
         # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
         slid = np.abs(np.tan((turned + bearing[press]) / 2))
         along = np.minimum(_SHEAR_SHARE * slid, shared[_FRICTION])
-        dent = free / (1 + shared[_SOFTNESS] * sine * (sine - along * cosine))
+        aside = 1.0 if self._is_arm else sine * (sine - along * cosine)
+        dent = free / (1 + shared[_SOFTNESS] * aside)
         felt = turned - np.sign(turned) * along * dent / (_SHEAR_SHARE * radius)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _LEAST_DENT, _MOST_DENT)
         pressed = distribute_pressure(

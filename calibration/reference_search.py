@@ -19,6 +19,7 @@ from palpate.geometry import Floats
 __all__ = ["LocatedReference", "locate_reference", "probes_at_bearing", "touch_arrays"]
 
 _ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
+_ROOM_OF_PRESS_MM = 12.0  # half of what is touched, and what the face may be elsewhere
 _OTHER_MM = 0.006  # what is left: force, tares
 
 
@@ -75,13 +76,17 @@ def probes_at_bearing(
 ) -> list[tuple[Probe, float]]:
     """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
 
-    A bearing is the direction from the tip's axis to the contact, from the direction of travel.
+    A bearing is the direction from the tip's axis to the contact, from the direction of travel. A tip that
+    is pressed touches some millimetres of a face, and where a plate stands is hardly known along its faces:
+    those that may meet a corner are taken only if there are no others.
     """
     finger = np.array([item.finger for item in prober.approaches])
     result = []
     for index in range(len(models)):
         own = np.flatnonzero(found.predicted.good & (finger == index))
         if len(own):
+            room = found.predicted.room_mm[own]
+            own = own[room >= min(_ROOM_OF_PRESS_MM, float(room.max()))]
             off = np.abs(found.predicted.oblique_rad[own] - bearing_rad)
             best = int(own[off.argmin()])
             oblique = float(found.predicted.oblique_rad[best])

@@ -7,6 +7,7 @@ the tip.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from palpate.calibration.measurements import IN
 from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
 from palpate.calibration.press_model import PressFit, fit_presses
 from palpate.calibration.pressure_distribution import dent_and_bearing
-from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
+from palpate.config import ArmFingerConfig, FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
@@ -28,6 +29,7 @@ _SILENT = 0.15  # of what its column's taxels read
 _LOUD_SIGMAS = 40.0  # what a column must read to tell a silent taxel
 _LIT = 0.02  # of the strongest column: residuals of weaker ones say nothing
 _LARGEST_CROSSTALK = 0.25
+_DISAGREES = 3.0  # a press is left out that is off by so many deviations, and so many times as much as most
 
 
 def fit_gains(
@@ -38,9 +40,11 @@ def fit_gains(
     Bounds hold in 99.9 % of cases. A gain is counts per N over what the array says; of a taxel that was not
     pressed it is 1, bounded by the rig file's `gain_spread`. The newtons are those that currents show, whose
     scale all gains and the stiffness share. Only the way in is looked at: there the backlash is taken up and
-    friction always has the same sign. Presses that met nothing where they should have are left out, as long
-    as they are fewer than half. Raises InputError without presses, for an array that is not bent round a
-    cylinder, and for presses that move or load the array too little.
+    friction always has the same sign. Rows are taken to bear even shares: those of an emulated ball do, those
+    of a real one do not. Presses that met nothing where they should have, and those that no place on the
+    reference explains, as a corner in the patch, are left out, as long as they are fewer than half. Raises
+    InputError without presses, for an array that is not bent round a cylinder, for real balls, and for
+    presses that move or load the array too little.
     """
     if not presses:
         raise InputError("gains of an array: there are no presses; press a reference at several bearings")
@@ -49,15 +53,20 @@ def fit_gains(
             f"array {description.unique_id.hex()}: only arrays bent round a cylindrical tip are calibrated "
             "by presses; give the gains of this one in the rig file"
         )
+    if spec.tip.is_ball and not description.emulated:
+        raise InputError(
+            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do "
+            "not bear even shares; give them in the rig file, and do without a calibration"
+        )
     full = description.max_count - 0.5 - idle.zero_counts
     used = informative_presses(presses, idle.live, full, idle.noise_counts)
-    levels = average_levels(used, idle.live, full, idle.noise_counts)
-    silent = _silent(levels, idle)
+    columns = _fit_columns(used, full, description, idle, spec)
+    while (worst := _disagreeing(columns.found)) is not None and 2 * len(used) > len(presses) + 1:
+        used = [*used[:worst], *used[worst + 1 :]]
+        columns = _fit_columns(used, full, description, idle, spec)
+    levels, silent, found = columns.levels, columns.silent, columns.found
     usable = idle.live & ~silent
-    rows_used = usable.sum(axis=0)
-    column_counts = (levels.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
-    found = fit_presses(used, levels, column_counts, rows_used, idle.noise_counts, description, spec)
-    ratio, ratio_sigma = _rows(levels, usable, column_counts, found.counts, idle.noise_counts)
+    ratio, ratio_sigma = _rows(levels, usable, columns.counts, found.counts, idle.noise_counts)
     bound = np.expm1(COVERAGE_SIGMAS * np.hypot(found.gain_log_sigma, ratio_sigma))
     pressed = usable & (bound < spec.array.gain_spread)
     gain = np.where(pressed, found.gain * ratio, 1.0)
@@ -82,10 +91,44 @@ def fit_gains(
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),
-        phase_sigma_deg=math.degrees(found.phase_sigma_rad),
-        presses=len(presses),
+        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), _facing_sigma_deg(spec)),
+        presses=len(used),
         residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """A fit of columns, with what went into it: `counts` (m, cols), means over the rows that are used."""
+
+    levels: PressLevels
+    silent: Bools
+    counts: Floats
+    found: PressFit
+
+
+def _fit_columns(
+    used: Sequence[PressAtBearing], full: Floats, description: Description, idle: IdleFit, spec: FingerConfig
+) -> _Columns:
+    levels = average_levels(used, idle.live, full, idle.noise_counts)
+    silent = _silent(levels, idle)
+    usable = idle.live & ~silent
+    rows_used = usable.sum(axis=0)
+    counts = (levels.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
+    found = fit_presses(used, levels, counts, rows_used, idle.noise_counts, description, spec)
+    return _Columns(levels, silent, counts, found)
+
+
+def _disagreeing(found: PressFit) -> int | None:
+    """The press that is off most, if the others are not off nearly as much."""
+    worst = int(found.misfit.argmax())
+    limit = _DISAGREES * max(1.0, float(np.median(found.misfit)))
+    return worst if found.misfit[worst] > limit else None
+
+
+def _facing_sigma_deg(spec: FingerConfig) -> float:
+    """By how much the finger may face elsewhere than described, from its travel, in all presses alike."""
+    return spec.elbow.zero_bound_deg / math.sqrt(3) if isinstance(spec, ArmFingerConfig) else 0.0
 
 
 def _silent(levels: PressLevels, idle: IdleFit) -> Bools:

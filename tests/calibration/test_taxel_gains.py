@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from repository import EXAMPLES
 from simulated_presses import (
     BEARINGS_DEG,
     DESCRIPTION,
@@ -20,7 +21,7 @@ from touched_references import SPECS
 from palpate.calibration.idle import IdleFit, analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.calibration.taxel_gains import fit_gains
-from palpate.config import SlideFingerConfig, TactileCalibration
+from palpate.config import SlideFingerConfig, TactileCalibration, load_rig
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
@@ -133,6 +134,9 @@ def test_presses_that_say_nothing_are_errors() -> None:
     flat = replace(DESCRIPTION, shape=Shape.FLAT)
     with pytest.raises(InputError, match="cylindrical"):
         fit_gains([good], flat, idle, SPEC)
+    ball = SPEC.model_copy(update={"tip": SPEC.tip.model_copy(update={"shape": "ball"})})
+    with pytest.raises(InputError, match="on a ball"):
+        fit_gains([good], replace(DESCRIPTION, emulated=False), idle, ball)
 
 
 def test_a_press_that_met_nothing_is_left_out() -> None:
@@ -141,3 +145,53 @@ def test_a_press_that_met_nothing_is_left_out() -> None:
     missed = replace(first, press=replace(first.press, counts=np.zeros_like(first.press.counts)))
     found = fit_gains([*pressed.presses, missed], DESCRIPTION, pressed.idle, SPEC)
     assert np.array(found.gain) == pytest.approx(np.array(pressed.found.gain))
+
+
+def test_a_press_that_no_place_explains_is_left_out() -> None:
+    pressed = bench(11)
+    first = pressed.presses[0]
+    elsewhere = replace(first, press=replace(first.press, counts=np.roll(first.press.counts, 1, axis=2)))
+    found = fit_gains([*pressed.presses, elsewhere], DESCRIPTION, pressed.idle, SPEC)
+    assert found.presses == len(pressed.presses)
+    assert np.array(found.gain) == pytest.approx(np.array(pressed.found.gain))
+
+
+def test_bounds_hold_where_travels_are_not_well_known() -> None:
+    errors = []
+    for seed in range(21, 27):
+        pressed, rng = bench(seed, bearings_deg=FEW_DEG), np.random.default_rng(seed)
+        presses = [
+            replace(
+                at,
+                press=replace(
+                    at.press, travel_mm=at.press.travel_mm + rng.normal(0, 0.05, len(at.press.leg))
+                ),
+            )
+            for at in pressed.presses
+        ]
+        found = fit_gains(presses, DESCRIPTION, pressed.idle, SPEC)
+        bound = np.array(found.gain_bound)
+        off, well = np.array(found.gain) / pressed.finger.taxels.gain - 1, bound < 0.15
+        assert (np.abs(off) < bound)[well].all()
+        errors.append(off[well] / bound[well] * 3.3)
+    assert np.mean(np.concatenate(errors) ** 2) < 1.0
+
+
+def test_an_arm_that_gives_way_differently_in_each_press() -> None:
+    (arm, *_) = (spec for spec in load_rig(EXAMPLES / "fresh-arms.toml").fingers)
+    bounds = arm.bounds.model_copy(update={"deflection_mm_per_n": 0.05})
+    array, tip = SPEC.array, arm.tip.model_copy(update={"radius_mm": 5.0})
+    spec = arm.model_copy(update={"bounds": bounds, "array": array, "tip": tip})
+    for seed in (31, 32, 33):
+        pressed, rng = bench(seed), np.random.default_rng(seed)
+        firm, common = pressed.finger.truth.stiffness_n_per_mm, rng.uniform(0, 1)
+        presses = []
+        for at in pressed.presses:
+            longer = 1 + 0.05 * firm * (common + rng.uniform(0, 1)) / 2
+            presses.append(replace(at, press=replace(at.press, travel_mm=at.press.travel_mm * longer)))
+        found = fit_gains(presses, DESCRIPTION, pressed.idle, spec)
+        bound = np.array(found.gain_bound)
+        off, well = np.abs(np.array(found.gain) / pressed.finger.taxels.gain - 1), bound < 0.15
+        assert well.sum() > 10 * DESCRIPTION.rows
+        assert (off < bound)[well].all()
+        assert abs(found.stiffness_n_per_mm / firm - 1) < found.stiffness_bound < 0.2

@@ -4,16 +4,28 @@ For the simulated prober: every step is brought to equilibrium, without servos a
 those of an emulated finger.
 """
 
+import cmath
 import math
 
 import numpy as np
 
-from palpate.drivers.emulators.mechanics import FingerTruth
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, tip_load
 from palpate.drivers.emulators.tip_friction import Shear, sheared
 from palpate.geometry import Floats
 
 _ROUNDS = 12
+
+
+def bends_of_arm(truth: ArmTruth, links_rad: tuple[float, float], force_n: Floats) -> tuple[float, float]:
+    """By how much a force (2,) on the tip turns both joints, with the links in these directions."""
+    upper, fore = cmath.rect(truth.upper_mm, links_rad[0]), cmath.rect(truth.fore_mm, links_rad[1])
+    force = complex(*force_n)
+    turns = []
+    for joint, arm in ((truth.shoulder, upper + fore), (truth.elbow, fore)):
+        softness = 0.0 if joint.yields is None else joint.yields.rad_per_nmm
+        turns.append(softness * (arm.conjugate() * force).imag)
+    return turns[0], turns[1]
 
 
 class LoadedTip:

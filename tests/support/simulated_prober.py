@@ -9,9 +9,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from simulated_load import LoadedTip
+from simulated_load import LoadedTip, bends_of_arm
 from simulated_stage import SimulatedStage
 
+from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
     FREE,
     IN,
@@ -29,6 +30,7 @@ from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.geometry import Counts, Floats
+from palpate.geometry.plane import wrap_angle
 from palpate.rig.commissioning.calibration import ConnectedRig
 from palpate.rig.commissioning.rig_prober import approaches_of, joint_ways
 from palpate.rig.emulated.devices import emulate
@@ -41,6 +43,7 @@ RATE_HZ = 250.0
 STEP_MM = 0.04
 """Travel of a press between two samples: 4 mm/s, 100 of them a second."""
 ARM_N_PER_A, ARM_STEP_MM = 25.0, 0.07
+_ROUNDS = 8  # to equilibrium: an arm gives way by a part of what its tip does
 
 Truth = FingerTruth | ArmTruth
 Ways = tuple[float, float]
@@ -150,7 +153,8 @@ class SimulatedProber:
         found = self._contact(truth, item, ways, FORCE_N / truth.stiffness_n_per_mm)
         if found is None or found > probe.end_mm:
             return None
-        centre, facing = _tip(truth, _stood(truth, item, found), ways)
+        servos = _stood(truth, item, found)
+        centre, facing = _pushed(truth, servos, ways, self._outline, FORCE_N)
         towards = _towards(self._outline, centre)
         if isinstance(truth, FingerTruth) and self._loads(truth):
             touched = self._contact(truth, item, ways, 0.0)
@@ -242,7 +246,8 @@ class SimulatedProber:
             return None
 
         def gap(travel: float) -> float:
-            centre, _ = _tip(truth, _stood(truth, item, travel), ways)
+            force_n = dent_mm * truth.stiffness_n_per_mm
+            centre, _ = _pushed(truth, _stood(truth, item, travel), ways, outline, force_n)
             return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
 
         travels = np.linspace(0.0, item.length_mm, 80)
@@ -285,7 +290,6 @@ class SimulatedProber:
             worth = (ARM_N_PER_A, ARM_N_PER_A)
         newton_per_a = sum(worth)
         current = push / newton_per_a + out * FRICTION_A
-        facing = _tip(truth, _stood(truth, item, start), ways)[1] - _travel_rad(truth, item, ways, start)
         return PressMeasurement(
             world.rig.fingers[item.finger].name,
             placing,
@@ -296,10 +300,22 @@ class SimulatedProber:
             step_mm,
             CURRENT_STEP_A * newton_per_a,
             np.zeros(len(travel)),
-            np.full(len(travel), math.remainder(facing, 2 * math.pi)),
+            self._described_facing(item, travel),
             worth,
             (FRICTION_A, FRICTION_A),
         )
+
+    def _described_facing(self, item: ServoPath, travel_mm: Floats) -> Floats:
+        """Where the finger faces, from its direction of travel, as rig file and servos have it; (n,)."""
+        model = nominal_models(self._world.rig.fingers)[item.finger]
+
+        def values(servos: Floats) -> Floats:
+            return np.tile(model.prior, (len(servos), 1))
+
+        servos, ends = item.servos_at(travel_mm), item.servos_rad[[0, -1]]
+        first, last = model.centres(values(ends), ends, np.zeros((2, 2)))
+        facing = model.facing_rad(values(servos), servos, np.zeros((len(servos), 2)))
+        return wrap_angle(facing - math.atan2(last[1] - first[1], last[0] - first[0]))
 
     def _felt(self, truth: Truth, item: ServoPath, ways: Ways, places: Floats) -> tuple[Floats, Floats]:
         """Forces on taxels (n, 8, 20), and along the way (n,), after travels (n,)."""
@@ -326,11 +342,16 @@ class SimulatedProber:
 
     def _unloaded(self, truth: Truth, servos: Servos, ways: Ways) -> tuple[TipLoad | None, Floats, float]:
         """What a tip without friction feels, the force on it, and where it faces."""
-        centre, facing = _tip(truth, servos, ways)
         outline = self._outline
         assert outline is not None
-        load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
-        return load, np.zeros(2) if load is None else load.force_n, facing
+        force, bends = np.zeros(2), (0.0, 0.0)
+        for _ in range(_ROUNDS if _gives_way(truth) else 1):
+            centre, facing = _tip(truth, servos, ways, bends)
+            load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+            force = np.zeros(2) if load is None else load.force_n
+            if isinstance(truth, ArmTruth):
+                bends = bends_of_arm(truth, _links(truth, servos, ways), force)
+        return load, force, facing
 
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
         return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
@@ -385,20 +406,44 @@ def _distance(truth: FingerTruth, slide_rad: float) -> float:
     return truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
 
 
-def _tip(truth: Truth, servos: Servos, ways: Ways) -> tuple[Floats, float]:
-    """True centre (2,) with the play taken up as in a touch, and where the finger faces."""
+def _gives_way(truth: Truth) -> bool:
+    return isinstance(truth, ArmTruth) and truth.elbow.yields is not None
+
+
+def _pushed(
+    truth: Truth, servos: Servos, ways: Ways, outline: PartSection | None, force_n: float
+) -> tuple[Floats, float]:
+    """As `_tip`, with an arm pushed back from what is nearest with a force."""
+    bends = (0.0, 0.0)
+    for _ in range(3 if force_n and _gives_way(truth) else 0):
+        assert isinstance(truth, ArmTruth)
+        towards = _towards(outline, _tip(truth, servos, ways, bends)[0])
+        back = -force_n * np.array([math.cos(towards), math.sin(towards)])
+        bends = bends_of_arm(truth, _links(truth, servos, ways), back)
+    return _tip(truth, servos, ways, bends)
+
+
+def _links(truth: ArmTruth, servos: Servos, ways: Ways, bends: Ways = (0.0, 0.0)) -> tuple[float, float]:
+    """Directions of both links."""
+    first, bend = (
+        (servo - joint.zero_rad) / joint.gear_ratio - way * joint.play_rad + bent
+        for servo, joint, way, bent in zip(servos, (truth.shoulder, truth.elbow), ways, bends, strict=True)
+    )
+    return truth.heading_rad + first, truth.heading_rad + first + bend
+
+
+def _tip(truth: Truth, servos: Servos, ways: Ways, bends: Ways = (0.0, 0.0)) -> tuple[Floats, float]:
+    """True centre (2,) with the play taken up as in a touch, and where the finger faces.
+
+    `bends`: by how much a force has turned an arm's joints.
+    """
     base = complex(*truth.base_mm)
     if isinstance(truth, FingerTruth):
         facing = truth.heading_rad + (servos[0] - truth.aim_zero_rad) / truth.gear_ratio
         facing -= ways[0] * truth.aim_play_rad
         tip = base + cmath.rect(_distance(truth, servos[1]), facing)
     else:
-        first, bend = (
-            (servo - joint.zero_rad) / joint.gear_ratio - way * joint.play_rad
-            for servo, joint, way in zip(servos, (truth.shoulder, truth.elbow), ways, strict=True)
-        )
-        first += truth.heading_rad
-        facing = first + bend
+        first, facing = _links(truth, servos, ways, bends)
         tip = base + cmath.rect(truth.upper_mm, first) + cmath.rect(truth.fore_mm, facing)
     return np.array([tip.real, tip.imag]), facing
 
