@@ -29,10 +29,11 @@ LEAST_BALL_SHARE = 0.5
 
 
 class TipShape(StrEnum):
-    """Shape of a fingertip: an upright cylinder, or a ball (docs/recogniser.md, "A ball")."""
+    """Shape of a fingertip: an upright cylinder, a ball, or a flat pad (docs/recogniser.md, "A ball", "A pad")."""
 
     CYLINDER = "cylinder"
     BALL = "ball"
+    PAD = "pad"
 
 
 class RecognitionVerdict(StrEnum):
