@@ -216,6 +216,11 @@ class ArrayConfig(FileModel):
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
         default=270.0, description="How much of the tip's circumference has taxels."
     )
+    pitch_mm: Positive | None = Field(
+        default=None,
+        description="Bound: columns of a pad's flat array are no further apart; they reach from one edge of the "
+        "face to the other.",
+    )
 
     @classmethod
     def variant(cls, data: object) -> type[FileModel]:
@@ -319,6 +324,9 @@ class _MountedFinger(FileModel):
             raise problem(
                 f"is {self.array.heading_deg:g}; a pad looks along the slide (0)", "array", "heading_deg"
             )
+        if self.tip.is_pad != (self.array.pitch_mm is not None):
+            why = "is missing: a pad is touched anywhere along its face" if self.tip.is_pad else "is for pads"
+            raise problem(why, "array", "pitch_mm")
         if self.tip.is_pad and self.bounds.direction_deg is not None:
             raise problem("is for round tips: pads cannot be calibrated", "bounds", "direction_deg")
         if self.tip.is_ball and self.tip.radius_mm > self.height_mm:

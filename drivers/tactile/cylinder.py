@@ -143,6 +143,7 @@ class CylinderTip:
                 extent_rad=np.multiply(runs.last - runs.first + 1, self._pitch),
                 area_mm2=loaded.sum(axis=(1, 2)) * self._cell_mm2(),
                 pressed_mm=np.full((len(touched), 2, 2), np.nan),
+                loaded_mm=np.full((len(touched), 2), np.nan),
                 flags=flags.astype(np.uint8),
             )
         )

@@ -21,7 +21,7 @@ from palpate.drivers.tactile.patches import (
     scattered,
     without_contact,
 )
-from palpate.drivers.tactile.pressed_columns import pressed_places_mm
+from palpate.drivers.tactile.pressed_columns import loaded_places_mm, pressed_columns, pressed_places_mm
 from palpate.drivers.tactile.surface import TaxelSurface
 from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
@@ -89,19 +89,23 @@ def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibra
             force_bound_n=force_bound,
             extent_rad=extent,
             area_mm2=(found.cells & seen) @ surface.area_mm2,
-            pressed_mm=_pressed_mm(taxels, surface, calibration),
+            **_across(taxels, surface, calibration),
             flags=flags.astype(np.uint8),
         )
     )
 
 
-def _pressed_mm(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> Floats:
-    """Where across a flat array something certainly presses, (n, 2, 2); nan on a free one."""
+def _across(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> dict[str, Floats]:
+    """Where across a flat array something presses for certain (n, 2, 2), or may (n, 2); nan on a free one."""
     n, _, cols = taxels.force_n.shape
     if not surface.flat:
-        return np.full((n, 2, 2), np.nan)
-    column_mm = surface.place_mm[:cols, 0]
-    return pressed_places_mm(taxels, calibration, column_mm, float(surface.half_mm[0]))
+        return {"pressed_mm": np.full((n, 2, 2), np.nan), "loaded_mm": np.full((n, 2), np.nan)}
+    column_mm, half_mm = surface.place_mm[:cols, 0], float(surface.half_mm[0])
+    pressed = pressed_columns(taxels, calibration)
+    return {
+        "pressed_mm": pressed_places_mm(pressed, column_mm, half_mm),
+        "loaded_mm": loaded_places_mm(taxels, column_mm, half_mm),
+    }
 
 
 def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> _Patch:

@@ -12,7 +12,7 @@ from palpate.drivers.tactile.patches import TipCalibration
 from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.geometry import Bools, Floats
 
-__all__ = ["pressed_columns", "pressed_places_mm"]
+__all__ = ["loaded_places_mm", "pressed_columns", "pressed_places_mm"]
 
 
 def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
@@ -20,8 +20,7 @@ def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
 
     None beside a taxel that cannot be read: what it bears its neighbours may show.
     """
-    force = taxels.force_n.sum(axis=1)
-    doubt = SIGMAS * np.sqrt((taxels.noise_n**2).sum(axis=1)) + taxels.drift_n.sum(axis=1)
+    force, doubt = _sums(taxels)
     spread = float(calibration.spreads.max())
     share = calibration.crosstalk + calibration.crosstalk_bound
     # A column keeps what its two neighbours do not take of its force.
@@ -34,16 +33,27 @@ def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
     return result
 
 
-def pressed_places_mm(
-    taxels: TaxelForces, calibration: TipCalibration, column_mm: Floats, half_mm: float
-) -> Floats:
+def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floats:
     """Ranges (n, 2, 2) of places across the array, [first, last] and [from, to]: in each something presses.
 
-    `column_mm` (c,) ascending: the columns' middles, each `half_mm` wide to either side. The ranges are equal
-    if a single column is certainly pressed, and nan where none is.
+    `pressed` (n, c): as `pressed_columns`; `column_mm` (c,) ascending: their middles, each `half_mm` wide to
+    either side. The ranges are equal if a single column is certainly pressed, and nan where none is.
     """
-    pressed = pressed_columns(taxels, calibration)
     first, last = np.argmax(pressed, axis=1), len(column_mm) - 1 - np.argmax(pressed[:, ::-1], axis=1)
     middle = column_mm[np.column_stack([first, last])]
     found: Floats = middle[..., None] + np.array([-half_mm, half_mm])
     return np.where(pressed.any(axis=1)[:, None, None], found, np.nan)
+
+
+def loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:
+    """The range (n, 2) across the array outside of which columns show nothing; nan where none does."""
+    force, doubt = _sums(taxels)
+    loaded = (force > doubt) | ~taxels.usable.all(axis=1)
+    result: Floats = pressed_places_mm(loaded, column_mm, half_mm)[:, [0, 1], [0, 1]]
+    return result
+
+
+def _sums(taxels: TaxelForces) -> tuple[Floats, Floats]:
+    """Force and doubt of each column, both (n, c) N."""
+    doubt = SIGMAS * np.sqrt((taxels.noise_n**2).sum(axis=1)) + taxels.drift_n.sum(axis=1)
+    return taxels.force_n.sum(axis=1), doubt
