@@ -218,8 +218,8 @@ class ArrayConfig(FileModel):
     )
     pitch_mm: Positive | None = Field(
         default=None,
-        description="Bound: columns of a pad's flat array are no further apart; they reach from one edge of the "
-        "face to the other.",
+        description="Bound: columns of a pad's flat array are no further apart; they reach from one edge of "
+        "its face to the other.",
     )
 
     @classmethod

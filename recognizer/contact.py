@@ -47,8 +47,8 @@ class Finger:
     The tip is an upright cylinder of length 2 `half_length_mm`, its middle at `height_mm`; 0: a disc. It
     meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length"). Or it
     is a ball with its equator at `height_mm` (the same page, "A ball"). Or a pad: an upright flat face across
-    its travel, `tip_radius_mm` half of its width ("A pad"); then it is its `face_point` that outlines are made
-    for.
+    its travel, `tip_radius_mm` half of its width ("A pad"); then it is its `face_point` that outlines are
+    made for.
     """
 
     tip_radius_mm: float
@@ -116,8 +116,8 @@ class Contact(ShortRepr):
     `turn_bound_rad`: how far the direction of travel, seen from the part, may be off for reasons of its own:
     the part was turned since, or moved while the finger travelled.
 
-    A contact of a pad says where the middle of its face went. It is no evidence by itself: that is what points
-    of its face met (`pad_face`).
+    A contact of a pad says where the middle of its face went. It is no evidence by itself: that is what
+    points of its face met (`pad_face`).
     """
 
     name: str

@@ -6,12 +6,11 @@ Its ways are evidence of some such points; where a pad stops is where the first 
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.geometry import Floats, Ints
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays
 from palpate.recognizer.tables import expand_ranges
@@ -23,7 +22,7 @@ _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens
 
 
 def face_offsets_mm(half_width_mm: float) -> Floats:
-    """Where on a face its points are (n,), mm to the left of its middle: both ends, the middle, and between."""
+    """Where on a face its points are (n,), mm to the left of its middle: both ends, middle, and between."""
     return np.linspace(-half_width_mm, half_width_mm, 2 * math.ceil(half_width_mm / _APART_MM) + 1)
 
 
@@ -61,7 +60,7 @@ def strip_extents(edges: EdgeSet, rays: Rays, half_width_mm: Floats | float) -> 
     return least, most
 
 
-def _pieces(count: Sequence[int]) -> Iterator[slice]:
+def _pieces(count: Ints) -> Iterator[slice]:
     """Cuts of rays that have so many edges each."""
     number = np.cumsum(count) // _RAYS_TIMES_EDGES
     ends = [*(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number)]
@@ -86,7 +85,9 @@ def _extents(edges: EdgeSet, rays: Rays, half: Floats) -> tuple[Floats, Floats]:
     parallel = far_left == left
     comes = np.where(parallel, 0.0, np.clip(shares.min(axis=0), 0.0, 1.0))
     goes = np.where(parallel, 1.0, np.clip(shares.max(axis=0), 0.0, 1.0))
-    inside = np.where(parallel, np.abs(left) <= half[ray], (shares.min(axis=0) <= 1) & (shares.max(axis=0) >= 0))
+    inside = np.where(
+        parallel, np.abs(left) <= half[ray], (shares.min(axis=0) <= 1) & (shares.max(axis=0) >= 0)
+    )
     one = along + comes * (far_along - along)
     other = along + goes * (far_along - along)
     low, high = np.minimum(one, other), np.maximum(one, other)

@@ -129,7 +129,7 @@ def predict(
 def _met_by_pads(
     catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> Predictions:
-    """The same for pads. No stop is promised that points of the face, which are the evidence, do not prove."""
+    """The same for pads. No stop is promised but those that points of the face, the evidence, prove."""
     points = [point for approach in approaches for point in face_points(approach)]
     latest = _met(catalogue, cells, anchor_mm, points).latest
     latest = latest.reshape(len(cells), len(approaches), -1).min(axis=2)

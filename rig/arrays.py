@@ -119,8 +119,8 @@ def _check_pad(spec: FingerConfig, description: Description) -> None:
     half = spec.tip.radius_mm
     if abs(ends[0] + half) > pitches[0] / 2 or abs(ends[1] - half) > pitches[-1] / 2:
         raise InputError(
-            f"finger {spec.name}: its array reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and its face "
-            f"from {-half:g} to {half:g} (tip.width_mm): they must agree to half a column"
+            f"finger {spec.name}: its array reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and its "
+            f"face from {-half:g} to {half:g} (tip.width_mm): they must agree to half a column"
         )
 
 

@@ -29,7 +29,7 @@ LEAST_BALL_SHARE = 0.5
 
 
 class TipShape(StrEnum):
-    """Shape of a fingertip: an upright cylinder, a ball, or a flat pad (docs/recogniser.md, "A ball", "A pad")."""
+    """Shape of a fingertip: an upright cylinder, a ball or a flat pad (docs/recogniser.md)."""
 
     CYLINDER = "cylinder"
     BALL = "ball"

@@ -1,10 +1,10 @@
 """An elastic flat pad against outlines: from where its face is to the force on it and along it.
 
-The skin is an elastic foundation that yields along the travel only, without friction: each place of the face is
-dented as far as the part reaches beyond it. What presses on a stretch of touched skin is its stiffness times
-its dents' rises, summed from one end of the stretch to the other: of a single corner or a flat wall that is the
-deepest dent, of two corners with a valley between them the deeper ones less the valley. So the force has no
-jumps where stretches meet. Along a stretch it is spread in proportion to the dents.
+The skin is an elastic foundation that yields along the travel only, without friction: each place of the face
+is dented as far as the part reaches beyond it. What presses on a stretch of touched skin is its stiffness
+times its dents' rises, summed from one end of the stretch to the other: of a single corner or a flat wall
+that is the deepest dent, of two corners with a valley between them both dents less the valley's. So the force
+has no jumps where stretches meet. Along a stretch it is spread in proportion to the dents.
 """
 
 import math
@@ -46,7 +46,10 @@ class FacePress:
         pitch = float(column_mm[1] - column_mm[0])
         slot = np.floor((self.across_mm - column_mm[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < len(column_mm))
-        return np.bincount(slot[on_array], self.by_place_n[on_array], minlength=len(column_mm))
+        result: Floats = (
+            np.bincount(slot[on_array], self.by_place_n[on_array], minlength=len(column_mm)) + 0.0
+        )
+        return result
 
 
 @dataclass(frozen=True)

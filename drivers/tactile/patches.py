@@ -5,8 +5,8 @@ the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from 
 """
 
 import enum
-from collections.abc import Sequence
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -85,10 +85,10 @@ class ContactPatch:
     `position_mm` is the centroid of the load on the surface, x, y, z, each within `position_bound_mm` (inf
     where the array's edge cuts the patch and nothing bounds it). `centroid_rad` ± `centroid_bound_rad` is its
     direction on a cylinder, nan on a flat array; `height_mm` ± `height_bound_mm` its height over the tip's
-    lower end. `pressed_mm`: on a flat array, two ranges of x in each of which something certainly presses, the
-    first and the last; None where that is not known. `loaded_mm`: the range of x outside of which such an array
-    shows nothing. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels are
-    saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its
+    lower end. `pressed_mm`: on a flat array, two ranges of x in each of which something certainly presses,
+    the first and the last; None where that is not known. `loaded_mm`: the range of x outside of which such an
+    array shows nothing. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels
+    are saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its
     loaded taxels.
     """
 

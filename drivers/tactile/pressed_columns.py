@@ -48,7 +48,7 @@ def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floa
 def loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:
     """The range (n, 2) across the array outside of which columns show nothing; nan where none does."""
     force, doubt = _sums(taxels)
-    loaded = (force > doubt) | ~taxels.usable.all(axis=1)
+    loaded: Bools = np.logical_or(force > doubt, ~taxels.usable.all(axis=1))
     result: Floats = pressed_places_mm(loaded, column_mm, half_mm)[:, [0, 1], [0, 1]]
     return result
 

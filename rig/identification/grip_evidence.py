@@ -148,9 +148,18 @@ def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Prediction
 
 
 def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats:
-    """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none."""
-    ranges = [contact.normal for contact in contacts]
-    return np.array([unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2 for item in ranges])
+    """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none.
+
+    That of a pad is its face's: nothing is known of the surface's.
+    """
+
+    def half_rad(contact: Contact) -> float:
+        if contact.finger.is_pad:
+            return math.pi
+        item = contact.normal
+        return unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2
+
+    return np.array([half_rad(contact) for contact in contacts])
 
 
 def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:

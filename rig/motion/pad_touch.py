@@ -50,9 +50,7 @@ class PadTouch:
         )
 
 
-def face_points_of(
-    way: Contact, tip: TipConfig, facing_rad: float, tilt_rad: float
-) -> tuple[Contact, ...]:
+def face_points_of(way: Contact, tip: TipConfig, facing_rad: float, tilt_rad: float) -> tuple[Contact, ...]:
     """The free ways of points of a face that looks along `facing_rad`, from that of its middle."""
     # Ends that may be further in than the file says are nowhere taken to have been further out.
     half, off = tip.radius_mm - tip.radius_bound_mm, tilt_rad * tip.radius_mm
@@ -105,7 +103,7 @@ def face_contact(touch: PadTouch, patch: ContactPatch, bound_mm: float) -> Conta
 
 
 def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Contact:
-    """What presses is a point of the part: within its range across, and in the skin up to the deepest dent."""
+    """What presses is a point of the part, within its range across and no deeper in the skin than any."""
     left, half = _middle(across_mm), (across_mm[1] - across_mm[0]) / 2
     off = math.hypot(half, touch.deepest_mm / 2) + touch.tilt_rad * widest_mm
     x, y = beside(touch.stop_mm, touch.facing_rad, left)
@@ -118,6 +116,7 @@ def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Conta
         end_mm=(x + ahead * math.cos(touch.facing_rad), y + ahead * math.sin(touch.facing_rad)),
         position_bound_mm=touch.bound_mm + off,
         path_bound_mm=touch.path_bound_mm + off,
+        turn_bound_rad=touch.tilt_rad,
     )
 
 
