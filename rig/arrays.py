@@ -116,11 +116,11 @@ def _check_pad(spec: FingerConfig, description: Description) -> None:
             f"array.pitch_mm ({pitch:g}); correct that"
         )
     ends = description.columns[0] - pitches[0] / 2, description.columns[-1] + pitches[-1] / 2
-    half = spec.tip.radius_mm
-    if abs(ends[0] + half) > pitches[0] / 2 or abs(ends[1] - half) > pitches[-1] / 2:
+    half, room = spec.tip.radius_mm, (_PITCH_ROUNDING - 1) * pitch
+    if not (-pitches[0] <= ends[0] + half <= room and -room <= ends[1] - half <= pitches[-1]):
         raise InputError(
             f"finger {spec.name}: its array reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and its "
-            f"face from {-half:g} to {half:g} (tip.width_mm): they must agree to half a column"
+            f"face from {-half:g} to {half:g} (tip.width_mm): it must cover the face, and no more"
         )
 
 

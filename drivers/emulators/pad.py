@@ -42,13 +42,10 @@ class FacePress:
         return [PointForce(centre_mm + across * np.array([-ahead[1], ahead[0]]), height_mm, -self.force_n)]
 
     def by_column_n(self, column_mm: Floats) -> Floats:
-        """What each of some evenly spaced columns of taxels (c,) bears."""
-        pitch = float(column_mm[1] - column_mm[0])
+        """What each of some evenly spaced columns of taxels (c,) bears, which cover all of the face."""
+        pitch, result = float(column_mm[1] - column_mm[0]), np.zeros(len(column_mm))
         slot = np.floor((self.across_mm - column_mm[0]) / pitch + 0.5).astype(np.int64)
-        on_array = (slot >= 0) & (slot < len(column_mm))
-        result: Floats = (
-            np.bincount(slot[on_array], self.by_place_n[on_array], minlength=len(column_mm)) + 0.0
-        )
+        np.add.at(result, np.clip(slot, 0, len(column_mm) - 1), self.by_place_n)
         return result
 
 

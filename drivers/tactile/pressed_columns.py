@@ -42,7 +42,8 @@ def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floa
     first, last = np.argmax(pressed, axis=1), len(column_mm) - 1 - np.argmax(pressed[:, ::-1], axis=1)
     middle = column_mm[np.column_stack([first, last])]
     found: Floats = middle[..., None] + np.array([-half_mm, half_mm])
-    return np.where(pressed.any(axis=1)[:, None, None], found, np.nan)
+    some: Bools = np.any(pressed, axis=1)
+    return np.where(some[:, None, None], found, np.nan)
 
 
 def loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:

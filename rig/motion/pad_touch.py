@@ -103,17 +103,17 @@ def face_contact(touch: PadTouch, patch: ContactPatch, bound_mm: float) -> Conta
 
 
 def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Contact:
-    """What presses is a point of the part, within its range across and no deeper in the skin than any."""
+    """What presses is a point of the part, within its range across and up to the deepest dent in the skin."""
     left, half = _middle(across_mm), (across_mm[1] - across_mm[0]) / 2
     off = math.hypot(half, touch.deepest_mm / 2) + touch.tilt_rad * widest_mm
     x, y = beside(touch.stop_mm, touch.facing_rad, left)
-    ahead = touch.deepest_mm / 2
+    dent = touch.deepest_mm / 2
     return Contact(
         name=touch.name,
         finger=touch.finger.face_point,
         touched=True,
         start_mm=beside(touch.start_mm, touch.facing_rad, left),
-        end_mm=(x + ahead * math.cos(touch.facing_rad), y + ahead * math.sin(touch.facing_rad)),
+        end_mm=(x - dent * math.cos(touch.facing_rad), y - dent * math.sin(touch.facing_rad)),
         position_bound_mm=touch.bound_mm + off,
         path_bound_mm=touch.path_bound_mm + off,
         turn_bound_rad=touch.tilt_rad,
