@@ -30,6 +30,7 @@ __all__ = [
     "doubt_warning",
     "emulated_array",
     "extractor_of",
+    "pad_problem",
     "threshold_problem",
 ]
 
@@ -59,7 +60,7 @@ _SELF_DESCRIBING = ArrayPlugin(
 )
 
 
-_PITCH_ROUNDING = 1.001
+_PITCH_ROUNDING = 1e-3  # of a pitch
 _STEADY_FRAMES = 64  # in their mean a steady push is noticed
 _NOISE_MARGIN = 1.5  # times what is noticed: three standard deviations more, and it certainly is
 _SEARCH_S = 10.0  # a finger's way to a part, about
@@ -95,33 +96,31 @@ def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float]
 
 def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
     """The extractor for a finger's array; raises InputError if it does not fit the array."""
-    if spec.tip.is_pad:
-        _check_pad(spec, description)
+    if (wrong := pad_problem(spec, description)) is not None:
+        raise InputError(f"finger {spec.name}: {wrong}")
     extractor = ContactExtractor(description, calibration_of(rig, spec, description))
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
 
 
-def _check_pad(spec: FingerConfig, description: Description) -> None:
-    """Raise InputError for an array that does not show where along a pad's face it is touched."""
+def pad_problem(spec: FingerConfig, description: Description) -> str | None:
+    """Why an array does not show where along a pad's face it is touched; None if it does, or is on no pad."""
+    if not spec.tip.is_pad:
+        return None
     if description.shape is not Shape.FLAT or description.cols < 2:
-        raise InputError(
-            f"finger {spec.name}: its tip is a pad, and its array is not flat, of two columns or more; "
-            "mount another, or correct tip.shape"
-        )
+        return "its tip is a pad, and the array is not flat, of two columns or more"
     pitches, pitch = np.diff(description.columns), spec.array.pitch_mm or 0.0
-    if pitches.max() > pitch * _PITCH_ROUNDING:
-        raise InputError(
-            f"finger {spec.name}: its array's columns are {pitches.max():.3g} mm apart, more than "
-            f"array.pitch_mm ({pitch:g}); correct that"
-        )
+    room = _PITCH_ROUNDING * pitch
+    if pitches.max() > pitch + room:
+        return f"its columns are {pitches.max():.3g} mm apart, more than array.pitch_mm ({pitch:g})"
     ends = description.columns[0] - pitches[0] / 2, description.columns[-1] + pitches[-1] / 2
-    half, room = spec.tip.radius_mm, (_PITCH_ROUNDING - 1) * pitch
+    half = spec.tip.radius_mm
     if not (-pitches[0] <= ends[0] + half <= room and -room <= ends[1] - half <= pitches[-1]):
-        raise InputError(
-            f"finger {spec.name}: its array reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and its "
-            f"face from {-half:g} to {half:g} (tip.width_mm): it must cover the face, and no more"
+        return (
+            f"it reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and the pad's face from {-half:g} to "
+            f"{half:g} (tip.width_mm): it must cover the face, and no more"
         )
+    return None
 
 
 def threshold_problem(
