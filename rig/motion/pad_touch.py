@@ -108,6 +108,8 @@ def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Conta
     off = math.hypot(half, touch.deepest_mm / 2) + touch.tilt_rad * widest_mm
     x, y = beside(touch.stop_mm, touch.facing_rad, left)
     dent = touch.deepest_mm / 2
+    # A point of the part that the face meets first has an edge that looks at the face.
+    against, half_turn = touch.facing_rad + math.pi, math.pi / 2 + touch.tilt_rad
     return Contact(
         name=touch.name,
         finger=touch.finger.face_point,
@@ -115,8 +117,8 @@ def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Conta
         start_mm=beside(touch.start_mm, touch.facing_rad, left),
         end_mm=(x - dent * math.cos(touch.facing_rad), y - dent * math.sin(touch.facing_rad)),
         position_bound_mm=touch.bound_mm + off,
+        normal=NormalRange(against - half_turn, against + half_turn),
         path_bound_mm=touch.path_bound_mm + off,
-        turn_bound_rad=touch.tilt_rad,
     )
 
 
