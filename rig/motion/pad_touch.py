@@ -1,7 +1,8 @@
 """What points of a pad's face met, from where the pad stopped and what its array shows.
 
 A pad that was touched gives contacts of points, where something certainly pressed, and the free ways of all
-points that stand for its face (docs/recogniser.md, "A pad"). Left is along the face, seen along the travel.
+points that stand for its face (docs/recogniser.md, "A pad"). Left is along the face, seen along the travel;
+names say how far to the left of its middle points are.
 """
 
 import math
@@ -57,6 +58,7 @@ def face_points_of(way: Contact, tip: TipConfig, facing_rad: float, tilt_rad: fl
     return tuple(
         replace(
             way,
+            name=f"{way.name} ({left:+.2f} mm, passed)",
             finger=way.finger.face_point,
             start_mm=beside(way.start_mm, facing_rad, left),
             end_mm=beside(way.end_mm, facing_rad, left),
@@ -111,7 +113,7 @@ def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Conta
     # A point of the part that the face meets first has an edge that looks at the face.
     against, half_turn = touch.facing_rad + math.pi, math.pi / 2 + touch.tilt_rad
     return Contact(
-        name=touch.name,
+        name=f"{touch.name} ({left:+.2f} mm)",
         finger=touch.finger.face_point,
         touched=True,
         start_mm=beside(touch.start_mm, touch.facing_rad, left),

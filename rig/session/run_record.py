@@ -51,7 +51,7 @@ def grip_records(file: SessionFile) -> list[GripRecord]:
 
 
 def contacts_in(touch: Mapping[str, Any]) -> list[Contact]:
-    """What the recogniser was given of a touch in the log: its contact, or those of points of a pad's face."""
+    """What the recogniser was given of a touch in the log: its contact, or those of a pad's points."""
     return [_contact(item) for item in touch.get("points") or [touch["contact"]]]
 
 
