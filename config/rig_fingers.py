@@ -93,9 +93,11 @@ class TipConfig(FileModel):
     @model_validator(mode="after")
     def _is_there(self) -> Self:
         if self.is_pad != (self.width_mm is not None):
-            raise problem("is missing: a pad has a width" if self.is_pad else "is for pads", "width_mm")
+            if self.is_pad:
+                raise problem('the key "width_mm" is missing: a pad has a width')
+            raise problem("is for pads", "width_mm")
         if self.radius_mm == 0:
-            raise problem("is missing", "radius_mm")
+            raise problem('the key "radius_mm" is missing')
         if self.is_pad and self.radius_mm != _half_of_width({"width_mm": self.width_mm}):
             raise problem(f"is {self.radius_mm:g}, not half of width_mm; leave it out", "radius_mm")
         if self.is_pad and self.max_friction:
@@ -325,8 +327,9 @@ class _MountedFinger(FileModel):
                 f"is {self.array.heading_deg:g}; a pad looks along the slide (0)", "array", "heading_deg"
             )
         if self.tip.is_pad != (self.array.pitch_mm is not None):
-            why = "is missing: a pad is touched anywhere along its face" if self.tip.is_pad else "is for pads"
-            raise problem(why, "array", "pitch_mm")
+            if self.tip.is_pad:
+                raise problem('the key "pitch_mm" is missing: a pad is touched anywhere on its face', "array")
+            raise problem("is for pads", "array", "pitch_mm")
         if self.tip.is_pad and self.bounds.direction_deg is not None:
             raise problem("is for round tips: pads cannot be calibrated", "bounds", "direction_deg")
         if self.tip.is_ball and self.tip.radius_mm > self.height_mm:
