@@ -281,10 +281,12 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
 def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
     """How far what presses on a pad's skin is from the middle of a column and of the dent, at most.
 
-    And what the place of a column is off by where the face does not look as it should.
+    And what the place of a column is off by where the face does not look as it should, and that of an edge.
     """
     tilt = kinematics_of(finger).direction_bound_rad + array_bound_rad(finger)
-    return math.hypot((finger.array.pitch_mm or 0.0) / 2, deepest_mm / 2) + tilt * finger.tip.radius_mm
+    return math.hypot((finger.array.pitch_mm or 0.0) / 2, deepest_mm / 2) + (
+        tilt * finger.tip.radius_mm + finger.tip.radius_bound_mm
+    )
 
 
 def resolution_of(rig: RigFile) -> Resolution:

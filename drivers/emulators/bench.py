@@ -263,7 +263,7 @@ class EmulatedFinger:
     def _row_mm(self) -> Floats:
         """Heights (rows,) of the array's rows, whose middle is the tip's."""
         heights = np.asarray(self.array.description.row_heights_mm)
-        result: Floats = heights + self.truth.height_mm - float(heights.mean())
+        result: Floats = heights + (self.truth.height_mm - float(heights.mean()))
         return result
 
     def _taxels_of_rays(self, touch: TipLoad, outline: PartSection) -> Floats:

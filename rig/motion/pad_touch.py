@@ -53,8 +53,9 @@ class PadTouch:
 
 def face_points_of(way: Contact, tip: TipConfig, facing_rad: float, tilt_rad: float) -> tuple[Contact, ...]:
     """The free ways of points of a face that looks along `facing_rad`, from that of its middle."""
-    # Ends that may be further in than the file says are nowhere taken to have been further out.
-    half, off = tip.radius_mm - tip.radius_bound_mm, tilt_rad * tip.radius_mm
+    # Edges that may be further in than the file says are not taken to have passed further out.
+    places = face_offsets_mm(tip.radius_mm) * (1 - tip.radius_bound_mm / tip.radius_mm)
+    off = tilt_rad * tip.radius_mm
     return tuple(
         replace(
             way,
@@ -65,7 +66,7 @@ def face_points_of(way: Contact, tip: TipConfig, facing_rad: float, tilt_rad: fl
             position_bound_mm=way.position_bound_mm + off,
             path_bound_mm=way.free_path_bound_mm + off,
         )
-        for left in face_offsets_mm(half).tolist()
+        for left in places.tolist()
     )
 
 

@@ -84,12 +84,17 @@ class DrawnPad:
         self.width_mm = float(rng.choice([4.0, 10.0, 16.0, 30.0]))
         cols = max(round(self.width_mm / float(rng.choice([0.5, 1.0, 2.0, 3.4]))), 2)
         self.tip = TipConfig(
-            shape="pad", width_mm=self.width_mm, stiffness_n_per_mm=6.0, stiffness_spread=_SPREAD
+            shape="pad",
+            width_mm=self.width_mm,
+            radius_bound_mm=float(rng.choice([0.0, 0.3])),
+            stiffness_n_per_mm=6.0,
+            stiffness_spread=_SPREAD,
         )
+        self._half_mm = self.width_mm / 2 + self.tip.radius_bound_mm * float(rng.uniform(-1, 1))
         self.finger = Finger(self.width_mm / 2, height_mm, shape=TipShape.PAD)
         self.bound_mm = float(rng.choice([0.02, 0.15, 0.5]))
         self.tilt_rad = float(rng.choice([0.0005, 0.02]))
-        self._face = PadFace(self.width_mm / 2, 6.0 * (1 + _SPREAD * rng.uniform(-1, 1)))
+        self._face = PadFace(self._half_mm, 6.0 * (1 + _SPREAD * rng.uniform(-1, 1)))
         pitch = self.width_mm / cols
         description = describe(Shape.FLAT, _ROWS, cols, pitch, 4.0, counts_per_n=_PER_N)
         self._columns = np.asarray(description.columns)
@@ -117,7 +122,7 @@ class DrawnPad:
         angle, tilt = float(rng.uniform(-math.pi, math.pi)), self.tilt_rad / 2 * float(rng.uniform(-1, 1))
         ahead = np.array([math.cos(angle), math.sin(angle)])
         start = middle_mm + rng.uniform(-25, 25) * np.array([-ahead[1], ahead[0]]) - 110.0 * ahead
-        half = self.width_mm / 2
+        half = self._half_mm
         left = np.array([-math.sin(angle + tilt), math.cos(angle + tilt)])
         travel = face_stop_mm(part, start, angle, half, tilt)
         patch, dent = None, 0.0

@@ -106,7 +106,8 @@ def test_points_of_a_touched_face_hold_the_truth(seed: int) -> None:
         touched = [contact for contact in trial.points if contact.touched]
         assert len(touched) in ((0,) if trial.patch is None else (1, 2))
         assert all(_touches_there(part, contact) for contact in touched)
-        places = face_offsets_mm(pad.width_mm / 2).tolist()
+        half = pad.width_mm / 2
+        places = (face_offsets_mm(half) * (half - pad.tip.radius_bound_mm) / half).tolist()
         for contact, left in zip(trial.points[len(touched) :], places, strict=True):
             assert _true_way_is_within(trial, contact, left, part)
         if trial.patch is not None:
