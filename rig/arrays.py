@@ -114,11 +114,11 @@ def pad_problem(spec: FingerConfig, description: Description) -> str | None:
     if pitches.max() > pitch + room:
         return f"its columns are {pitches.max():.3g} mm apart, more than array.pitch_mm ({pitch:g})"
     ends = description.columns[0] - pitches[0] / 2, description.columns[-1] + pitches[-1] / 2
-    half = spec.tip.radius_mm
+    half = spec.tip.radius_mm + spec.tip.radius_bound_mm
     if not (-pitches[0] <= ends[0] + half <= room and -room <= ends[1] - half <= pitches[-1]):
         return (
             f"it reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and the pad's face from {-half:g} to "
-            f"{half:g} (tip.width_mm): it must cover the face, and no more"
+            f"{half:g} at most (tip.width_mm, radius_bound_mm): it must cover the face, and no more"
         )
     return None
 

@@ -275,8 +275,11 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
 
 
 def _pad_description(finger: FingerConfig, seed: int) -> Description:
-    """The same of a pad's flat array, whose columns cover just the face, no further apart than pitch_mm."""
-    width, pitch = finger.tip.width_mm or 0.0, finger.array.pitch_mm or math.inf
+    """The same of a pad's flat array, whose columns cover just the face, no further apart than pitch_mm.
+
+    However wide the face may be, by its bound.
+    """
+    width, pitch = 2 * (finger.tip.radius_mm + finger.tip.radius_bound_mm), finger.array.pitch_mm or math.inf
     if isinstance(finger.array, MountedArrayConfig):
         raise InputError(
             f"finger {finger.name}: emulated pads have arrays that describe themselves; "
@@ -285,7 +288,7 @@ def _pad_description(finger: FingerConfig, seed: int) -> Description:
     count = max(math.ceil(width / pitch - 1e-9), 2)
     if count > _MOST_COLUMNS:
         raise InputError(
-            f"finger {finger.name}: a face of width_mm = {width:g} has {count} columns {pitch:g} mm apart; "
+            f"finger {finger.name}: a face of {width:g} mm has {count} columns {pitch:g} mm apart; "
             f"an emulated array has at most {_MOST_COLUMNS}: raise array.pitch_mm"
         )
     return Description(

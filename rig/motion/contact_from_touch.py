@@ -94,7 +94,7 @@ def _of_pad(run: ApproachState, patch: ContactPatch | None, closing: ClosingConf
     )
     ways = face_points_of(touch.way, spec.tip, facing, touch.tilt_rad)
     points = (*touched_points(touch, patch, spec.tip), *ways)
-    contact = face_contact(touch, patch, points[0].position_bound_mm)
+    contact = face_contact(touch, patch, spec.tip, points[0].position_bound_mm)
     return Touch(
         run.approach.finger_index, contact, patch, run.servos, stage_rad=turn.angle_rad, points=points
     )

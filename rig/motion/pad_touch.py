@@ -82,12 +82,12 @@ def touched_points(touch: PadTouch, patch: ContactPatch, tip: TipConfig) -> tupl
     return tuple(_touched_point(touch, item, widest) for item in ranges)
 
 
-def face_contact(touch: PadTouch, patch: ContactPatch, bound_mm: float) -> Contact:
+def face_contact(touch: PadTouch, patch: ContactPatch, tip: TipConfig, bound_mm: float) -> Contact:
     """The contact of the pad itself, as sharp as those of its points.
 
     Its normal is the face's, if nothing presses on an end of it; there it is not known.
     """
-    against, half = touch.facing_rad + math.pi, touch.finger.tip_radius_mm
+    against, half = touch.facing_rad + math.pi, tip.radius_mm - tip.radius_bound_mm
     normal = None
     if patch.pressed_mm is not None and patch.loaded_mm is not None:
         inside = half - _CLEAR_OF_END * (patch.pressed_mm[0][1] - patch.pressed_mm[0][0])

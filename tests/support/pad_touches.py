@@ -95,7 +95,7 @@ class DrawnPad:
         self.bound_mm = float(rng.choice([0.02, 0.15, 0.5]))
         self.tilt_rad = float(rng.choice([0.0005, 0.02]))
         self._face = PadFace(self._half_mm, 6.0 * (1 + _SPREAD * rng.uniform(-1, 1)))
-        pitch = self.width_mm / cols
+        pitch = (self.width_mm + 2 * self.tip.radius_bound_mm) / cols
         description = describe(Shape.FLAT, _ROWS, cols, pitch, 4.0, counts_per_n=_PER_N)
         self._columns = np.asarray(description.columns)
         noise, crosstalk = float(rng.choice([0.5, 2.0])), float(rng.uniform(0.04, 0.1))
