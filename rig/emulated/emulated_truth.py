@@ -79,7 +79,7 @@ def dead_taxels(
     InputError if the array has not so many there.
     """
     is_round = description.shape is Shape.CYLINDER
-    columns = np.flatnonzero(~is_round | (np.abs(description.columns) <= _FELT_RAD))
+    columns = np.flatnonzero(np.logical_or(not is_round, np.abs(description.columns) <= _FELT_RAD))
     felt = [(row, int(col)) for row in range(description.rows) for col in columns]
     if count > len(felt):
         raise InputError(
