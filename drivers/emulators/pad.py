@@ -19,6 +19,7 @@ from palpate.geometry import Floats
 __all__ = ["FacePress", "PadFace"]
 
 _APART_MM = 0.02  # of the places at which dents are taken; corners have their own
+_DEEP_MM = 2.0  # deeper than any dent
 _THICK_MM = 10.0  # what is further behind the face is no longer in its skin
 
 
@@ -51,10 +52,15 @@ class FacePress:
 
 @dataclass(frozen=True)
 class PadFace:
-    """A pad's face; all of it is within `radius_mm` of its middle, half of its width."""
+    """A pad's face, `half_mm` wide to either side of its middle."""
 
-    radius_mm: float
+    half_mm: float
     stiffness_n_per_mm: float
+
+    @property
+    def radius_mm(self) -> float:
+        """What is further from its middle does not touch it, however deep it may be dented."""
+        return math.hypot(self.half_mm, _DEEP_MM)
 
     def press(
         self, outline: PartSection, centre_mm: Floats, facing_rad: float, displacement: Displacement
@@ -65,8 +71,8 @@ class PadFace:
         """
         facing = facing_rad - displacement.turn_rad
         ahead = np.array([math.cos(facing), math.sin(facing)])
-        seen = _Seen.of(outline, displacement.back(centre_mm), ahead, self.radius_mm)
-        across, dent = seen.dents(self.radius_mm)
+        seen = _Seen.of(outline, displacement.back(centre_mm), ahead, self.half_mm)
+        across, dent = seen.dents(self.half_mm)
         if not (dent > 0).any():
             return None
         by_place = self.stiffness_n_per_mm * _shared(across, dent)
