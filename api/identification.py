@@ -191,5 +191,7 @@ def _write_results(answer: Answer, run: IdentificationRun, folder: Path) -> None
     """Write picture, answer and contacts into the session's folder."""
     write_text(folder / "picture.svg", answer.picture())
     write_text(folder / "result.json", to_json(answer.result, indent=2) + "\n")
-    contacts = contacts_json([[touch.contact for touch in grip] for grip in run.result.grips])
+    contacts = contacts_json(
+        [[contact for touch in grip for contact in touch.evidence] for grip in run.result.grips]
+    )
     write_text(folder / "contacts.json", json.dumps(contacts, indent=1) + "\n")

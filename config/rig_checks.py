@@ -21,6 +21,7 @@ __all__ = [
     "check_emulation",
     "check_identities",
     "check_obstacles",
+    "check_pads",
     "check_places",
     "check_real",
     "check_stops_known",
@@ -158,6 +159,18 @@ def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
     for port, place in _ports(fingers, bus):
         if port.startswith(_MOCK):
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
+
+
+def check_pads(fingers: Sequence[FingerConfig], holds_n: float | None, drawn: EmulationConfig | None) -> None:
+    """Refuse parts that move under pads: how they do is not known."""
+    for index, finger in enumerate(fingers):
+        if not finger.tip.is_pad:
+            continue
+        why = f'is there, and fingers[{index}] ("{finger.name}") has a pad: how pads move parts is not known'
+        if holds_n is not None:
+            raise problem(f"{why}; hold parts down, and leave it out", "search", "part_holds_n")
+        if drawn is not None and drawn.part is not None:
+            raise problem(f"{why}; leave it out, so that parts lie still", "emulation", "part")
 
 
 def check_stops_known(fingers: Sequence[FingerConfig]) -> None:

@@ -16,6 +16,7 @@ from palpate.config.rig_checks import (
     check_emulation,
     check_identities,
     check_obstacles,
+    check_pads,
     check_places,
     check_real,
     check_stops_known,
@@ -56,6 +57,7 @@ class RigFile(FileModel):
         check_identities(self.fingers, self.bus, self.stage)
         check_places(self.fingers, self.clear_radius_mm, clearance)
         check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
+        check_pads(self.fingers, self.search.part_holds_n, self.emulation)
         if self.search.check_slips:
             check_stops_known(self.fingers)
         if self.emulation is None:

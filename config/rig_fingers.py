@@ -49,19 +49,35 @@ SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
 _BALL_RADIUS_SHARE = 0.1
 
 
-class TipConfig(FileModel):
-    """The fingertip: an upright cylinder, or a ball."""
+def _half_of_width(data: dict[str, Any]) -> float:
+    """What a pad's radius is if a file does not say; others must."""
+    return (data.get("width_mm") or 0.0) / 2
 
-    shape: Literal["cylinder", "ball"] = Field(
+
+class TipConfig(FileModel):
+    """The fingertip: an upright cylinder, a ball, or a flat pad."""
+
+    shape: Literal["cylinder", "ball", "pad"] = Field(
         default="cylinder",
-        description="Shape of what touches: an upright cylinder, or a ball with its equator at height_mm.",
+        description="Shape of what touches: an upright cylinder, a ball with its equator at height_mm, or a "
+        "pad: an upright flat face across the slide, its middle where the tip is.",
     )
-    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder or the ball.")
-    radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
+    width_mm: Annotated[Positive, Field(le=200)] | None = Field(
+        default=None, description="Width of a pad's face, from edge to edge."
+    )
+    radius_mm: Annotated[Positive, Field(le=100)] = Field(
+        default_factory=_half_of_width,
+        description="Radius of the cylinder or the ball; of a pad half of its width, and best left out.",
+    )
+    radius_bound_mm: Length = Field(
+        default=0.0,
+        description="Bound: the radius is off by at most this; each edge of a pad is no further off.",
+    )
     length_mm: Positive | None = Field(
         default=None,
-        description="Length of the cylinder's straight part, its middle at height_mm: the tip meets the "
-        "sections all along it. Left out: the one at height_mm only, as for parts with upright walls there.",
+        description="Length of the cylinder's straight part, or height of the pad, its middle at height_mm: "
+        "the tip meets the sections all along it. Left out: the one at height_mm only, as for parts with "
+        "upright walls there.",
     )
     max_latitude_deg: Annotated[Length, Field(le=60)] | None = Field(
         default=None,
@@ -77,6 +93,16 @@ class TipConfig(FileModel):
 
     @model_validator(mode="after")
     def _is_there(self) -> Self:
+        if self.is_pad != (self.width_mm is not None):
+            if self.is_pad:
+                raise problem('the key "width_mm" is missing: a pad has a width')
+            raise problem("is for pads", "width_mm")
+        if self.radius_mm == 0:
+            raise problem('the key "radius_mm" is missing')
+        if self.is_pad and self.radius_mm != _half_of_width({"width_mm": self.width_mm}):
+            raise problem(f"is {self.radius_mm:g}, not half of width_mm; leave it out", "radius_mm")
+        if self.is_pad and self.max_friction:
+            raise problem("must be 0 for pads: what friction does to their skin is not known", "max_friction")
         if self.radius_bound_mm >= self.radius_mm:
             raise problem(
                 f"is {self.radius_bound_mm:g}, not below radius_mm ({self.radius_mm:g})", "radius_bound_mm"
@@ -84,7 +110,7 @@ class TipConfig(FileModel):
         if self.is_ball and self.length_mm is not None:
             raise problem("is for cylinders; a ball has a radius only", "length_mm")
         if not self.is_ball and self.max_latitude_deg is not None:
-            raise problem("is for balls; a cylinder touches at its own radius", "max_latitude_deg")
+            raise problem("is for balls; others touch at their own radius or width", "max_latitude_deg")
         if self.is_ball and self.radius_bound_mm > _BALL_RADIUS_SHARE * self.radius_mm:
             raise problem(
                 f"is {self.radius_bound_mm:g}; that of a ball is at most a tenth of radius_mm "
@@ -97,6 +123,11 @@ class TipConfig(FileModel):
     def is_ball(self) -> bool:
         """Whether it is a ball."""
         return self.shape == "ball"
+
+    @property
+    def is_pad(self) -> bool:
+        """Whether it is a flat pad."""
+        return self.shape == "pad"
 
     @property
     def least_share(self) -> float:
@@ -187,6 +218,11 @@ class ArrayConfig(FileModel):
     )
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
         default=270.0, description="How much of the tip's circumference has taxels."
+    )
+    pitch_mm: Positive | None = Field(
+        default=None,
+        description="Bound: columns of a pad's flat array are no further apart; they reach from one edge of "
+        "its face to the other.",
     )
 
     @classmethod
@@ -287,6 +323,16 @@ class _MountedFinger(FileModel):
 
     @model_validator(mode="after")
     def _stands_clear(self) -> Self:
+        if self.tip.is_pad and self.array.heading_deg != 0:
+            raise problem(
+                f"is {self.array.heading_deg:g}; a pad looks along the slide (0)", "array", "heading_deg"
+            )
+        if self.tip.is_pad != (self.array.pitch_mm is not None):
+            if self.tip.is_pad:
+                raise problem('the key "pitch_mm" is missing: a pad is touched anywhere on its face', "array")
+            raise problem("is for pads", "array", "pitch_mm")
+        if self.tip.is_pad and self.bounds.direction_deg is not None:
+            raise problem("is for round tips: pads cannot be calibrated", "bounds", "direction_deg")
         if self.tip.is_ball and self.tip.radius_mm > self.height_mm:
             raise problem(
                 f"is {self.tip.radius_mm:g}, more than height_mm ({self.height_mm:g}), "
@@ -342,6 +388,12 @@ class ArmFingerConfig(_MountedFinger):
 
     @model_validator(mode="after")
     def _bends_one_way(self) -> Self:
+        if self.tip.is_pad:
+            raise problem(
+                'is "pad"; on an arm a pad turns as it travels, and palpate does not know how: '
+                "use a cylinder or a ball, or slides",
+                *("tip", "shape"),
+            )
         lo, hi = self.elbow.range_deg
         if lo <= 0 <= hi or max(abs(lo), abs(hi)) > 180:
             raise problem(

@@ -13,6 +13,7 @@ from palpate.recognizer.grips import FREE_MARGIN_MM, FingerApproach, Grip, Reach
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
 from palpate.recognizer.motion import Motion, carried_by, felt_in_motion
+from palpate.recognizer.pad_face import beside, face_offsets_mm
 from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
@@ -49,9 +50,11 @@ __all__ = [
     "Slide",
     "StrangerEvidence",
     "already_used",
+    "beside",
     "carried_by",
     "checking_grip",
     "detectable_shift_mm",
+    "face_offsets_mm",
     "felt_in_motion",
     "is_explained",
     "next_grip",

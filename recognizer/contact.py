@@ -46,7 +46,9 @@ class Finger:
 
     The tip is an upright cylinder of length 2 `half_length_mm`, its middle at `height_mm`; 0: a disc. It
     meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length"). Or it
-    is a ball with its equator at `height_mm` (the same page, "A ball").
+    is a ball with its equator at `height_mm` (the same page, "A ball"). Or a pad: an upright flat face across
+    its travel, `tip_radius_mm` half of its width ("A pad"); then it is its `face_point` that outlines are
+    made for.
     """
 
     tip_radius_mm: float
@@ -73,6 +75,16 @@ class Finger:
     def is_ball(self) -> bool:
         """Whether the tip is a ball."""
         return self.shape == TipShape.BALL
+
+    @property
+    def is_pad(self) -> bool:
+        """Whether the tip is a flat pad."""
+        return self.shape == TipShape.PAD
+
+    @property
+    def face_point(self) -> "Finger":
+        """Any point of a pad's face, as a finger of its own; other tips themselves."""
+        return Finger(0.0, self.height_mm, self.half_length_mm) if self.is_pad else self
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -103,6 +115,9 @@ class Contact(ShortRepr):
     it may also have been stopped, by its drive or by a corner, where it would have slid).
     `turn_bound_rad`: how far the direction of travel, seen from the part, may be off for reasons of its own:
     the part was turned since, or moved while the finger travelled.
+
+    A contact of a pad says where the middle of its face went. It is no evidence by itself: that is what
+    points of its face met (`pad_face`).
     """
 
     name: str

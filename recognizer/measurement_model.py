@@ -12,6 +12,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.pad_face import strip_extents
 from palpate.recognizer.rays import Approach, Rays, in_object_frame, near_edges, offset_from_rays
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strip_trees import StripForest
@@ -36,7 +37,7 @@ class TouchOutcomes:
 
     `hit`; where hit, `travel` mm before the stop, `normal` rad, outward in W, and `facing`: cosine between
     the travel and the inward normal. `margin` mm: how far sideways the object would have to move for the
-    approach just to miss it (negative: just to touch it).
+    approach just to miss it (negative: just to touch it). Pads measure no normal: theirs is their face's.
     """
 
     hit: Bools
@@ -67,8 +68,15 @@ def touch_outcomes(
         start, heading = in_object_frame(poses, anchor_mm, [approaches[k] for k in rows])
         state = np.repeat(poses.state, len(rows))
         rays = Rays(state, start.reshape(-1, 2), heading.reshape(-1, 2), np.zeros(len(state)))
-        edges, strips = catalogue.outlines(finger), catalogue.outline_strips(finger)
+        point = finger.face_point
+        edges, strips = catalogue.outlines(point), catalogue.outline_strips(point)
         aside = _margin(edges, rays)
+        if finger.is_pad:
+            first, _ = strip_extents(edges, rays, finger.tip_radius_mm)
+            travel[rows] = first.reshape(len(poses), len(rows)).T
+            normal[rows] = np.array([[approaches[k].direction_rad + np.pi] for k in rows])
+            margin[rows] = aside.reshape(len(poses), len(rows)).T + finger.tip_radius_mm
+            continue
         crossing = np.flatnonzero(aside > 0)
         at, edge = _first_crossing(edges, strips, rays.select(crossing))
         pose, which = np.divmod(crossing, len(rows))

@@ -52,6 +52,8 @@ def met_section(item: CatalogueState, finger: Finger, covered_mm: float | None =
 
     Left out is what others are certain to cover if outlines are within `covered_mm`; None: the tolerance.
     """
+    if finger.is_pad:
+        raise ValueError("sections are met by points of a pad's face (Finger.face_point), not by the pad")
     if finger.is_ball:
         return _beside_ball(item, finger)
     met = item.state.sections_within(finger.span_mm)

@@ -15,6 +15,7 @@ from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses
+from palpate.recognizer.pad_face import face_points, strip_extents
 from palpate.recognizer.rays import Approach, rays_of, split_rays
 from palpate.recognizer.region import Cells
 from palpate.recognizer.swept_edges import Capsules, capsules_of
@@ -104,7 +105,7 @@ def predict(
     for finger in dict.fromkeys(approach.finger for approach in approaches):
         rows = [k for k, approach in enumerate(approaches) if approach.finger == finger]
         some = [approaches[k] for k in rows]
-        met = _met(catalogue, cells, anchor_mm, some)
+        met = (_met_by_pads if finger.is_pad else _met)(catalogue, cells, anchor_mm, some)
         for to, value, combine in (
             (found.earliest, met.earliest, np.minimum),
             (found.latest, met.latest, np.maximum),
@@ -122,6 +123,27 @@ def predict(
         np.where(met_at_all, np.minimum(found.furthest, travel), -np.inf),
         np.where(met_at_all, found.normal_lo + against, 0.0),
         np.where(met_at_all, found.normal_hi + against, 0.0),
+    )
+
+
+def _met_by_pads(
+    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
+) -> Predictions:
+    """The same for pads. No stop is promised but those that points of the face, the evidence, prove."""
+    points = [point for approach in approaches for point in face_points(approach)]
+    latest = _met(catalogue, cells, anchor_mm, points).latest
+    latest = latest.reshape(len(cells), len(approaches), -1).min(axis=2)
+    finger = approaches[0].finger
+    edges = catalogue.outlines(finger.face_point)
+    rays = rays_of(edges, cells, anchor_mm, approaches)
+    first, last = strip_extents(edges, rays, finger.tip_radius_mm + rays.rho)
+    first, last, rho = (each.reshape(latest.shape) for each in (first, last, rays.rho))
+    return Predictions(
+        np.maximum(first - rho, 0.0),
+        latest,
+        np.minimum(last + rho, latest),
+        np.full(latest.shape, -np.pi),
+        np.full(latest.shape, np.pi),
     )
 
 

@@ -152,8 +152,9 @@ class CandidateTouches:
 def candidate_touches(
     before: Recognition, approaches: Sequence[Approach], normal_half_rad: float, predictions: Predictions
 ) -> CandidateTouches:
-    """What may be touched next; `predictions` (n, h) are those of `before`."""
-    first, halves = np.zeros(1, np.int64), np.full(len(approaches), normal_half_rad)
+    """What may be touched next; `predictions` (n, h) are those of `before`. Pads measure no normals."""
+    first = np.zeros(1, np.int64)
+    halves = np.array([math.pi if item.finger.is_pad else normal_half_rad for item in approaches])
     return CandidateTouches(_known(before, first), _coming(before, approaches, halves, predictions, first))
 
 

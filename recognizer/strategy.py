@@ -62,15 +62,21 @@ def next_grip(
 
 
 def already_used(contacts: Sequence[Contact], candidates: Sequence[FingerApproach]) -> Bools:
-    """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger."""
+    """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger.
+
+    A pad does if both ends of its face run along paths.
+    """
     start, angle = approach_lines(candidates)
-    used = np.zeros(len(candidates), dtype=bool)
+    half = np.array([item.finger.tip_radius_mm if item.finger.is_pad else 0.0 for item in candidates])
+    left, right = np.zeros((2, len(candidates)), dtype=bool)
     for contact in contacts:
-        same = np.array([item.finger == contact.finger for item in candidates], dtype=bool)
-        off = np.abs(offset_from_lines(start, angle, np.array(contact.end_mm)))
-        turned = np.abs(wrap_angle(angle - contact.direction_rad))
-        used |= same & (off < _SAME_LINE_MM) & (turned < _SAME_LINE_RAD)
-    return used
+        same = np.array([item.finger.face_point == contact.finger for item in candidates], dtype=bool)
+        same &= np.abs(wrap_angle(angle - contact.direction_rad)) < _SAME_LINE_RAD
+        off = offset_from_lines(start, angle, np.array(contact.end_mm))
+        left |= same & (np.abs(off - half) < _SAME_LINE_MM)
+        right |= same & (np.abs(off + half) < _SAME_LINE_MM)
+    result: Bools = left & right
+    return result
 
 
 def _meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Ints:

@@ -15,7 +15,7 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.frames import ArrayDriver
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
@@ -30,6 +30,7 @@ __all__ = [
     "doubt_warning",
     "emulated_array",
     "extractor_of",
+    "pad_problem",
     "threshold_problem",
 ]
 
@@ -59,6 +60,7 @@ _SELF_DESCRIBING = ArrayPlugin(
 )
 
 
+_PITCH_ROUNDING = 1e-3  # of a pitch
 _STEADY_FRAMES = 64  # in their mean a steady push is noticed
 _NOISE_MARGIN = 1.5  # times what is noticed: three standard deviations more, and it certainly is
 _SEARCH_S = 10.0  # a finger's way to a part, about
@@ -94,14 +96,46 @@ def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float]
 
 def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
     """The extractor for a finger's array; raises InputError if it does not fit the array."""
+    if (wrong := pad_problem(spec, description)) is not None:
+        raise InputError(f"finger {spec.name}: {wrong}")
     extractor = ContactExtractor(description, calibration_of(rig, spec, description))
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
 
 
-def threshold_problem(extractor: ContactExtractor, closing: ClosingConfig) -> str | None:
-    """What is wrong with contact_force_n for an array that is tared: untouched, it would exceed it."""
+def pad_problem(spec: FingerConfig, description: Description) -> str | None:
+    """Why an array does not show where along a pad's face it is touched; None if it does, or is on no pad."""
+    if not spec.tip.is_pad:
+        return None
+    if description.shape is not Shape.FLAT or description.cols < 2:
+        return "its tip is a pad, and the array is not flat, of two columns or more"
+    pitches, pitch = np.diff(description.columns), spec.array.pitch_mm or 0.0
+    room = _PITCH_ROUNDING * pitch
+    if pitches.max() > pitch + room:
+        return f"its columns are {pitches.max():.3g} mm apart, more than array.pitch_mm ({pitch:g})"
+    ends = description.columns[0] - pitches[0] / 2, description.columns[-1] + pitches[-1] / 2
+    half = spec.tip.radius_mm + spec.tip.radius_bound_mm
+    if not (-pitches[0] <= ends[0] + half <= room and -room <= ends[1] - half <= pitches[-1]):
+        return (
+            f"it reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and the pad's face from {-half:g} to "
+            f"{half:g} at most (tip.width_mm, radius_bound_mm): it must cover the face, and no more"
+        )
+    return None
+
+
+def threshold_problem(
+    extractor: ContactExtractor, closing: ClosingConfig, tip: TipConfig | None = None
+) -> str | None:
+    """What is wrong with contact_force_n for an array that is tared: untouched, it would exceed it.
+
+    Or, on a pad, it may not be felt at all where it is spread over the whole face.
+    """
     least = extractor.least_force_n
+    if tip is not None and tip.is_pad and closing.contact_force_n < extractor.spread_hidden_n:
+        return (
+            f"its noise and drift may hide {extractor.spread_hidden_n:.2g} N that press evenly on all of the "
+            f"pad, more than contact_force_n = {closing.contact_force_n:g} N; raise that"
+        )
     if closing.contact_force_n >= least:
         return None
     return (

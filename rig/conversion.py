@@ -41,6 +41,7 @@ __all__ = [
     "line_of",
     "measured_force_share",
     "mounting_of",
+    "pad_place_bound_mm",
     "resolution_of",
     "shear_rad",
     "slide_force_n",
@@ -169,6 +170,8 @@ def tip_bound_mm(finger: FingerConfig) -> float:
     """How much further off than its centre the tip's surface may be: what its radius may be off."""
     # What a calibration finds of the place is of the surface: touches show nothing else.
     tip = finger.tip
+    if tip.is_pad:
+        return 0.0  # its face is where the tip is, however wide it is
     found = 0.0 if finger.bounds.position_mm is None else tip.radius_bound_mm
     if not tip.is_ball:
         return tip.radius_bound_mm - found
@@ -216,7 +219,10 @@ def largest_on_skin_n(tip: TipConfig, closing: ClosingConfig) -> float:
 
 
 def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
-    """How deep something may have dented a moving tip without being felt."""
+    """How deep something may have dented a moving tip without being felt.
+
+    Pads are refused whose arrays may miss more, spread over the whole face (`threshold_problem`).
+    """
     return undetected_force_n(closing) / softest_n_per_mm(finger.tip)
 
 
@@ -267,7 +273,20 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     deepest = (force + unsure) / softest_n_per_mm(tip)
     shallowest = max(force - unsure, 0.0) / stiffest
     bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
+    if tip.is_pad:
+        return pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
     return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
+
+
+def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
+    """How far what presses on a pad's skin is from the middle of a column and of the dent, at most.
+
+    And what the place of a column is off by where the face does not look as it should, and that of an edge.
+    """
+    tilt = kinematics_of(finger).direction_bound_rad + array_bound_rad(finger)
+    return math.hypot((finger.array.pitch_mm or 0.0) / 2, deepest_mm / 2) + (
+        tilt * finger.tip.radius_mm + finger.tip.radius_bound_mm
+    )
 
 
 def resolution_of(rig: RigFile) -> Resolution:
@@ -278,6 +297,8 @@ def resolution_of(rig: RigFile) -> Resolution:
         x, y = finger.base_mm
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
+        if finger.tip.is_pad:
+            dent = pad_place_bound_mm(finger, dent)
         servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
         bent = deflection_mm(finger, rig.closing.contact_force_n)
         bounds.append(kinematics.position_bound_mm(servos) + dent + bent + tip_bound_mm(finger))

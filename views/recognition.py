@@ -155,4 +155,5 @@ def touch_mark(grip: int, contact: Contact) -> picture.TouchMark:
         contact.finger.tip_radius_mm,
         contact.touched,
         None if normal is None else (normal.lo_rad, normal.hi_rad),
+        contact.finger.is_pad,
     )

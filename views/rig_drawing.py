@@ -122,7 +122,11 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
     way = {"stroke_width": 3.0} if is_slide else {"stroke_width": LINE, "stroke_dasharray": "2 3"}
     yield element("line", x1=x, y1=y, x2=tip[0], y2=tip[1], stroke=INK, **way)
-    if is_slide:  # where both joints of an arm are at 0, it is stretched out: no posture to draw
+    if finger.tip.is_pad:
+        across = radius * np.array([math.sin(heading), math.cos(heading)])
+        (x1, y1), (x2, y2) = tip - across, tip + across
+        yield element("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=TIP, stroke_width=4.0)
+    elif is_slide:  # where both joints of an arm are at 0, it is stretched out: no posture to draw
         yield element("circle", cx=tip[0], cy=tip[1], r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)
     yield element("circle", cx=x, cy=y, r=7.0, fill=PAPER, stroke=INK, stroke_width=2.0)
     outward = base / max(float(np.linalg.norm(base)), 1e-9)
@@ -182,6 +186,10 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
     long = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm long"
     what = "ball" if finger.tip.is_ball else "tip"
     place = f"its middle {finger.height_mm:g} mm above the table"
+    if finger.tip.is_pad:
+        high = "" if finger.tip.length_mm is None else f" and {finger.tip.length_mm:g} mm high"
+        yield f"pad: {finger.tip.width_mm:g} mm wide{high}, {place}"
+        return
     yield f"{what}: radius {finger.tip.radius_mm:g} mm{long}, {place}"
 
 

@@ -34,10 +34,11 @@ SESSIONS_FOLDER = "palpate-sessions"
 
 
 class TipShape(StrEnum):
-    """Shape of a fingertip: an upright cylinder, or a ball (docs/recogniser.md, "A ball")."""
+    """Shape of a fingertip: an upright cylinder, a ball or a flat pad (docs/recogniser.md)."""
 
     CYLINDER = "cylinder"
     BALL = "ball"
+    PAD = "pad"
 
 
 class RecognitionVerdict(StrEnum):

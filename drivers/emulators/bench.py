@@ -18,6 +18,7 @@ from palpate.drivers.emulators.mechanics import (
     FingerTruth,
     SlideMechanics,
 )
+from palpate.drivers.emulators.pad import FacePress, PadFace
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.skin import Press, Skin
@@ -88,7 +89,7 @@ class EmulatedFinger:
         self.outline = outline
         self._skin = self._skin_beside(outline)
         self.array = array
-        self.press: TipLoad | None = None
+        self.press: TipLoad | FacePress | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
         self.weighs_taxels = False
         self._stage = stage
@@ -100,7 +101,7 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
         self._displacement = IN_PLACE
-        self._loads: dict[_Place, Press | None] = {}  # of this step
+        self._loads: dict[_Place, Press | FacePress | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
         self._no_force_n.flags.writeable = False
 
@@ -114,8 +115,10 @@ class EmulatedFinger:
         self._shear = self._sheared = None
         self._loads.clear()
 
-    def _skin_beside(self, outline: PartSection | None) -> Skin:
-        """The skin of the disc that meets an outline: of the tip, or of a ball's circle."""
+    def _skin_beside(self, outline: PartSection | None) -> Skin | PadFace:
+        """The skin of the disc that meets an outline, of the tip or of a ball's circle; or a pad's face."""
+        if self.truth.is_pad:
+            return PadFace(self.truth.tip_radius_mm, self.truth.stiffness_n_per_mm)
         disc = None if outline is None else outline.disc_mm
         radius = self.truth.tip_radius_mm if disc is None else disc
         return Skin(radius, self.truth.stiffness_n_per_mm, self._tip_friction)
@@ -197,6 +200,8 @@ class EmulatedFinger:
         if math.dist(displacement.back(self.stepped_mm), self._free_centre) < self._free_mm:
             return []
         found = self._load(self.outline, displacement)
+        if isinstance(found, FacePress):
+            return found.on_part(self.stepped_mm, self.truth.height_mm)
         return [] if found is None else found.on_part(self.stepped_mm, displacement, self.truth.height_mm)
 
     def sample(self, now: float) -> None:
@@ -206,7 +211,7 @@ class EmulatedFinger:
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
-    def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
+    def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | FacePress | None:
         # An outline that was further away than tip and part have moved since cannot have been reached.
         now_at = self.stepped_mm
         if now_at is self._seen_centre and displacement is self._displacement:
@@ -222,39 +227,64 @@ class EmulatedFinger:
         if self._free_mm > 0:
             return None
         found = self._load(outline, displacement)
-        if found is None:
-            return None
+        if found is None or isinstance(found, FacePress):
+            return found
         self._shear = found.shear
         return found.load
 
-    def _load(self, outline: PartSection, displacement: Displacement) -> Press | None:
+    def _load(self, outline: PartSection, displacement: Displacement) -> Press | FacePress | None:
         """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
-            self._loads[place] = self._skin.press(outline, self.stepped_mm, displacement, self._sheared)
+            self._loads[place] = self._pressed(outline, displacement)
         return self._loads[place]
 
-    def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
-        """Force (rows, cols) N on each taxel: rays sorted into columns, shared by the rows below the top."""
+    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press | FacePress | None:
+        if isinstance(self._skin, PadFace):
+            return self._skin.press(outline, self.stepped_mm, self._looks_rad, displacement)
+        return self._skin.press(outline, self.stepped_mm, displacement, self._sheared)
+
+    @property
+    def _looks_rad(self) -> float:
+        """Where the middle of the array looks, in W."""
+        return self._facing_rad + self.truth.array_heading_rad
+
+    def _taxels(self, touch: TipLoad | FacePress, outline: PartSection) -> Floats:
+        """Force (rows, cols) N on each taxel, column by column, shared by the rows below the top."""
+        if isinstance(touch, TipLoad):
+            return self._taxels_of_rays(touch, outline)
+        below = self._row_mm <= outline.top_mm
+        result: Floats = (below / max(int(below.sum()), 1))[:, None] * touch.by_column_n(
+            np.asarray(self.array.description.columns)
+        )
+        return result
+
+    @property
+    def _row_mm(self) -> Floats:
+        """Heights (rows,) of the array's rows, whose middle is the tip's."""
+        heights = np.asarray(self.array.description.row_heights_mm)
+        result: Floats = heights + (self.truth.height_mm - float(heights.mean()))
+        return result
+
+    def _taxels_of_rays(self, touch: TipLoad, outline: PartSection) -> Floats:
+        """The same of a round tip: rays sorted into columns."""
         d = self.array.description
         columns = np.asarray(d.columns)
         pitch = columns[1] - columns[0]
-        middle = self._facing_rad + self.truth.array_heading_rad
+        middle = self._looks_rad
         seen = wrap_angle(touch.angle - middle)
         slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < d.cols)
         on_skin = touch.on_skin_n
         by_column = np.bincount(slot[on_array], on_skin[on_array], minlength=d.cols)
-        heights = np.asarray(d.row_heights_mm)
-        lower_end = self.truth.height_mm - float(heights.mean())
-        below = (heights + lower_end) <= outline.top_mm
+        below = self._row_mm <= outline.top_mm
         z_mm = touch.contact.heights_mm
         if z_mm is None:
             rows = below / max(int(below.sum()), 1)
             result: Floats = rows[:, None] * by_column
             return result
-        facing = rows_facing(heights + lower_end, z_mm[on_array])
-        found = np.zeros((len(heights), d.cols))
+        facing = rows_facing(self._row_mm, z_mm[on_array])
+        found = np.zeros((d.rows, d.cols))
         np.add.at(found.T, slot[on_array], facing * on_skin[on_array, None])
         return found
 

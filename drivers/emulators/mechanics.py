@@ -43,7 +43,8 @@ class FingerTruth:
     aim gives way to a force across the slide; None: it bears none. `slide_yield_mm_per_n`: how far the tip
     gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with. `half_length_mm`: how
     far the tip reaches above `height_mm` and below; 0: as thin as a disc. `is_ball`: the tip is one, its
-    equator at `height_mm`.
+    equator at `height_mm`. `is_pad`: it is a flat pad, `tip_radius_mm` half of its width, that looks where
+    its array does.
     """
 
     base_mm: tuple[float, float]
@@ -64,6 +65,7 @@ class FingerTruth:
     cable_n: float = 0.0
     half_length_mm: float = 0.0
     is_ball: bool = False
+    is_pad: bool = False
 
     @property
     def ball_mm(self) -> float | None:
@@ -89,8 +91,8 @@ class ArmTruth:
     """How an emulated two-link arm really is built; mm, rad, N.
 
     The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
-    where the array's middle looks, from the second link's direction. `half_length_mm`, `is_ball`: as in
-    `FingerTruth`.
+    where the array's middle looks, from the second link's direction. `half_length_mm`, `is_ball`, `is_pad`:
+    as in `FingerTruth`; no arm has a pad.
     """
 
     base_mm: tuple[float, float]
@@ -105,6 +107,7 @@ class ArmTruth:
     array_heading_rad: float
     half_length_mm: float = 0.0
     is_ball: bool = False
+    is_pad: bool = False
 
     @property
     def ball_mm(self) -> float | None:

@@ -24,9 +24,10 @@ from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.cylinder import CylinderTip
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.pads import TaxelForces, pad_patches
+from palpate.drivers.tactile.pads import pad_patches
 from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, concatenated
 from palpate.drivers.tactile.surface import TaxelSurface, surface_of
+from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.drivers.tactile.zero_intervals import ZeroBounds
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats
@@ -194,6 +195,13 @@ class ContactExtractor:
             self._least_n[frames] = least
         found = sums[sums > least]
         return float(found.max()) if found.size else 0.0
+
+    @property
+    def spread_hidden_n(self) -> float:
+        """How much force (N), spread over the whole array, `force_n` may not feel; 0 on a cylinder."""
+        if self._cylinder is not None:
+            return 0.0
+        return float(self._guard_threshold.ravel() @ self._guard_gain)
 
     @property
     def least_force_n(self) -> float:

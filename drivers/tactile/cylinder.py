@@ -142,6 +142,8 @@ class CylinderTip:
                 force_bound_n=force_bound,
                 extent_rad=np.multiply(runs.last - runs.first + 1, self._pitch),
                 area_mm2=loaded.sum(axis=(1, 2)) * self._cell_mm2(),
+                pressed_mm=np.full((len(touched), 2, 2), np.nan),
+                loaded_mm=np.full((len(touched), 2), np.nan),
                 flags=flags.astype(np.uint8),
             )
         )

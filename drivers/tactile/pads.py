@@ -6,7 +6,7 @@ among those of the patch's taxels and half a step to their neighbours.
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_filter
@@ -21,12 +21,14 @@ from palpate.drivers.tactile.patches import (
     scattered,
     without_contact,
 )
+from palpate.drivers.tactile.pressed_columns import loaded_places_mm, pressed_columns, pressed_places_mm
 from palpate.drivers.tactile.surface import TaxelSurface
+from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 
-__all__ = ["TaxelForces", "pad_patches"]
+__all__ = ["pad_patches"]
 
 _PATCH_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
 _BEYOND_STEPS = 5.0  # half steps between normals that a patch may go on for beyond an edge
@@ -46,30 +48,6 @@ class _Patch:
     around: Bools
     others: Bools
     cut: Bools
-
-
-@dataclass(frozen=True, eq=False)
-class TaxelForces:
-    """What n frames say, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
-    deviation; `drift_n`: bound of what the zeros are off by; `full`: at the largest count. Full and dead
-    taxels are not usable.
-    """
-
-    force_n: Floats
-    noise_n: Floats
-    drift_n: Floats
-    usable: Bools
-    full: Bools
-
-    def frames(self, which: Ints) -> "TaxelForces":
-        """Some of the frames."""
-        return TaxelForces(**{f.name: getattr(self, f.name)[which] for f in fields(TaxelForces)})
-
-    @property
-    def doubt_n(self) -> Floats:
-        """Less than this may be nothing."""
-        result: Floats = SIGMAS * self.noise_n + self.drift_n
-        return result
 
 
 def pad_patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> Patches:
@@ -111,9 +89,23 @@ def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibra
             force_bound_n=force_bound,
             extent_rad=extent,
             area_mm2=(found.cells & seen) @ surface.area_mm2,
+            **_across(taxels, surface, calibration),
             flags=flags.astype(np.uint8),
         )
     )
+
+
+def _across(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> dict[str, Floats]:
+    """Where across a flat array something presses for certain (n, 2, 2), or may (n, 2); nan on a free one."""
+    n, _, cols = taxels.force_n.shape
+    if not surface.flat:
+        return {"pressed_mm": np.full((n, 2, 2), np.nan), "loaded_mm": np.full((n, 2), np.nan)}
+    column_mm, half_mm = surface.place_mm[:cols, 0], float(surface.half_mm[0])
+    pressed = pressed_columns(taxels, calibration)
+    return {
+        "pressed_mm": pressed_places_mm(pressed, column_mm, half_mm),
+        "loaded_mm": loaded_places_mm(taxels, column_mm, half_mm),
+    }
 
 
 def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> _Patch:

@@ -5,6 +5,7 @@ the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from 
 """
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
@@ -84,8 +85,10 @@ class ContactPatch:
     `position_mm` is the centroid of the load on the surface, x, y, z, each within `position_bound_mm` (inf
     where the array's edge cuts the patch and nothing bounds it). `centroid_rad` ± `centroid_bound_rad` is its
     direction on a cylinder, nan on a flat array; `height_mm` ± `height_bound_mm` its height over the tip's
-    lower end. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels are
-    saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its
+    lower end. `pressed_mm`: on a flat array, two ranges of x in each of which something certainly presses,
+    the first and the last; None where that is not known. `loaded_mm`: the range of x outside of which such an
+    array shows nothing. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels
+    are saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its
     loaded taxels.
     """
 
@@ -101,6 +104,8 @@ class ContactPatch:
     force_bound_n: float
     extent_rad: float
     area_mm2: float
+    pressed_mm: tuple[tuple[float, float], tuple[float, float]] | None = None
+    loaded_mm: tuple[float, float] | None = None
     flags: frozenset[PatchFlag] = field(default_factory=frozenset)
 
 
@@ -125,6 +130,8 @@ class Patches:
     force_bound_n: Floats
     extent_rad: Floats
     area_mm2: Floats
+    pressed_mm: Floats
+    loaded_mm: Floats
     flags: NDArray[np.uint8]
 
     def __len__(self) -> int:
@@ -138,6 +145,9 @@ class Patches:
         said["position_mm"], said["position_bound_mm"] = map(
             tuple, (said["position_mm"], said["position_bound_mm"])
         )
+        first, last = said["pressed_mm"]
+        said["pressed_mm"] = None if math.isnan(first[0]) else (tuple(first), tuple(last))
+        said["loaded_mm"] = None if math.isnan(said["loaded_mm"][0]) else tuple(said["loaded_mm"])
         said["flags"] = frozenset(flag for flag in PatchFlag if int(self.flags[index]) & flag.bit)
         return ContactPatch(**said)
 
@@ -166,6 +176,7 @@ def without_contact(count: int) -> Patches:
     """`count` frames in which nothing is touched."""
     nothing = {f.name: np.full(count, np.nan) for f in fields(Patches)}
     sides = {name: np.full((count, 3), np.nan) for name in ("position_mm", "position_bound_mm")}
+    sides |= {"pressed_mm": np.full((count, 2, 2), np.nan), "loaded_mm": np.full((count, 2), np.nan)}
     return Patches(
         **{**nothing, **sides, "touched": np.zeros(count, bool), "flags": np.zeros(count, np.uint8)}
     )

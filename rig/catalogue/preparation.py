@@ -59,7 +59,7 @@ def prepared_catalogue(
     keeper = _Keeper(cache, digests, progress, alone_s)
     states = _prepared_states(single, keeper).states(objects)
     catalogue = Catalogue(objects, states=states)
-    wanted = sorted(set(fingers))
+    wanted = sorted({finger.face_point for finger in fingers})
     for number, finger in enumerate(wanted, 1):
         what = "" if len(wanted) == 1 else f" (finger {number} of {len(wanted)})"
         catalogue.take(finger, _prepared_finger(states, finger, replace(keeper, what=what)))

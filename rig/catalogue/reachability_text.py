@@ -10,6 +10,7 @@ from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, hei
 from palpate.rig.catalogue.oblique_touches import oblique_lines
 from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
 from palpate.rig.catalogue.tip_lengths import overhang_lines
+from palpate.rig.pads import refuse_parts_that_move
 
 __all__ = ["finding_lines", "untouched_lines", "workspace_words"]
 
@@ -26,8 +27,9 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     """What the operator should know of the objects of the file `name` before a run on a rig.
 
     Empty if all states can be felt by all fingers, and as what they are. Raises InputError if none can be by
-    any, or one is met by a ball too far from its equator.
+    any, one is met by a ball too far from its equator, or is moved by pads.
     """
+    refuse_parts_that_move(rig, models)
     found = findings_of(rig, models)
     lines = [_line(rig, group) for group in _groups(found)]
     states = sum(len(model.states) for model in models)

@@ -54,6 +54,7 @@ from palpate.errors import InputError
 from palpate.rig.arrays import calibration_of, doubt_warning
 from palpate.rig.background import BackgroundCall
 from palpate.rig.commissioning.rig_prober import approaches_of
+from palpate.rig.pads import refuse_pads
 
 __all__ = [
     "STEPS",
@@ -143,7 +144,11 @@ def calibrate(
 
 
 def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
-    """The steps that were asked for and that a rig has, in their order; InputError if that is none."""
+    """The steps that were asked for and that a rig has, in their order; InputError if that is none.
+
+    Or if it has pads: what they touch of a disc, and what their arrays then show, is not modelled.
+    """
+    refuse_pads(rig, "pads cannot be calibrated: measure the rig and state its bounds")
     found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
     if not found:
         raise InputError(f'rig "{rig.name}" has no turning stage to calibrate: calibrate the other steps')

@@ -14,7 +14,7 @@ from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestRepo
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
-from palpate.rig.arrays import array_of, calibration_of, doubt_warning, threshold_problem
+from palpate.rig.arrays import array_of, calibration_of, doubt_warning, pad_problem, threshold_problem
 from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
@@ -52,8 +52,8 @@ def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenP
         if frames and not found.problems:
             extractor = ContactExtractor(description, calibration_of(rig, spec, description))
             extractor.tare(frames)
-            noisy = threshold_problem(extractor, rig.closing)
-            found = found if noisy is None else _wrong(found, noisy)
+            wrong = pad_problem(spec, description) or threshold_problem(extractor, rig.closing, spec.tip)
+            found = found if wrong is None else _wrong(found, wrong)
             if (doubt := doubt_warning(rig, spec, extractor)) is not None:
                 found = found.model_copy(update={"warnings": (*found.warnings, doubt)})
     except DeviceError as error:

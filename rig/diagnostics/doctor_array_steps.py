@@ -9,7 +9,7 @@ from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.messages import Shape
 from palpate.errors import InputError, counted
-from palpate.rig.arrays import calibration_of, doubt_warning, threshold_problem
+from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, threshold_problem
 from palpate.rig.diagnostics.doctor_arrays import LISTEN_S, ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong
 from palpate.rig.diagnostics.doctor_taxels import TAXEL_MAP, HeardArray, judge_taxels
@@ -139,9 +139,27 @@ def _geometry(case: Case, item: ArraySeen) -> list[FindingOut]:
                 "correct what the array says of itself (docs/tactile-protocol.md)",
             )
         ]
+    if item.spec.tip.is_pad:
+        return _on_pad(item)
     if described.shape is not Shape.CYLINDER:
         return []
     return [*_radius(item), *_coverage(item)]
+
+
+def _on_pad(item: ArraySeen) -> list[FindingOut]:
+    assert item.description is not None
+    problem = pad_problem(item.spec, item.description)
+    if problem is None:
+        return []
+    return [
+        wrong(
+            Cause.ARRAY_GEOMETRY,
+            item.name,
+            problem,
+            "another array is mounted, or the rig file is mistaken about the pad",
+            f"measure the pad of finger {item.spec.name} and its array, and correct what is wrong",
+        )
+    ]
 
 
 def _radius(item: ArraySeen) -> list[FindingOut]:
@@ -274,7 +292,7 @@ def _restful(case: Case, array: HeardArray, shown: UntouchedFrames) -> list[Find
         ]
     extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
     extractor.tare(array.seen.frames)
-    noisy = threshold_problem(extractor, case.rig.closing)
+    noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
     if noisy is not None:
         return [
             wrong(

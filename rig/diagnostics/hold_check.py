@@ -25,6 +25,7 @@ from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.slip_push import SlipPush, SlipPusher
+from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 
 __all__ = ["certain_force_n", "check_hold", "gentle", "quietest_force_n", "rounded_down", "with_hold"]
@@ -67,9 +68,12 @@ def quietest_force_n(hand: Hand) -> float:
 def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> HoldCheckOut:
     """Find the part and push it with every finger. The hand must be prepared, its rig `gentle`.
 
-    Raises InputError if nothing is found, or no finger can tell anything for certain, as balls cannot;
-    DeviceError and SafetyStop as `carry_out_grip`.
+    Raises InputError if nothing is found, or no finger can tell anything for certain, as balls and pads
+    cannot; DeviceError and SafetyStop as `carry_out_grip`.
     """
+    refuse_pads(
+        hand.rig, "where it pushes parts is not known well enough; use cylinders, or a spring balance"
+    )
     for spec in hand.rig.fingers:
         if spec.tip.is_ball:
             raise InputError(

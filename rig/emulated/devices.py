@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
+from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.booting import BootingBoard
@@ -44,6 +45,8 @@ __all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _BALL_ROWS_SHARE = 0.9  # of a ball's height
+_PAD_ROWS, _PAD_ROW_PITCH_MM = 4, 4.0
+_MOST_COLUMNS = 255
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
 _BOOT_TEXT = b"boot: palpate emulator\r\n"
@@ -246,15 +249,16 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
 
     Another seed is another array, and its id tells.
     """
+    if finger.tip.is_pad:
+        return _pad_description(finger, seed)
     per_n = _COUNTS_PER_N
     if isinstance(finger.array, MountedArrayConfig):
         per_n = finger.array.counts_per_n
         if finger.array.shape == "flat":
             raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
-    name = finger.name.encode()
     return Description(
-        unique_id=name[:8].ljust(8, b"\0") + hashlib.sha256(b"%d %s" % (seed, name)).digest()[:8],
+        unique_id=_unique_id(finger, seed),
         firmware="palpate emulator 1",
         emulated=True,
         shape=Shape.CYLINDER,
@@ -268,3 +272,42 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
         columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
         row_heights_mm=tuple((k + 0.5) * _row_pitch_mm(finger) for k in range(_ROWS)),
     )
+
+
+def _pad_description(finger: FingerConfig, seed: int) -> Description:
+    """The same of a pad's flat array, whose columns cover just the face, no further apart than pitch_mm.
+
+    However wide the face may be, by its bound.
+    """
+    width, pitch = 2 * (finger.tip.radius_mm + finger.tip.radius_bound_mm), finger.array.pitch_mm or math.inf
+    if isinstance(finger.array, MountedArrayConfig):
+        raise InputError(
+            f"finger {finger.name}: emulated pads have arrays that describe themselves; "
+            f'use protocol "{PALPATE_PROTOCOL}"'
+        )
+    count = max(math.ceil(width / pitch - 1e-9), 2)
+    if count > _MOST_COLUMNS:
+        raise InputError(
+            f"finger {finger.name}: a face of {width:g} mm has {count} columns {pitch:g} mm apart; "
+            f"an emulated array has at most {_MOST_COLUMNS}: raise array.pitch_mm"
+        )
+    return Description(
+        unique_id=_unique_id(finger, seed),
+        firmware="palpate emulator 1",
+        emulated=True,
+        shape=Shape.FLAT,
+        rows=_PAD_ROWS,
+        cols=count,
+        bit_depth=_BIT_DEPTH,
+        max_rate_hz=1000.0,
+        full_scale_n=(2**_BIT_DEPTH - 1) / _COUNTS_PER_N,
+        counts_per_n=_COUNTS_PER_N,
+        tip_radius_mm=0.0,
+        columns=tuple((k - (count - 1) / 2) * width / count for k in range(count)),
+        row_heights_mm=tuple((k + 0.5) * _PAD_ROW_PITCH_MM for k in range(_PAD_ROWS)),
+    )
+
+
+def _unique_id(finger: FingerConfig, seed: int) -> bytes:
+    name = finger.name.encode()
+    return name[:8].ljust(8, b"\0") + hashlib.sha256(b"%d %s" % (seed, name)).digest()[:8]

@@ -15,7 +15,7 @@ from palpate.config import (
 )
 from palpate.drivers.emulators.joints import JointYield
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 from palpate.rig.conversion import arm_kinematics, slide_kinematics
 from palpate.rig.standby_geometry import on_circle, wait_radius_mm
@@ -78,7 +78,8 @@ def dead_taxels(
 
     InputError if the array has not so many there.
     """
-    columns = np.flatnonzero(np.abs(description.columns) <= _FELT_RAD)
+    is_round = description.shape is Shape.CYLINDER
+    columns = np.flatnonzero(np.logical_or(not is_round, np.abs(description.columns) <= _FELT_RAD))
     felt = [(row, int(col)) for row in range(description.rows) for col in columns]
     if count > len(felt):
         raise InputError(
@@ -169,6 +170,7 @@ def _slide(
         stops_mm=finger.slide.stops_mm,
         half_length_mm=_half_length_mm(finger, emulation),
         is_ball=finger.tip.is_ball,
+        is_pad=finger.tip.is_pad,
     )
 
 

@@ -61,17 +61,23 @@ class GripEvidence:
     checks: int = 0
     narrowest: tuple[float, float] | None = None
 
-    def add(self, contacts: Sequence[Contact], motion: Motion | None = None) -> list[Hypothesis]:
+    def add(
+        self,
+        contacts: Sequence[Contact],
+        motion: Motion | None = None,
+        touches: Sequence[Contact] | None = None,
+    ) -> list[Hypothesis]:
         """Take the contacts of a grip, misses included; returns the hypotheses that they eliminate.
 
-        `motion`: of the part since the contacts before were measured; None if it lay still.
+        `motion`: of the part since the contacts before were measured; None if it lay still. `touches`: where
+        the contacts are points of pads' faces, the pads' own, which count as predicted; None: the contacts.
         """
         before = self.recognition
         if before is not None:
             moved = before if motion is None else before.moved(motion)
             self.recognition = moved.extend(contacts)
             self.contacts = list(self.recognition.contacts)
-            return self._compare(before, moved, self.recognition, contacts)
+            return self._compare(before, moved, self.recognition, touches or contacts)
         if motion:
             states = np.arange(len(self.catalogue.states))
             self.contacts = [carried_by(motion, self.catalogue, item, states) for item in self.contacts]
@@ -142,20 +148,34 @@ def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Prediction
 
 
 def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats:
-    """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none."""
-    ranges = [contact.normal for contact in contacts]
-    return np.array([unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2 for item in ranges])
+    """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none.
+
+    That of a pad is its face's: nothing is known of the surface's.
+    """
+
+    def half_rad(contact: Contact) -> float:
+        if contact.finger.is_pad:
+            return math.pi
+        item = contact.normal
+        return unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2
+
+    return np.array([half_rad(contact) for contact in contacts])
 
 
 def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:
     """How far the part may have been shifted before these contacts, though they came out as predicted."""
-    rows = [k for k, contact in enumerate(contacts) if contact.touched]
+    # Where a pad was touched at the end of its face, in which direction the surface looks is not known.
+    rows = [k for k, contact in enumerate(contacts) if contact.touched and _has_direction(contact)]
     some = [contacts[k] for k in rows]
     return detectable_shift_mm(
         predictions.select(rows),
         np.array([contact.middle_normal_rad for contact in some]),
         np.array([contact.direction_rad for contact in some]),
     )
+
+
+def _has_direction(contact: Contact) -> bool:
+    return not (contact.finger.is_pad and contact.normal is None)
 
 
 def _extent(recognition: Recognition) -> tuple[float, float]:

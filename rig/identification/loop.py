@@ -252,8 +252,12 @@ class _Search:
 
     def _contacts(self) -> list[Contact]:
         """Those of the last grip, of the part as it lay when they were measured."""
+        return self._felt([contact for touch in self._grips[-1] for contact in touch.evidence])
+
+    def _felt(self, contacts: Sequence[Contact]) -> list[Contact]:
+        """Some of the last grip, of the part as it lay when they were measured."""
         before, states = self._motions[-1].before, self._states()
-        return [felt_in_motion(before, self._catalogue, touch.contact, states) for touch in self._grips[-1]]
+        return [felt_in_motion(before, self._catalogue, contact, states) for contact in contacts]
 
     def _understand(self) -> None:
         """Add the last grip to the evidence; alone, if there is no saying where the part was before."""
@@ -267,7 +271,8 @@ class _Search:
 
     def _add(self, motion: Motion | None) -> None:
         number, contacts = len(self._grips), self._contacts()
-        self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion)]
+        paths = self._felt([touch.contact for touch in self._grips[-1]])
+        self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion, paths)]
         declared = self._bounds.holds_n(self._states()) is not None
         self._evidence.is_bounded = declared and not self._hold_contradicted
         if self._evidence.recognition is not None:

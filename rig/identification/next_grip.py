@@ -29,6 +29,7 @@ from palpate.recognizer import (
 from palpate.rig.conversion import finger_of, goals_of, resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.stability_table import StabilityTable
+from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.vocabulary.short_repr import ShortRepr
@@ -208,8 +209,10 @@ def plan_for(
     """Recognise the contacts of `grips`, misses included, and choose what `identify` would do next.
 
     Where `identify` would still explore, because too few touches were made, a grip is planned all the same.
-    `seed` matters to `random` only. Raises InputError if no finger touched anything, or one is not the rig's.
+    `seed` matters to `random` only. Raises InputError if no finger touched anything, one is not the rig's, or
+    one has a pad.
     """
+    refuse_pads(rig, "files of contacts do not say which of them are of one touch; use palpate identify")
     contacts = [contact for grip in grips for contact in grip]
     _check_fingers(rig, contacts)
     resolution = resolution_of(rig)

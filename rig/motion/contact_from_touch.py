@@ -22,6 +22,7 @@ from palpate.rig.conversion import (
 )
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
+from palpate.rig.motion.pad_touch import PadTouch, face_contact, face_points_of, touched_points
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
@@ -36,6 +37,7 @@ class Touch(ShortRepr):
 
     `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: the turning stage's, by its
     servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
+    `points`: what points of a pad's face met, none of other tips.
     """
 
     finger_index: int
@@ -45,12 +47,57 @@ class Touch(ShortRepr):
     loads: tuple[ContactLoad, ...] = ()
     trace: LoadTrace | None = None
     stage_rad: float = 0.0
+    points: tuple[Contact, ...] = ()
+
+    @property
+    def evidence(self) -> tuple[Contact, ...]:
+        """The contacts, misses included, that the recogniser is given."""
+        return self.points or (self.contact,)
 
 
 def conclude(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
+    if run.finger.spec.tip.is_pad:
+        return _of_pad(run, patch, closing, turn)
     contact = _miss(run, closing, turn) if patch is None else _contact(run, patch, closing, turn)
     return Touch(run.approach.finger_index, contact, patch, run.servos, stage_rad=turn.angle_rad)
+
+
+def _of_pad(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
+    spec, kinematics = run.finger.spec, run.finger.kinematics
+    tilt = kinematics.direction_bound_rad + turn.angle_bound_rad + array_bound_rad(spec)
+    facing = kinematics.facing_rad(run.servos) + turn.angle_rad
+    if patch is None:
+        way, bent = _miss(run, closing, turn), deflection_rad(spec, undetected_force_n(closing))
+        points = face_points_of(way, spec.tip, facing, tilt + bent)
+        return Touch(
+            run.approach.finger_index, way, None, run.servos, stage_rad=turn.angle_rad, points=points
+        )
+    # Other stretches of skin bear less than the strongest patch, or what is not felt.
+    force = max(patch.force_n, closing.contact_force_n)
+    _, deepest = dent_range_mm(force, patch.force_bound_n, spec.tip, closing.max_force_n)
+    pressing = _pressing_n(patch, spec.tip, closing)
+    bent = deflection_mm(spec, pressing)
+    touch = PadTouch(
+        name=run.finger.name,
+        finger=finger_of(spec),
+        start_mm=turn.point_mm(run.start_mm),
+        stop_mm=turn.point_mm(run.centre_mm),
+        facing_rad=facing,
+        tilt_rad=tilt + deflection_rad(spec, pressing),
+        deepest_mm=deepest,
+        bound_mm=_bound_mm(run, turn) + bent,
+        path_bound_mm=_bound_mm(run, turn)
+        + max(bent, deflection_mm(spec, undetected_force_n(closing)))
+        + run.largest_cross_track_error_mm(math.dist(run.start_mm, run.centre_mm))
+        + undetected_dent_mm(spec, closing),
+    )
+    ways = face_points_of(touch.way, spec.tip, facing, touch.tilt_rad)
+    points = (*touched_points(touch, patch, spec.tip), *ways)
+    contact = face_contact(touch, patch, spec.tip, points[0].position_bound_mm)
+    return Touch(
+        run.approach.finger_index, contact, patch, run.servos, stage_rad=turn.angle_rad, points=points
+    )
 
 
 def dent_range_mm(
@@ -67,6 +114,8 @@ def dent_range_mm(
 
 def _pressing_n(patch: ContactPatch, tip: TipConfig, closing: ClosingConfig) -> float:
     """How hard the tip may be pressed, all its patches together: this one is the strongest."""
+    if tip.is_pad and PatchFlag.SEVERAL_PATCHES in patch.flags:
+        return closing.max_force_n
     edges = _MOST_EDGES if PatchFlag.SEVERAL_PATCHES in patch.flags else 1
     return min(edges * (patch.force_n + patch.force_bound_n), largest_on_skin_n(tip, closing))
 

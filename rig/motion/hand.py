@@ -291,7 +291,7 @@ class Hand:
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             finger.extractor.tare(frames)
-            if (wrong := threshold_problem(finger.extractor, self.rig.closing)) is not None:
+            if (wrong := threshold_problem(finger.extractor, self.rig.closing, finger.spec.tip)) is not None:
                 raise DeviceError(f"tactile array {finger.name}: {wrong}")
 
     def start_arrays(self) -> None:

@@ -33,6 +33,9 @@ _LATER_KEYS = frozenset(
         "assumed_holds_n",
         "hold_contradicted",
         "stranger_probability",
+        "points",
+        "pressed_mm",
+        "loaded_mm",
     }
 )  # not written by older versions
 

@@ -8,7 +8,7 @@ from palpate.recognizer import Contact, Finger
 from palpate.recognizer.contact import NormalRange
 from palpate.rig.session.log_reader import SessionFile
 
-__all__ = ["GripRecord", "contact_in", "grip_records"]
+__all__ = ["GripRecord", "contacts_in", "grip_records"]
 
 
 @dataclass(eq=False)
@@ -50,9 +50,13 @@ def grip_records(file: SessionFile) -> list[GripRecord]:
     return [found[number] for number in sorted(found) if found[number].stages or found[number].touches]
 
 
-def contact_in(touch: Mapping[str, Any]) -> Contact:
-    """The contact of a touch in the log."""
-    values: dict[str, Any] = dict(touch["contact"])
+def contacts_in(touch: Mapping[str, Any]) -> list[Contact]:
+    """What the recogniser was given of a touch in the log: its contact, or those of a pad's points."""
+    return [_contact(item) for item in touch.get("points") or [touch["contact"]]]
+
+
+def _contact(item: Mapping[str, Any]) -> Contact:
+    values: dict[str, Any] = dict(item)
     normal, finger = values.pop("normal"), Finger(**values.pop("finger"))
     known = {item.name for item in fields(Contact)}
     rest: dict[str, Any] = {name: _plain(value) for name, value in values.items() if name in known}

@@ -118,7 +118,7 @@ def checked(path: Path, trial: Trial, seed: int, samples: int) -> Finding:
                 reach(), pose, rng, resolution_of(rig).normal_half_rad, share=1.0, at_bound=sample % 2 == 0
             )(grip.limited_approaches)
             left = found.extend([touch.contact for touch in touches]).hypotheses
-            classes = {k for item in left for k, old in enumerate(found.hypotheses) if _came_from(item, old)}
+            classes = {k for item in left for k, old in enumerate(found.hypotheses) if came_from(item, old)}
             outcomes += 1
             undecided += not all(same[number, k] for k in classes)
             for row, touch in enumerate(touches):
@@ -140,7 +140,7 @@ def poses_in(
     return poses
 
 
-def _came_from(item: Hypothesis, old: Hypothesis) -> bool:
+def came_from(item: Hypothesis, old: Hypothesis) -> bool:
     """Whether some of what is left of a search lies in the region of an earlier hypothesis."""
     if item.state_index != old.state_index:
         return False

@@ -330,3 +330,19 @@ def test_of_a_round_part_theta_is_any() -> None:
     assert shown[shown.index("θ") + 1] == "any"
     assert "its origin" in shown
     assert "its frame: origin and x axis" not in shown
+
+
+def test_a_pad_is_a_line_across_its_way() -> None:
+    shown = picture()
+    pads = replace(shown, touches=tuple(replace(touch, is_pad=True) for touch in shown.touches))
+    before, after = (
+        [item.attrib for item in ET.fromstring(draw(item)).iter(f"{NS}line")] for item in (shown, pads)
+    )
+    faces = [line for line in after if line not in before]
+    assert len(faces) == len(shown.touches)
+    first = {name: float(faces[0][name]) for name in ("x1", "y1", "x2", "y2")}
+    assert first["y1"] == pytest.approx(first["y2"]), "f1 comes from above"
+    other = {name: float(faces[1][name]) for name in ("x1", "y1", "x2", "y2")}
+    assert other["x1"] == pytest.approx(other["x2"]), "f2 comes from the left"
+    lengths = [math.dist((x["x1"], x["y1"]), (x["x2"], x["y2"])) for x in (first, other)]
+    assert lengths[0] == pytest.approx(lengths[1], abs=0.05)

@@ -11,6 +11,7 @@ from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, Sample, TipSample
 from palpate.views.logged_hypotheses import answered, heaviest_first, outlines_in_w
+from palpate.vocabulary import TipShape
 
 __all__ = ["COLOURS", "Outline", "Scene", "Tip", "scene_changes"]
 
@@ -143,7 +144,9 @@ def _contact(grip: int, touch: Mapping[str, Any]) -> Outline | None:
     angle = (normal["lo_rad"] + normal["hi_rad"]) / 2
     end = np.array(contact["end_mm"], dtype=float)
     along = np.array([math.cos(angle), math.sin(angle)])
-    points = np.array([end - contact["finger"]["tip_radius_mm"] * along, end + _NORMAL_MM * along])
+    finger = contact["finger"]
+    radius = 0.0 if finger.get("shape") == TipShape.PAD else finger["tip_radius_mm"]
+    points = np.array([end - radius * along, end + _NORMAL_MM * along])
     name = f"contact-{grip}-{contact['name']}"
     return Outline(name, "normal", points, contact["finger"]["height_mm"], is_closed=False)
 

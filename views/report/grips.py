@@ -12,6 +12,7 @@ from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
 from palpate.views.report.page import columns, paragraph, picture, section, table
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
+from palpate.vocabulary import TipShape
 
 __all__ = ["grip_sections", "name_of"]
 
@@ -153,6 +154,7 @@ def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
         contact["finger"]["tip_radius_mm"],
         contact["touched"],
         None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
+        contact["finger"].get("shape") == TipShape.PAD,
     )
 
 

@@ -13,7 +13,7 @@ from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue
 from palpate.recognizer.explanation import explain_object
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.run_record import GripRecord, contact_in, grip_records
+from palpate.rig.session.run_record import GripRecord, contacts_in, grip_records
 from palpate.rig.session.samples import SessionSamples
 from palpate.views.answer import answer_lines
 from palpate.views.explanation import ContactRecord, why_lines
@@ -74,7 +74,7 @@ def _rivals(grips: Sequence[GripRecord], objects: Sequence[ObjectModel]) -> str:
     last_seen = {name_of(item): grip.number for grip in judged for item in grip.hypotheses}
     left = {name_of(item) for item in judged[-1].hypotheses}
     catalogue = Catalogue(objects)
-    contacts = [contact_in(touch) for touch in judged[0].touches]
+    contacts = [contact for touch in judged[0].touches for contact in contacts_in(touch)]
     record = ContactRecord([contacts])
     rows, explained = [], 0
     numbers = [grip.number for grip in judged]

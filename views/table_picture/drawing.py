@@ -216,17 +216,14 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     x, y = centre.tolist()
     placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
     if not touch.touched:
-        return element(
-            "circle",
-            cx=x,
-            cy=y,
-            r=radius,
-            fill="none",
-            stroke=MISS,
-            stroke_width=LINE,
-            stroke_dasharray="3 3",
-        ) + end_cross(centre, MISS)
-    shown = [element("circle", cx=x, cy=y, r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
+        dashed: dict[str, str | float] = {
+            "fill": "none",
+            "stroke": MISS,
+            "stroke_width": LINE,
+            "stroke_dasharray": "3 3",
+        }
+        return _outline_of_tip(touch, view, **dashed) + end_cross(centre, MISS)
+    shown = [_outline_of_tip(touch, view, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
     if touch.normal_rad is not None:
         lo, hi = touch.normal_rad
         reach = max(_WEDGE, radius + 20)
@@ -237,6 +234,16 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
             )
     shown.append(element("circle", cx=x, cy=y, r=2.6, fill=TIP))
     return "".join(shown)
+
+
+def _outline_of_tip(touch: TouchMark, view: View, **style: str | float) -> str:
+    """A disc where the tip was in the end, or a pad's face."""
+    (x, y), radius = view.at(touch.end_mm).tolist(), touch.tip_radius_mm * view.scale
+    if not touch.is_pad:
+        return element("circle", cx=x, cy=y, r=radius, **style)
+    along = view.at(touch.end_mm) - view.at(touch.start_mm)
+    u, v = (radius * along / max(float(np.hypot(*along)), 1e-9)).tolist()
+    return element("line", x1=x - v, y1=y + u, x2=x + v, y2=y - u, **style | {"stroke_width": 3.0})
 
 
 def _touch_label(touch: TouchMark, view: View, placer: LabelPlacer) -> str:

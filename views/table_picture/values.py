@@ -53,6 +53,7 @@ class TouchMark:
     """One approach of one finger: the tip's centre went from `start_mm` to `end_mm`, touching or missing.
 
     `normal_rad`: the object's outward normals that the contact allows, counter-clockwise from lo to hi.
+    `is_pad`: the tip is a pad across its way, `tip_radius_mm` half of its width.
     """
 
     finger: str
@@ -62,6 +63,7 @@ class TouchMark:
     tip_radius_mm: float
     touched: bool
     normal_rad: tuple[float, float] | None = None
+    is_pad: bool = False
 
 
 @dataclass(frozen=True)
