@@ -99,14 +99,15 @@ class ArrayGuard:
 
     def feel(self, finger: HostFinger, frames: Sequence[TactileFrame], now: float) -> float:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
-        forces = [finger.extractor.force_n(frame) for frame in frames]
-        if (meter := self.meters.get(finger)) is not None:
-            for index, (force, frame) in enumerate(zip(forces, frames, strict=True), start=1):
-                at = now - (len(forces) - index) / self._closing.sample_rate_hz
-                quiet = meter.quiet_mean(frame.counts, force)
-                steady = finger.extractor.steady_force_n(*quiet) if quiet else 0.0
-                meter.feel(force, at, steady, finger.extractor.zero_doubt_n)
-        return forces[-1]
+        meter, extractor, force = self.meters.get(finger), finger.extractor, 0.0
+        for later, frame in zip(range(len(frames) - 1, -1, -1), frames, strict=True):
+            force, readings = extractor.sense(frame)
+            if meter is not None:
+                quiet = meter.quiet_mean(readings, force)
+                steady = extractor.steady_force_n(*quiet) if quiet else 0.0
+                at = now - later / self._closing.sample_rate_hz
+                meter.feel(force, at, steady, extractor.zero_doubt_n)
+        return force
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:
         hard = self._closing.max_force_n
