@@ -4,7 +4,7 @@ The hand looks through it wherever time passes with torque on, so that no motion
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.config import ClosingConfig
 from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
@@ -19,8 +19,7 @@ _SILENT_S = 0.15
 _SILENT_FRAMES = 3  # that long at least, for slow arrays
 
 
-@dataclass(frozen=True, eq=False)
-class ArrayReading:
+class ArrayReading(NamedTuple):
     """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
 
     frames: Sequence[TactileFrame]
@@ -80,7 +79,7 @@ class ArrayGuard:
         return felt
 
     def _since(self, finger: HostFinger) -> ArrayReading:
-        before, now = self.reading(finger), self._sensed(finger)
+        before, now = self._readings.get(finger, _NOTHING), self._sensed(finger)
         if not before.frames:
             return now if now.frames else before
         return ArrayReading((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
