@@ -125,6 +125,11 @@ class ContactExtractor:
             float((zeros.upper - zeros.least).max()),
         )
 
+    @property
+    def follows(self) -> bool:
+        """Whether zeros drift, so that `follow` does something."""
+        return self._tracker is not None
+
     def follow(self, frames: Sequence[TactileFrame], *, may_touch: bool = False) -> None:
         """Let the baseline follow its drift through frames; without drift nothing happens.
 

@@ -122,10 +122,9 @@ class Decoder:
         out: list[Message | DecodeFault] = []
         *closed, rest = bytes(data).split(DELIMITER)
         for piece in closed:
-            if self._pending or self._skipping or len(piece) > MAX_ENCODED:
-                piece = self._finished(piece, out)
-            if piece:
-                self._decode(piece, out)
+            is_rest = self._pending or self._skipping or len(piece) > MAX_ENCODED
+            if whole := self._finished(piece, out) if is_rest else piece:
+                self._decode(whole, out)
         if rest:
             self._keep(rest, out)
         return out

@@ -155,7 +155,8 @@ class FrameStream:
         Raises DeviceError if what arrives makes no sense for long: see the class.
         """
         self.drain(self._is_half_full)
-        self._judge()
+        if self._refused or self._behind is not None:
+            self._judge()
         taken = list(self._frames)
         self._frames.clear()
         return taken
@@ -205,7 +206,10 @@ class FrameStream:
             self._since_frame += len(head)
             self.bytes += len(head)
             self._take(head)
-        self._note_backlog(left)
+        if left > 0:
+            self._behind = None
+        elif self._behind is None:  # since when the port has had more than may be taken
+            self._behind = _Behind(self._looked_s, self.received, self.bytes)
 
     def _allowance(self) -> int:
         """How much work one call may do: twice what the rate brings, and a little."""
@@ -239,13 +243,6 @@ class FrameStream:
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         return bool(self._unread)
-
-    def _note_backlog(self, left: int) -> None:
-        """Remember since when the port has had more than may be taken."""
-        if left > 0:
-            self._behind = None
-        elif self._behind is None:
-            self._behind = _Behind(self._looked_s, self.received, self.bytes)
 
     def _judge(self) -> None:
         """Raise DeviceError if nothing but senseless frames, or more than can be frames, keeps coming."""

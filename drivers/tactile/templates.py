@@ -259,9 +259,11 @@ class _Shapes:
             shapes.append(shape)
         first = _flat(self._all_round, depth)
         notches = [(turn, share) for turn in _NOTCH_TURNS for share in _NOTCH_SHARES]
-        for turn, share in notches:
-            for side in (turn, -turn):
-                shapes.append(np.maximum(first, _flat(self._all_round, share * depth, side)))
+        shapes += [
+            np.maximum(first, _flat(self._all_round, share * depth, side))
+            for turn, share in notches
+            for side in (turn, -turn)
+        ]
         second = np.repeat([share * depth for _, share in notches], 2)
         return np.stack(shapes), np.concatenate((np.zeros(len(pairs)), second))
 

@@ -116,9 +116,8 @@ class MockWire:
         parts: list[bytes] = []
         while bursts and count > 0:
             burst = bursts[0]
-            end, taken = _complete(burst, now), burst.taken
-            if end > taken + count:
-                end = taken + count
+            taken = burst.taken
+            end = min(_complete(burst, now), taken + count)
             if end <= taken:
                 break
             if burst.baudrate == baudrate:

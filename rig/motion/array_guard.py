@@ -90,8 +90,9 @@ class ArrayGuard:
             self._check_heard(finger, now)
             return _NOTHING
         self._heard_s[finger] = now
-        meter = self.meters.get(finger)
-        finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch())
+        if finger.extractor.follows:
+            meter = self.meters.get(finger)
+            finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch())
         force = self.feel(finger, frames, now)
         self._check_force(finger, force)
         return ArrayReading(frames, force)
