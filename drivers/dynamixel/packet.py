@@ -18,6 +18,7 @@ The emulated servos speak through this module; the host speaks through the vendo
 """
 
 import struct
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -121,15 +122,18 @@ class DamagedPacket:
     dxl_id: int
 
 
-def _crc_table() -> tuple[int, ...]:
-    """What two bytes, as a big-endian number, leave in the register; that of a sum is the sum."""
-    table = [0]
+def _crc_table() -> "array[int]":
+    """What two bytes, as a big-endian number, leave in the register; that of a sum is the sum.
+
+    An array: as a tuple it would not fit into the processor's caches.
+    """
+    table = array("H", [0])
     for bit in range(16):
         value = 1 << bit
         for _ in range(16):
             value = ((value << 1) ^ 0x8005 if value & 0x8000 else value << 1) & 0xFFFF
-        table += [value ^ lower for lower in table]
-    return tuple(table)
+        table.extend([value ^ lower for lower in table])
+    return table
 
 
 _CRC_TABLE = _crc_table()
