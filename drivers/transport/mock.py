@@ -65,6 +65,7 @@ class MockWire:
 
     def opened(self) -> None:
         """Note that a port has been opened at this end."""
+        self._polled_s = None
         if isinstance(self._device, OpenedDevice):
             self._device.opened(self.clock.now())
 
