@@ -175,7 +175,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     assert bench.mock is not None, "the rig is emulated"
     emulated = bench.mock.rig.bench
     for finger in emulated.fingers:
-        finger.weighs_taxels = True
+        finger.weighs_taxels = case["traced"]  # a command does not
     try:
         with share.watched(), composition.connect(bench) as hand:
             hand.prepare()

@@ -112,17 +112,16 @@ def guarded_loop(
     while left:
         pause(period_s)
         periods += 1
-        ended = _asked(left, lambda mover: mover.sense(now()))
-        _stop(bus, read, now, list(ended))
-        ended = {mover: end for mover, end in ended.items() if end is not End.TURN}
-        ends |= ended
-        left = [mover for mover in left if mover not in ended]
+        if ended := {mover: end for mover in left if (end := mover.sense(now())) is not None}:
+            _stop(bus, read, now, list(ended))
+            ends |= {mover: end for mover, end in ended.items() if end is not End.TURN}
+            left = [mover for mover in left if mover not in ends]
         if periods % read_every == 0:
             _look(read, movers, now)
-            ended = _asked(left, lambda mover: mover.judge(now()))
-            _stop(bus, read, now, [mover for mover, end in ended.items() if end is not End.REACHED])
-            ends |= ended
-            left = [mover for mover in left if mover not in ended]
+            if ended := {mover: end for mover in left if (end := mover.judge(now())) is not None}:
+                _stop(bus, read, now, [mover for mover, end in ended.items() if end is not End.REACHED])
+                ends |= ended
+                left = [mover for mover in left if mover not in ended]
         elif streaming:
             _look(read, streaming, now)
         _write(bus, {mover: mover.stream(now()) for mover in left})
@@ -135,13 +134,10 @@ def hold(bus: Bus, read: ReadStates, servos: Sequence[Servo]) -> None:
     stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
 
 
-def _asked(movers: Sequence[_M], how: Callable[[_M], End | None]) -> dict[_M, End]:
-    """Those that have ended."""
-    return {mover: end for mover in movers if (end := how(mover)) is not None}
-
-
 def _write(bus: Bus, goals: Mapping[_M, ServoGoals]) -> None:
-    """Write goals; confirmed, but for those that others follow."""
+    """Write goals, if there are any; confirmed, but for those that others follow."""
+    if not any(goals.values()):
+        return
     write_goals(bus, _together(part for mover, part in goals.items() if mover.streams))
     write_goals(bus, _together(part for mover, part in goals.items() if not mover.streams), confirm=True)
 

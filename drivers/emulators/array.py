@@ -114,14 +114,16 @@ class EmulatedArray:
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""
-        self._catch_up(now)
+        if self._advance is not None:
+            self._advance(now)
         self._waiting.extend((now, item) for item in self._decoder.feed(data))
         self._work(now)
         return self._due(now)
 
     def poll(self, now: float) -> list[Emission]:
         """Return answers and frames due up to `now`."""
-        self._catch_up(now)
+        if self._advance is not None:
+            self._advance(now)
         if self._waiting:
             self._work(now)
         return self._due(now) if self._queue else []
@@ -129,10 +131,6 @@ class EmulatedArray:
     def next_due(self) -> float | None:
         """Instant of the next answer or frame, or None if there is none in sight."""
         return self._queue[0][0] if self._queue else self.next_sample_s()
-
-    def _catch_up(self, now: float) -> None:
-        if self._advance is not None:
-            self._advance(now)
 
     def _due(self, now: float) -> list[Emission]:
         out = []

@@ -18,6 +18,7 @@ __all__ = [
     "OVERHEATING_BIT",
     "OVERLOAD_BIT",
     "Protection",
+    "repeated_sum",
 ]
 
 # bits of Hardware Error Status and Shutdown
@@ -85,17 +86,18 @@ class Protection:
         """So many times `watch`, within `quiet_steps`: at `currents` (A), and at `last_a` after them."""
         bits = 0
         if driven:
-            charge, overloaded_s, most_a = self._charge, self._overloaded_s, self._overload_a
-            for current_a in chain(currents, repeat(last_a, steps - len(currents))):
+            charge, overloaded_s, most_a = self._charge, 0.0, self._overload_a
+            for current_a in currents:
                 charge += current_a * current_a * dt_s
-                overloaded_s = overloaded_s + dt_s if abs(current_a) >= most_a else 0.0
+            self._charge = repeated_sum(charge, last_a * last_a * dt_s, steps - len(currents))
+            if abs(last_a) >= most_a or max(map(abs, currents), default=0.0) >= most_a:
+                overloaded_s = self._overloaded_s
+                for current_a in chain(currents, repeat(last_a, steps - len(currents))):
+                    overloaded_s = overloaded_s + dt_s if abs(current_a) >= most_a else 0.0
             if overloaded_s >= _OVERLOAD_S:
                 overloaded_s, bits = 0.0, OVERLOAD_BIT
-            self._charge, self._overloaded_s = charge, overloaded_s
-        since_look_s = self._since_look_s
-        for _ in range(steps):
-            since_look_s += dt_s
-        self._since_look_s = since_look_s
+            self._overloaded_s = overloaded_s
+        self._since_look_s = repeated_sum(self._since_look_s, dt_s, steps)
         if self._since_look_s >= _LOOK_S:
             bits |= self._look()
         return bits
@@ -109,3 +111,10 @@ class Protection:
         bits = OVERHEATING_BIT if round(self.temperature_c) > table.get("Temperature Limit") else 0
         low, high = table.get("Min Voltage Limit"), table.get("Max Voltage Limit")
         return bits | (0 if low <= round(10 * self.supply_v) <= high else INPUT_VOLTAGE_BIT)
+
+
+def repeated_sum(value: float, step: float, times: int) -> float:
+    """`value` after so many steps, rounded at each of them."""
+    for _ in range(times):
+        value += step
+    return value

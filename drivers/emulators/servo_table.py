@@ -8,6 +8,7 @@ an Indirect Address that names other Indirect Data gets that byte as it is store
 """
 
 from collections.abc import Iterator, Sequence
+from struct import Struct
 
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
@@ -16,6 +17,8 @@ __all__ = ["ControlTable", "Refused"]
 
 _INDIRECT_ADDRESS = "Indirect Address "
 _INDIRECT_DATA = "Indirect Data "
+_UNSIGNED = {1: Struct("<B"), 2: Struct("<H"), 4: Struct("<I")}
+_SIGNED = {1: Struct("<b"), 2: Struct("<h"), 4: Struct("<i")}
 
 
 class Refused(Exception):
@@ -41,7 +44,9 @@ class ControlTable:
             for item in items
             if item.name.startswith(_INDIRECT_DATA)
         }
-        self._places = {item.name: (item.address, item.address + item.size, item.signed) for item in items}
+        self._places = {
+            item.name: (item.address, (_SIGNED if item.signed else _UNSIGNED)[item.size]) for item in items
+        }
         self._pointers = frozenset(self._pointer_of.values())
         self._shown: dict[tuple[int, int], list[int]] = {}  # addresses that stand for others, by range
         self._memory = bytearray(self._end)
@@ -61,15 +66,15 @@ class ControlTable:
 
     def get(self, name: str) -> int:
         """Value of an item by its e-Manual name."""
-        start, end, signed = self._places[name]
-        return int.from_bytes(self._memory[start:end], "little", signed=signed)
+        start, form = self._places[name]
+        value: int = form.unpack_from(self._memory, start)[0]
+        return value
 
     def set(self, name: str, value: int) -> None:
         """Store a value as the firmware itself does: no access or range check, wrapped to the item's size."""
         self.changes += 1
-        start, end, _ = self._places[name]
-        size = end - start
-        self._memory[start:end] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+        start, form = self._places[name]
+        _UNSIGNED[form.size].pack_into(self._memory, start, value & ((1 << 8 * form.size) - 1))
         if start in self._pointers:
             self._shown.clear()
 

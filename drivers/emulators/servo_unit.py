@@ -16,7 +16,7 @@ from palpate.drivers.emulators.servo_drive import (
     ServoDrive,
 )
 from palpate.drivers.emulators.servo_motion import ShaftMotion
-from palpate.drivers.emulators.servo_protection import Protection
+from palpate.drivers.emulators.servo_protection import Protection, repeated_sum
 from palpate.drivers.emulators.servo_table import ControlTable, Refused
 
 __all__ = ["BOOT_S", "ServoUnit"]
@@ -126,14 +126,14 @@ class ServoUnit:
         """So many times `step` without a load, within `quiet_steps`; returns what `servo.run` does."""
         motion = self.motion
         angles, currents = motion.run(dt_s, steps)
-        self._uptime_s = _added(self._uptime_s, dt_s, steps)
+        self._uptime_s = repeated_sum(self._uptime_s, dt_s, steps)
         if self.deaf_s > 0.0:
-            self.deaf_s = _added(self.deaf_s, -dt_s, steps)
+            self.deaf_s = repeated_sum(self.deaf_s, -dt_s, steps)
             if self.deaf_s <= 0.0:
                 self._booted()
         driven = motion.driven
         if driven and self._watchdog_s > 0.0:
-            self._silence_s = _added(self._silence_s, dt_s, steps)
+            self._silence_s = repeated_sum(self._silence_s, dt_s, steps)
             if self._silence_s >= self._watchdog_s:
                 self._trip_watchdog()
         bits = self.protection.watch_all(dt_s, steps, currents, motion.current_a, driven=driven)
@@ -297,10 +297,3 @@ class ServoUnit:
             self.drive.command()
         elif name in _DRIVE_SETTINGS:
             self.drive.configure()
-
-
-def _added(value: float, step: float, times: int) -> float:
-    """`value` after so many steps, rounded at each of them."""
-    for _ in range(times):
-        value += step
-    return value

@@ -85,7 +85,6 @@ class ContactExtractor:
         self._guard_gain = gain.ravel()
         self._window_gain = column_windows(gain)
         self._window_noise = baseline.noise_counts * np.sqrt((self._window_gain**2).sum(axis=0))
-        self._least_n: dict[int, Floats] = {}
         self._tracker = None
         if drift > 0:
             sums = SumsOfTaxels(self._window_gain, self._window_drift(drift))
@@ -119,12 +118,18 @@ class ContactExtractor:
             if self._cylinder is None:  # every taxel is judged by itself
                 taxels = tracker.taxels_at(at_s)
                 self._zeros_n = ZeroBounds(taxels.lower @ gain, taxels.upper @ gain, taxels.least @ gain)
-        self._guard_threshold = SIGMAS * self._baseline.noise_counts + self._guard_doubt
+        self._guard_limit = (base + SIGMAS * self._baseline.noise_counts + self._guard_doubt).ravel()
         zeros = self._zeros_n
+        self._window_limits_n: dict[int, Floats] = {}
         self._zero_doubt_n = (
             float((zeros.upper - zeros.lower).max()),
             float((zeros.upper - zeros.least).max()),
         )
+
+    @property
+    def follows(self) -> bool:
+        """Whether zeros drift, so that `follow` does something."""
+        return self._tracker is not None
 
     def follow(self, frames: Sequence[TactileFrame], *, may_touch: bool = False) -> None:
         """Let the baseline follow its drift through frames; without drift nothing happens.
@@ -148,19 +153,27 @@ class ContactExtractor:
         On a cylinder a light contact may leave each taxel within the noise: then the force is that of the
         three neighbouring columns which together are most above theirs.
         """
-        read = frame.counts.astype(float)
-        counts = read - self._guard_base
-        above = counts > self._guard_threshold
-        force = float((counts * above).ravel() @ self._guard_gain) if counts[above].size else 0.0
-        return force if self._cylinder is None else max(force, self._matched_n(read))
+        return self.sense(frame)[0]
 
-    def steady_force_n(self, counts: Floats, frames: int) -> float:
-        """Force (N) that is above the noise in the mean (rows, cols) of some frames' counts: likewise."""
+    def sense(self, frame: TactileFrame) -> tuple[float, Floats]:
+        """`force_n`, and what `steady_force_n` wants of this frame: readings (n,), linear in its counts."""
+        read = frame.counts.astype(float).ravel()
+        above = read > self._guard_limit
+        force = 0.0
+        if np.count_nonzero(above):
+            force = float(((read - self._guard_base.ravel()) * above) @ self._guard_gain)
+        if self._cylinder is None:
+            return force, read
+        sums = read.dot(self._window_gain)
+        return max(force, self._matched_n(sums)), sums
+
+    def steady_force_n(self, readings: Floats, frames: int) -> float:
+        """Force (N) that is above the noise in the mean of the readings (n,) of some frames: likewise."""
         if self._cylinder is not None:
-            return self._matched_n(counts, frames)
-        above = counts - self._guard_base
-        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._baseline.noise_counts + self._guard_doubt
-        return float((above * (above > least)).ravel() @ self._guard_gain)
+            return self._matched_n(readings, frames)
+        above = readings - self._guard_base.ravel()
+        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._baseline.noise_counts
+        return float((above * (above > least + self._guard_doubt.ravel())) @ self._guard_gain)
 
     @property
     def zero_doubt_n(self) -> tuple[float, float]:
@@ -186,15 +199,14 @@ class ContactExtractor:
         zero = 0.0 if self._tracker is not None else 1 / tared
         return math.sqrt((1 / frames + zero) / (1 + 1 / tared))
 
-    def _matched_n(self, counts: Floats, frames: int = 1) -> float:
-        """The largest force of any window of counts (rows, cols) as they are read that is above the noise."""
-        sums = counts.ravel().dot(self._window_gain) - self._zeros_n.upper
-        least = self._least_n.get(frames)
-        if least is None:
-            least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
-            self._least_n[frames] = least
-        found = sums[sums > least]
-        return float(found.max()) if found.size else 0.0
+    def _matched_n(self, sums: Floats, frames: int = 1) -> float:
+        """The largest force of any window that is above the noise; `sums` (windows,) of counts as read."""
+        limit = self._window_limits_n.get(frames)
+        if limit is None:
+            noise = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
+            limit = self._window_limits_n[frames] = self._zeros_n.upper + noise
+        above = sums > limit
+        return float((sums - self._zeros_n.upper)[above].max()) if np.count_nonzero(above) else 0.0
 
     @property
     def spread_hidden_n(self) -> float:

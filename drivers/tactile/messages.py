@@ -43,6 +43,7 @@ __all__ = [
     "TaxelPlaces",
 ]
 
+_U2 = np.dtype("<u2")
 MAX_LISTED = 255  # taxels in one TAXELS or REPORT
 MAX_TARE_SAMPLES = 1024
 
@@ -228,7 +229,7 @@ class Frame(NamedTuple):
     @property
     def counts(self) -> Counts:
         """Read-only array, shape (rows, cols)."""
-        return np.frombuffer(self.taxels, dtype="<u2").reshape(self.rows, self.cols)
+        return np.ndarray((self.rows, self.cols), _U2, self.taxels)
 
 
 Request: TypeAlias = Hello | Start | Stop | Rate | Tare | SelfTest | Geometry

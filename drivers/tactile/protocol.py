@@ -122,8 +122,11 @@ class Decoder:
         out: list[Message | DecodeFault] = []
         *closed, rest = bytes(data).split(DELIMITER)
         for piece in closed:
-            self._close(piece, out)
-        self._keep(rest, out)
+            is_rest = self._pending or self._skipping or len(piece) > MAX_ENCODED
+            if whole := self._finished(piece, out) if is_rest else piece:
+                self._decode(whole, out)
+        if rest:
+            self._keep(rest, out)
         return out
 
     def _keep(self, piece: bytes, out: list[Message | DecodeFault]) -> None:
@@ -136,14 +139,12 @@ class Decoder:
         else:
             self._pending += piece
 
-    def _close(self, piece: bytes, out: list[Message | DecodeFault]) -> None:
-        if self._pending or self._skipping or len(piece) > MAX_ENCODED:
-            self._keep(piece, out)
-            piece = bytes(self._pending)
-            self._pending = bytearray()
-            self._skipping = False
-        if piece:
-            self._decode(piece, out)
+    def _finished(self, piece: bytes, out: list[Message | DecodeFault]) -> bytes:
+        """What was kept with its end; nothing of what is too long."""
+        self._keep(piece, out)
+        whole, self._pending = bytes(self._pending), bytearray()
+        self._skipping = False
+        return whole
 
     def _decode(self, stuffed: bytes, out: list[Message | DecodeFault]) -> None:
         result = _decode_one(stuffed, self._version)

@@ -155,7 +155,8 @@ class FrameStream:
         Raises DeviceError if what arrives makes no sense for long: see the class.
         """
         self.drain(self._is_half_full)
-        self._judge()
+        if self._refused or self._behind is not None:
+            self._judge()
         taken = list(self._frames)
         self._frames.clear()
         return taken
@@ -200,12 +201,15 @@ class FrameStream:
         """
         left = self._allowance()
         while left > 0 and not done() and self._fetch():
-            head = self._cut(min(left, _AT_ONCE))
-            left -= self._work(head)
+            head, work = self._cut(min(left, _AT_ONCE))
+            left -= work
             self._since_frame += len(head)
             self.bytes += len(head)
             self._take(head)
-        self._note_backlog(left)
+        if left > 0:
+            self._behind = None
+        elif self._behind is None:  # since when the port has had more than may be taken
+            self._behind = _Behind(self._looked_s, self.received, self.bytes)
 
     def _allowance(self) -> int:
         """How much work one call may do: twice what the rate brings, and a little."""
@@ -219,14 +223,17 @@ class FrameStream:
     def _work(self, data: bytes) -> int:
         return len(data) if self._mark is None else 1 + data.count(self._mark) + len(data) // _PIECE_BYTES
 
-    def _cut(self, work: int) -> bytes:
-        """Take from what was read a beginning that is about so much work at most."""
-        data = self._unread
-        end = work if self._mark is None else work * _PIECE_BYTES
-        if self._mark is not None and data.count(self._mark, 0, end) > work:
-            end = len(data) - len(data.split(self._mark, work)[-1])
+    def _cut(self, most: int) -> tuple[bytes, int]:
+        """Take from what was read a beginning that is about so much work at most; also how much it is."""
+        data, work = self._unread, self._work(self._unread)
+        if work <= most:  # all of it, as nearly always
+            self._unread = b""
+            return data, work
+        end = most if self._mark is None else most * _PIECE_BYTES
+        if self._mark is not None and data.count(self._mark, 0, end) > most:
+            end = len(data) - len(data.split(self._mark, most)[-1])
         head, self._unread = data[:end], data[end:]
-        return head
+        return head, self._work(head)
 
     def _fetch(self) -> bool:
         """Whether there is something to take, read now if need be."""
@@ -236,13 +243,6 @@ class FrameStream:
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         return bool(self._unread)
-
-    def _note_backlog(self, left: int) -> None:
-        """Remember since when the port has had more than may be taken."""
-        if left > 0:
-            self._behind = None
-        elif self._behind is None:
-            self._behind = _Behind(self._looked_s, self.received, self.bytes)
 
     def _judge(self) -> None:
         """Raise DeviceError if nothing but senseless frames, or more than can be frames, keeps coming."""

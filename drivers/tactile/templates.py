@@ -98,24 +98,29 @@ class TemplateSet:
         levels = np.geomspace(least_depth, _DEEPEST, steps + 1)
         depth_step = float(levels[1] / levels[0]) ** 0.25  # a quarter of the way from one depth to the next
         grid: Floats = np.arange(-_GRID_COUNT, _GRID_COUNT + 1, dtype=np.float64) * np.float64(_GRID_STEP)
-        shapes, depths, others = _all_shapes(grid, levels.tolist())
-        cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
         self._offsets = ((np.arange(_STEPS_PER_COLUMN) + 0.5) / _STEPS_PER_COLUMN - 0.5) * pitch_rad
         edges = (np.arange(2 * reach + 2) - reach - 0.5) * pitch_rad - self._offsets[:, None]
         place = edges / _GRID_STEP + _GRID_COUNT + 0.5  # the running sum stands between the samples
         left = np.clip(place.astype(int), 0, len(grid) - 1)
         share = np.clip(place - left, 0.0, 1.0)
-        cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
-        total = cells.sum(axis=2, keepdims=True)
-        cells = _smear(cells / total, crosstalk)
-        self.cells: Singles = np.ascontiguousarray(cells.reshape(-1, 2 * reach + 1).astype(np.float32))
+        drawn = _Shapes(grid)
+        parts: list[tuple[Singles, Floats, Floats, Floats]] = []
+        for depth in levels.tolist():  # one after the other: all at once would take 300 MB, and longer
+            shapes, other = drawn.at(depth)
+            cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
+            cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
+            cells = _smear(cells / cells.sum(axis=2, keepdims=True), crosstalk)
+            by_window = cells.reshape(-1, 2 * reach + 1).astype(np.float32)
+            parts.append((by_window, cumulative[:, -1].copy(), np.full(len(shapes), depth), other))
+        self.cells: Singles
+        self.cells, whole, depths, others = (np.concatenate(part) for part in zip(*parts, strict=True))
         self._squares = self.cells**2
-        self._angles = np.tile(self._offsets, len(shapes))
+        self._angles = np.tile(self._offsets, len(whole))
         self.angle_columns: Floats = self._angles / pitch_rad
         self.one_edge: Bools = np.repeat(others == 0, _STEPS_PER_COLUMN)
         linear = stiffness_n_per_mm * radius_mm * depths
         flat = _flat(_Turned(grid), _REFERENCE_DEPTH).sum() * _GRID_STEP
-        founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
+        founded = whole / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
         lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / depth_step
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
             1 + stiffness_bound
@@ -234,31 +239,33 @@ def _side(angle: _Turned, depth: float, recede: float, end: float) -> Floats:
     return np.where(near, np.maximum(0.0, slope), 0.0)
 
 
-def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floats]:
-    """Depth profiles (n, grid), their penetration and that of a second edge (n,), in tip radii."""
-    tip = int(np.abs(grid).argmin())
-    all_round, one_side, nothing = _Turned(grid), _Turned(grid[tip:]), np.zeros(tip)
-    shapes: list[Floats] = []
-    depths: list[float] = []
-    others: list[float] = []
-    for depth in levels:
+class _Shapes:
+    """Depth profiles of all kinds of contact over a grid of angles, in tip radii."""
+
+    def __init__(self, grid: Floats) -> None:
+        self._tip = int(np.abs(grid).argmin())
+        self._all_round, self._one_side = _Turned(grid), _Turned(grid[self._tip :])
+
+    def at(self, depth: float) -> tuple[Floats, Floats]:
+        """Profiles (n, grid) of contacts of a penetration, and the penetration (n,) of a second edge."""
         pairs = _kinds(depth)
         kinds = {kind for pair in pairs for kind in pair}
-        sides = {kind: np.concatenate((nothing, _side(one_side, depth, *kind))) for kind in kinds}
+        nothing = np.zeros(self._tip)
+        sides = {kind: np.concatenate((nothing, _side(self._one_side, depth, *kind))) for kind in kinds}
+        shapes: list[Floats] = []
         for left, right in pairs:
             shape = np.maximum(sides[right], sides[left][::-1])
-            shape[tip] = depth
+            shape[self._tip] = depth
             shapes.append(shape)
-            depths.append(depth)
-            others.append(0.0)
-        first = _flat(all_round, depth)
-        for turn in _NOTCH_TURNS:
-            for share in _NOTCH_SHARES:
-                for side in (turn, -turn):
-                    shapes.append(np.maximum(first, _flat(all_round, share * depth, side)))
-                    depths.append(depth)
-                    others.append(share * depth)
-    return np.stack(shapes), np.array(depths), np.array(others)
+        first = _flat(self._all_round, depth)
+        notches = [(turn, share) for turn in _NOTCH_TURNS for share in _NOTCH_SHARES]
+        shapes += [
+            np.maximum(first, _flat(self._all_round, share * depth, side))
+            for turn, share in notches
+            for side in (turn, -turn)
+        ]
+        second = np.repeat([share * depth for _, share in notches], 2)
+        return np.stack(shapes), np.concatenate((np.zeros(len(pairs)), second))
 
 
 def _smear(cells: Floats, share: float) -> Floats:

@@ -61,9 +61,11 @@ class MockWire:
         self._adapted = device if isinstance(device, AdaptedDevice) else None
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
+        self._polled_s: float | None = None
 
     def opened(self) -> None:
         """Note that a port has been opened at this end."""
+        self._polled_s = None
         if isinstance(self._device, OpenedDevice):
             self._device.opened(self.clock.now())
 
@@ -84,7 +86,11 @@ class MockWire:
 
     def poll(self) -> None:
         """Take over what the device has sent of its own accord up to now. Does not move the clock."""
-        emissions = self._device.poll(self.clock.now())
+        now = self.clock.now()
+        if now == self._polled_s:
+            return  # ports ask several times at one instant
+        emissions = self._device.poll(now)
+        self._polled_s = now
         if emissions:
             self._enqueue(emissions, self.baudrate)
 
@@ -95,7 +101,7 @@ class MockWire:
         now, count = self.clock.now(), 0
         for burst in self._bursts:
             if burst.baudrate == baudrate:
-                count += self._complete(burst, now) - burst.taken
+                count += _complete(burst, now) - burst.taken
         return count
 
     def take(self, count: int, baudrate: int) -> bytes:
@@ -104,22 +110,24 @@ class MockWire:
         Bytes at another rate are framing errors on a real port, nothing that could be read as a packet:
         they are lost.
         """
-        if not self._bursts:
+        bursts = self._bursts
+        if not bursts:
             return b""
         now = self.clock.now()
         parts: list[bytes] = []
-        while self._bursts and count > 0:
-            burst = self._bursts[0]
-            end = min(self._complete(burst, now), burst.taken + count)
-            if end <= burst.taken:
+        while bursts and count > 0:
+            burst = bursts[0]
+            taken = burst.taken
+            end = min(_complete(burst, now), taken + count)
+            if end <= taken:
                 break
             if burst.baudrate == baudrate:
-                parts.append(burst.data[burst.taken : end])
-                count -= end - burst.taken
+                parts.append(burst.data[taken:end])
+                count -= end - taken
             burst.taken = end
             if end < len(burst.data):
                 break
-            self._bursts.popleft()
+            bursts.popleft()
         return b"".join(parts)
 
     def forget(self) -> None:
@@ -148,14 +156,16 @@ class MockWire:
                 continue
             start = max(instant, self._free_s)
             burst = _Burst(start, data, baudrate, byte_s)
-            self._free_s = start + len(data) * burst.byte_s
+            self._free_s = start + len(data) * byte_s
             self._bursts.append(burst)
 
-    def _complete(self, burst: _Burst, now: float) -> int:
-        count, most = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES), len(burst.data)
-        if count >= most:
-            return most
-        return count if count > burst.taken else burst.taken
+
+def _complete(burst: _Burst, now: float) -> int:
+    """How many bytes of it have arrived; those that were taken have."""
+    count, most = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES), len(burst.data)
+    if count >= most:
+        return most
+    return count if count > burst.taken else burst.taken
 
 
 class MockHub:

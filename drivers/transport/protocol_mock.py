@@ -44,9 +44,9 @@ class Serial(SerialBase):
     @property
     def in_waiting(self) -> int:
         """Number of bytes that have arrived; does not move the clock."""
-        wire = self._opened()
+        wire = self._wire or self._opened()
         wire.poll()
-        return wire.arrived(self.baudrate)
+        return wire.arrived(self._baudrate)  # type: ignore[attr-defined]  # the property costs a call
 
     @property
     def out_waiting(self) -> int:
@@ -61,7 +61,7 @@ class Serial(SerialBase):
         most, and returns what is there then. Without a timeout, a read that can never be filled raises
         SerialException instead of hanging.
         """
-        wire = self._opened()
+        wire = self._wire or self._opened()
         clock = wire.clock
         start = clock.now()
         received = self._take(wire, size)
@@ -109,7 +109,7 @@ class Serial(SerialBase):
 
     def _take(self, wire: MockWire, count: int) -> bytes:
         wire.poll()
-        return wire.take(count, self.baudrate)
+        return wire.take(count, self._baudrate)  # type: ignore[attr-defined]
 
     def _reconfigure_port(self) -> None:
         """pyserial calls this on every changed setting; all of them are read where they are used."""

@@ -41,6 +41,7 @@ class ApproachState:
     track: list[tuple[float, float]] = field(default_factory=list)
     meter: LoadMeter | None = None
     _last_mm: float = 0.0
+    _body: tuple[Servos, Body] | None = None
 
     @classmethod
     def of(cls, finger: HostFinger, approach: FingerApproach, turn: Turn) -> Self:
@@ -119,8 +120,11 @@ class ApproachState:
             self.meter.measured(now)
 
     def body(self) -> Body:
-        """Room that the finger takes up now."""
-        return self.finger.kinematics.body(self.servos, self.finger.spec.tip.radius_mm)
+        """Room that the finger takes up now; all others ask for it."""
+        if self._body is None or self._body[0] is not self.servos:
+            radius_mm = self.finger.spec.tip.radius_mm
+            self._body = self.servos, self.finger.kinematics.body(self.servos, radius_mm)
+        return self._body[1]
 
     def largest_cross_track_error_mm(self, far_mm: float) -> float:
         """How far the tip was off the straight way from `start_mm` to where it is, up to `far_mm` of it.

@@ -4,7 +4,7 @@ The hand looks through it wherever time passes with torque on, so that no motion
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.config import ClosingConfig
 from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
@@ -20,8 +20,7 @@ _SILENT_S = 0.15
 _SILENT_FRAMES = 3  # that long at least, for slow arrays
 
 
-@dataclass(frozen=True, eq=False)
-class ArrayReading:
+class ArrayReading(NamedTuple):
     """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
 
     frames: Sequence[TactileFrame]
@@ -84,7 +83,7 @@ class ArrayGuard:
         return felt
 
     def _since(self, finger: HostFinger) -> ArrayReading:
-        before, now = self.reading(finger), self._sensed(finger)
+        before, now = self._readings.get(finger, _NOTHING), self._sensed(finger)
         if not before.frames:
             return now if now.frames else before
         return ArrayReading((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
@@ -95,8 +94,9 @@ class ArrayGuard:
             self._check_heard(finger, now)
             return _NOTHING
         self._heard_s[finger] = now
-        meter, begun_s = self.meters.get(finger), self._times[finger].sampled_s
-        finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch(begun_s))
+        if finger.extractor.follows:
+            meter, begun_s = self.meters.get(finger), self._times[finger].sampled_s
+            finger.extractor.follow(frames, may_touch=meter is not None and meter.may_touch(begun_s))
         force = self.feel(finger, frames)
         self._check_force(finger, force)
         return ArrayReading(frames, force)
@@ -107,16 +107,17 @@ class ArrayGuard:
 
     def feel(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> float:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
-        forces = [finger.extractor.force_n(frame) for frame in frames]
-        times = self._times[finger]
+        meter, extractor, times, force = self.meters.get(finger), finger.extractor, self._times[finger], 0.0
         latest = times.latest_s(frames).tolist()
-        if (meter := self.meters.get(finger)) is not None:
+        if meter is not None:
             meter.late_by(times.spread_s)
-            for force, frame, at in zip(forces, frames, latest, strict=True):
-                quiet = meter.quiet_mean(frame.counts, force)
-                steady = finger.extractor.steady_force_n(*quiet) if quiet else 0.0
-                meter.feel(force, at, steady, finger.extractor.zero_doubt_n)
-        return forces[-1]
+        for frame, at in zip(frames, latest, strict=True):
+            force, readings = extractor.sense(frame)
+            if meter is not None:
+                quiet = meter.quiet_mean(readings, force)
+                steady = extractor.steady_force_n(*quiet) if quiet else 0.0
+                meter.feel(force, at, steady, extractor.zero_doubt_n)
+        return force
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:
         hard = self._closing.max_force_n

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Bools, Counts, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, TouchStage
 
 __all__ = ["LoadMeter"]
@@ -54,23 +54,23 @@ class LoadMeter:
         """
         self._begun.append((now, stage, free_mm, free_within_mm))
 
-    def quiet_mean(self, counts: Counts, force_n: float) -> tuple[Floats, int] | None:
-        """Mean counts of the newest frames without a force, and how many; None at a frame with one.
+    def quiet_mean(self, readings: Floats, force_n: float) -> tuple[Floats, int] | None:
+        """Mean readings (n,) of the newest frames without a force, and how many; None at a frame with one.
 
         What is below the noise of three columns counts as none: single taxels exceed theirs now and then.
         """
+        quiet = self._quiet
         if force_n > self._unnoticed_n:
-            self._quiet.clear()
+            quiet.clear()
             return None
-        read = counts.astype(float)
-        if not self._quiet:
-            self._sum = read.copy()
+        if not quiet:
+            self._sum = readings.copy()
         else:
-            self._sum += read
-            if len(self._quiet) == _STEADY_FRAMES:
-                self._sum -= self._quiet[0]
-        self._quiet.append(read)
-        return self._sum / len(self._quiet), len(self._quiet)
+            self._sum += readings
+            if len(quiet) == _STEADY_FRAMES:
+                self._sum -= quiet[0]
+        quiet.append(readings)
+        return self._sum / float(len(quiet)), len(quiet)
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).

@@ -144,6 +144,7 @@ def test_what_an_array_hides_of_a_force_is_said(
     extractor.tare(frames[:TARE])
     for begin in range(TARE, len(frames), LOOKS):
         extractor.follow(frames[begin : begin + LOOKS], may_touch=True)
-    if extractor.steady_force_n(counts[-TARE:].mean(axis=0), TARE) == 0.0:
+    readings = np.mean([extractor.sense(frame)[1] for frame in frames[-TARE:]], axis=0)
+    if extractor.steady_force_n(readings, TARE) == 0.0:
         hidden = 1.5 * extractor.least_force_n * extractor.noise_share(TARE)
         assert force_n <= hidden + extractor.zero_doubt_n[0]
