@@ -213,7 +213,7 @@ class ContactExtractor:
         """How much force (N), spread over the whole array, `force_n` may not feel; 0 on a cylinder."""
         if self._cylinder is not None:
             return 0.0
-        return float(self._guard_threshold.ravel() @ self._guard_gain)
+        return float((self._guard_limit - self._guard_base.ravel()) @ self._guard_gain)
 
     @property
     def least_force_n(self) -> float:
