@@ -108,7 +108,7 @@ class ArrayGuard:
     def feel(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> float:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
         meter, extractor, times, force = self.meters.get(finger), finger.extractor, self._times[finger], 0.0
-        latest = times.latest_s(frames).tolist()
+        latest = times.latest_s(frames)
         if meter is not None:
             meter.late_by(times.spread_s)
         for frame, at in zip(frames, latest, strict=True):

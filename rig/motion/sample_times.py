@@ -9,10 +9,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-import numpy as np
-
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Floats
 
 __all__ = ["SampleTimes"]
 
@@ -31,7 +28,7 @@ class SampleTimes:
     def __init__(self, asked_s: float) -> None:
         """`asked_s`: the instant (s, host's clock) before which the stream was not asked for."""
         self._asked_s = asked_s
-        self._behind_s: deque[float] = deque(maxlen=_LONG)
+        self._soonest, self._lately = _LeastOfLast(_LONG), _LeastOfLast(_LATELY)
         self._first = 0
         self._apart_s = math.nan  # at least, at the first frame
         self._delay_s = math.inf  # of the soonest frame, at most
@@ -40,20 +37,36 @@ class SampleTimes:
         self.sampled_s = -math.inf
         """Up to when, at least, everything has been read that was sampled."""
 
-    def latest_s(self, frames: Sequence[TactileFrame]) -> Floats:
-        """The latest instants (n,) at which frames that come next in the stream can have been sampled."""
-        stamps = np.array([frame.device_time_s for frame in frames])
-        behind = np.array([frame.host_time_s for frame in frames]) - stamps
+    def latest_s(self, frames: Sequence[TactileFrame]) -> list[float]:
+        """The latest instants at which frames (one or more) that come next can have been sampled."""
+        stamps = [frame.device_time_s for frame in frames]
         if not self._first:
-            self._apart_s = self._asked_s - float(stamps[0])
-        self._behind_s.extend(behind.tolist())
-        soonest = min(self._behind_s)
+            self._apart_s = self._asked_s - stamps[0]
+        for frame in frames:
+            behind = frame.host_time_s - frame.device_time_s
+            soonest, lately = self._soonest.add(behind), self._lately.add(behind)
         if self._first < _FIRST:
             self._first += len(frames)
             self._delay_s = max(soonest - self._apart_s, 0.0)
         # Where the last few are all later than others before, delays have grown, or the clock is slow.
-        lately = min(list(self._behind_s)[-_LATELY:])
         self.spread_s = self._delay_s + lately - soonest
-        self.sampled_s = max(self.sampled_s, float(stamps[-1]) + lately - self.spread_s)
-        result: Floats = stamps + lately
-        return result
+        self.sampled_s = max(self.sampled_s, stamps[-1] + lately - self.spread_s)
+        return [stamp + lately for stamp in stamps]
+
+
+class _LeastOfLast:
+    """The least of the last `size` values: this is asked for at each look at an array."""
+
+    def __init__(self, size: int) -> None:
+        self._size, self._count = size, 0
+        self._left: deque[tuple[int, float]] = deque()  # that may be least yet, the oldest and least first
+
+    def add(self, value: float) -> float:
+        """Take one more; the least now."""
+        while self._left and self._left[-1][1] >= value:
+            self._left.pop()
+        self._left.append((self._count, value))
+        self._count += 1
+        if self._left[0][0] < self._count - self._size:
+            self._left.popleft()
+        return self._left[0][1]

@@ -42,7 +42,7 @@ def bounds_of(
         frames = [
             TactileFrame(k, float(clock + sampled_s[k] * rate), looked_s, COUNTS) for k in range(read, upto)
         ]
-        found = times.latest_s(frames)
+        found = np.array(times.latest_s(frames))
         earliest.extend((found - times.spread_s).tolist())
         latest.extend(found.tolist())
         reached.append((upto, times.sampled_s))
