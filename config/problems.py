@@ -29,6 +29,7 @@ __all__ = [
 
 _OWN_TYPE = "palpate"
 _SHOWN = 10
+_PLACES = 6  # of one problem that are told
 _COUNTED = 100
 _KINDS: Mapping[str, str] = {
     "float_type": "a number",
@@ -71,16 +72,28 @@ def problem(message: str, *place: str | int) -> PydanticCustomError:
 def refuse(source: str, problems: Sequence[Problem]) -> InputError:
     """What to raise for a file: the first problem, and a note, which is a line, for each of the others.
 
-    Beyond ten problems a line says how many more there are; of a hundred, that there may be still more.
+    The same problem in several places is one. Beyond ten a line says how many more there are; of a hundred
+    places, that there may be still more.
     """
-    first, *others = (f"{source}: {item}" for item in problems[:_SHOWN])
+    places: dict[str, list[str]] = {}
+    for item in problems:
+        places.setdefault(item.message, []).append(item.place)
+    first, *others = (
+        f"{source}: {Problem(_several(where), message)}" for message, where in list(places.items())[:_SHOWN]
+    )
     error = InputError(first)
     for line in others:
         error.add_note(line)
-    if len(problems) > _SHOWN:
+    if len(places) > _SHOWN:
         least = "at least " if len(problems) >= _COUNTED else ""
-        error.add_note(f"{source}: {least}{len(problems) - _SHOWN} more, which are not shown")
+        error.add_note(f"{source}: {least}{len(places) - _SHOWN} more, which are not shown")
     return error
+
+
+def _several(places: Sequence[str]) -> str:
+    """Places in words, six at most."""
+    more = f" and {len(places) - _PLACES} more" if len(places) > _PLACES else ""
+    return "; ".join(places[:_PLACES]) + more
 
 
 def shown(value: object, limit: int = 40) -> str:

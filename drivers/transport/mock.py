@@ -61,11 +61,9 @@ class MockWire:
         self._adapted = device if isinstance(device, AdaptedDevice) else None
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
-        self._polled_s: float | None = None
 
     def opened(self) -> None:
         """Note that a port has been opened at this end."""
-        self._polled_s = None
         if isinstance(self._device, OpenedDevice):
             self._device.opened(self.clock.now())
 
@@ -86,11 +84,7 @@ class MockWire:
 
     def poll(self) -> None:
         """Take over what the device has sent of its own accord up to now. Does not move the clock."""
-        now = self.clock.now()
-        if now == self._polled_s:
-            return  # ports ask several times at one instant
-        emissions = self._device.poll(now)
-        self._polled_s = now
+        emissions = self._device.poll(self.clock.now())
         if emissions:
             self._enqueue(emissions, self.baudrate)
 

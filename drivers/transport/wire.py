@@ -35,8 +35,7 @@ class Device(Protocol):
     def poll(self, now: float) -> list[Emission]:
         """Return what the device has sent of its own accord up to `now`.
 
-        A transport polls when it has seen that no bytes came until `now`, and need not do so twice at one
-        instant.
+        A transport polls when it has seen that no bytes came until `now`.
         """
         ...
 

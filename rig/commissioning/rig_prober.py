@@ -136,8 +136,7 @@ class HandProber:
         """Read all arrays for a time, fingers waiting."""
         hand = self._hand
         rate = hand.rig.closing.sample_rate_hz
-        for finger in hand.fingers:
-            finger.array.start(rate)
+        hand.start_arrays()
         taken = hand.collect(hand.fingers, max(16, round(seconds * rate)))
         hand.stop_arrays()
         return [

@@ -197,19 +197,20 @@ def test_heights_that_overlap_or_lie_under_the_table_are_refused(file: Path) -> 
     assert "the first value must be below the second" in refusal(file, in_states(sections=sections))
 
 
-def test_every_mistake_is_a_line_up_to_ten(file: Path) -> None:
+def test_every_mistake_is_a_line_up_to_ten_wherever_it_is_made(file: Path) -> None:
     content = catalogue()
     content["objects"] = [{"name": f"o{k}", "outline": SQUARE, "hight": 10} for k in range(3)]
     content["objects"][1]["height"] = "high"
     assert refusals(file, content) == [
-        'object "o0": unknown key "hight"; did you mean "height"?',
-        'object "o1": unknown key "hight"; did you mean "height"?',
-        'object "o2": unknown key "hight"; did you mean "height"?',
+        'object "o0"; object "o1"; object "o2": unknown key "hight"; did you mean "height"?',
         'object "o1", height: is "high"; it must be a number',
     ]
     content["objects"] = [{"name": f"o{k}", "outline": SQUARE} for k in range(12)]
-    first, *others, last = refusals(file, content)
-    assert first == 'object "o0": the key "height" is missing (or give "states")'
+    (line,) = refusals(file, content)
+    assert line.startswith('object "o0"; object "o1"; ')
+    assert line.endswith('object "o5" and 6 more: the key "height" is missing (or give "states")')
+    content["objects"] = [{"name": f"o{k}", "outline": SQUARE, "height": -k} for k in range(12)]
+    _, *others, last = refusals(file, content)
     assert (len(others), last) == (9, "2 more, which are not shown")
 
 
