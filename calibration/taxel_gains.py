@@ -61,7 +61,7 @@ def fit_gains(
     full = description.max_count - 0.5 - idle.zero_counts
     used = informative_presses(presses, idle.live, full, idle.noise_counts)
     columns = _fit_columns(used, full, description, idle, spec)
-    while (worst := _disagreeing(columns.found)) is not None and 2 * len(used) > len(presses) + 1:
+    while (worst := _disagreeing(columns.found)) is not None and 2 * (len(used) - 1) > len(presses):
         used = [*used[:worst], *used[worst + 1 :]]
         columns = _fit_columns(used, full, description, idle, spec)
     levels, silent, found = columns.levels, columns.silent, columns.found

@@ -28,6 +28,7 @@ __all__ = [
 ]
 
 _OWN_TYPE = "palpate"
+_FOLLOWS = "default_factory_not_called"  # from another error, which is told
 _SHOWN = 10
 _PLACES = 6  # of one problem that are told
 _COUNTED = 100
@@ -169,6 +170,7 @@ def problems_of(
         detail
         for detail in details
         if not (detail["type"] == "missing" and (detail["loc"][:-1], detail["loc"][-1]) in unknown)
+        and detail["type"] != _FOLLOWS
     ]
     kept.sort(key=lambda detail: detail["type"] != "extra_forbidden")  # stable
     return [_reworded(detail, model, data, nouns) for detail in kept]

@@ -47,6 +47,7 @@ SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
 """Protocols of the plug-ins that come with palpate; the rig file's JSON Schema shows their keys."""
 
 _BALL_RADIUS_SHARE = 0.1
+_COVERAGE_DEG = 270.0
 
 
 def _half_of_width(data: dict[str, Any]) -> float:
@@ -217,7 +218,7 @@ class ArrayConfig(FileModel):
         default=None, description="Gains and faults of single taxels; calibration finds them."
     )
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
-        default=270.0, description="How much of the tip's circumference has taxels."
+        default=_COVERAGE_DEG, description="How much of the tip's circumference has taxels."
     )
     pitch_mm: Positive | None = Field(
         default=None,
@@ -331,6 +332,13 @@ class _MountedFinger(FileModel):
             if self.tip.is_pad:
                 raise problem('the key "pitch_mm" is missing: a pad is touched anywhere on its face', "array")
             raise problem("is for pads", "array", "pitch_mm")
+        pitch_mm, width_mm = self.array.pitch_mm, self.tip.width_mm
+        if pitch_mm is not None and width_mm is not None and pitch_mm > width_mm:
+            raise problem(f"is {pitch_mm:g}; it is at most tip.width_mm ({width_mm:g})", "array", "pitch_mm")
+        if self.tip.is_pad and self.array.coverage_deg != _COVERAGE_DEG:
+            raise problem(
+                "is for cylinders and balls; flat arrays cover a pad's face", "array", "coverage_deg"
+            )
         if self.tip.is_pad and self.bounds.direction_deg is not None:
             raise problem("is for round tips: pads cannot be calibrated", "bounds", "direction_deg")
         if self.tip.is_ball and self.tip.radius_mm > self.height_mm:

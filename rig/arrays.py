@@ -31,6 +31,7 @@ __all__ = [
     "emulated_array",
     "extractor_of",
     "pad_problem",
+    "shape_warning",
     "threshold_problem",
 ]
 
@@ -121,6 +122,16 @@ def pad_problem(spec: FingerConfig, description: Description) -> str | None:
             f"{half:g} at most (tip.width_mm, radius_bound_mm): it must cover the face, and no more"
         )
     return None
+
+
+def shape_warning(spec: FingerConfig, description: Description) -> str | None:
+    """What is odd about a flat array on a tip that is no pad; None if there is nothing."""
+    if spec.tip.is_pad or description.shape is not Shape.FLAT:
+        return None
+    return (
+        f"it is flat, and its tip is declared a {spec.tip.shape}: if the flat face is what touches, declare "
+        'tip.shape = "pad", tip.width_mm and array.pitch_mm, or answers will be wrong'
+    )
 
 
 def threshold_problem(

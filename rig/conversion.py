@@ -221,9 +221,11 @@ def largest_on_skin_n(tip: TipConfig, closing: ClosingConfig) -> float:
 def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """How deep something may have dented a moving tip without being felt.
 
-    Pads are refused whose arrays may miss more, spread over the whole face (`threshold_problem`).
+    Pads are refused whose arrays may miss more than the threshold, spread over the whole face
+    (`threshold_problem`); both may be read too low by what gains may be off.
     """
-    return undetected_force_n(closing) / softest_n_per_mm(finger.tip)
+    read_share = 1 - finger.array.gain_spread if finger.tip.is_pad else 1.0
+    return undetected_force_n(closing) / read_share / softest_n_per_mm(finger.tip)
 
 
 def shear_rad(tip: TipConfig, pressing_n: float) -> float:

@@ -14,7 +14,14 @@ from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestRepo
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
-from palpate.rig.arrays import array_of, calibration_of, doubt_warning, pad_problem, threshold_problem
+from palpate.rig.arrays import (
+    array_of,
+    calibration_of,
+    doubt_warning,
+    pad_problem,
+    shape_warning,
+    threshold_problem,
+)
 from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
@@ -54,8 +61,9 @@ def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenP
             extractor.tare(frames)
             wrong = pad_problem(spec, description) or threshold_problem(extractor, rig.closing, spec.tip)
             found = found if wrong is None else _wrong(found, wrong)
-            if (doubt := doubt_warning(rig, spec, extractor)) is not None:
-                found = found.model_copy(update={"warnings": (*found.warnings, doubt)})
+            for warning in (shape_warning(spec, description), doubt_warning(rig, spec, extractor)):
+                if warning is not None:
+                    found = found.model_copy(update={"warnings": (*found.warnings, warning)})
     except DeviceError as error:
         return _wrong(blank, str(error))
     finally:

@@ -179,13 +179,16 @@ def _row(
     most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
-    work = _OBLIQUE * normal * np.bincount(periods.frames, trace.advance_mm, minlength=periods.count)
+    work = _OBLIQUE * normal * periods.advances_mm(trace.advance_mm)
     return _OBLIQUE * at_contact, _OBLIQUE * anywhere, work, _SHEARED * normal**2 / (2 * soft)
 
 
 @dataclass(frozen=True, eq=False)
 class _Periods:
-    """Periods of time, `count` of them: those of which frames (f,) are, and `first` and `last` may be."""
+    """Periods of time, `count` of them: those of which frames (f,) are.
+
+    In those from `first` to `last` the force of a frame may have pressed while any finger did its work.
+    """
 
     frames: Ints
     first: Ints
@@ -194,14 +197,28 @@ class _Periods:
 
     @classmethod
     def of(cls, trace: LoadTrace, begin_s: float, period_s: float, count: int) -> Self:
-        """Of a trace's frames: each may be of any period around its time that its bound reaches."""
-        bound_s = trace.time_bound_s * np.array([[0.0], [-1.0], [1.0]])
+        """Of a trace's frames. A force may have begun just after the frame before and lasted until the next.
+
+        Both may be off by the bound of a trace's times; and so may be the work that it meets.
+        """
+        bound_s = trace.time_bound_s * np.array([[0.0], [-1.0], [1.0], [-2.0], [2.0]])
         at = np.floor((trace.time_s + bound_s - begin_s) / period_s).astype(np.int64)
-        frames, first, last = np.clip(at, 0, count - 1)
-        return cls(frames, first, last, count)
+        frames, first, last, early, late = np.clip(at, 0, count - 1)
+        first, last = np.append(first[:1], first[:-1]), np.append(last[1:], last[-1:])
+        return cls(frames, np.minimum(first, early), np.maximum(last, late), count)
+
+    def advances_mm(self, advance_mm: Floats) -> Floats:
+        """How far a finger may have gone in each period, (b,), that went so far (f,) since the frame before.
+
+        Where frames are missing it may have gone all the way in any one of the periods between.
+        """
+        since = np.maximum(np.diff(self.frames, prepend=self.frames[0] - 1), 1)
+        back = np.arange(since.sum()) - np.repeat(np.cumsum(since) - since, since)
+        periods = np.maximum(np.repeat(self.frames, since) - back, 0)
+        return np.bincount(periods, np.repeat(advance_mm, since), minlength=self.count).astype(float)
 
     def largest(self, values: Floats) -> Floats:
-        """The largest of the values (f,) of the frames that may be of each period, (b,)."""
+        """The largest of the values (f,) of the frames whose force may have pressed in each period, (b,)."""
         most = np.zeros(self.count)
         for step in range(int((self.last - self.first).max()) + 1):
             np.maximum.at(most, np.minimum(self.first + step, self.last), values)

@@ -350,9 +350,11 @@ class Hand:
 
         Whatever holds them back, frames that are read next were sampled afterwards. Raises as `pause`.
         """
-        rested_s = self.clock.now() + seconds
+        spoken_s = self.clock.now()
+        rested_s = spoken_s + seconds
         self.pause(seconds)
         while any(self._array_guard.sampled_s(finger) < rested_s for finger in fingers):
+            spoken_s = self._speak(spoken_s)
             self.pause(1 / self.rig.closing.sample_rate_hz)
 
     def reading(self, finger: HostFinger) -> ArrayReading:

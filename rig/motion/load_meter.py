@@ -160,7 +160,9 @@ class LoadMeter:
         if not noticed.any():
             return math.inf
         before_s = times[max(int(np.argmax(noticed > 0)) - 1, 0)] - self._late_s / 2
-        return float(np.interp(before_s, *np.array(self._travels).T))
+        reads, travels = np.array(self._travels).T
+        last = int(np.searchsorted(reads, before_s, side="right")) - 1
+        return float(travels[last]) if last >= 0 else 0.0  # it may have stood since, so nothing in between
 
     def _free_within(self, times: Floats) -> Floats:
         """For how large a motion of the part the way is free wherever the tip may have been at a frame (n,).
@@ -201,6 +203,9 @@ class LoadMeter:
             if len(rows):
                 reached = np.maximum.accumulate([travels[rows[0]] + self._step_mm, *travels[rows]])
                 result[rows] = np.diff(reached)
+                if rows[0] > 0:  # of that gap the beginning was before the finger stood
+                    moving_s = max(stopped + _BRAKING * self._period_s - times[rows[0] - 1], 0.0)
+                    result[rows[0]] += _FASTER * self._touch_mm_s * moving_s
         return result
 
     def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:

@@ -22,7 +22,8 @@ class SampleTimes:
     """Bounds on when each frame of one stream was sampled.
 
     They hold if among any 1024 frames one comes about as soon, but for a period, as the soonest of the first
-    48 did. A clock that is wrong by a share r shifts them by r times the duration of 128 frames.
+    48 did. A clock that is slow by a share r shifts them by r times the duration of 128 frames, one that is
+    fast by up to that of 1024.
     """
 
     def __init__(self, asked_s: float) -> None:

@@ -18,7 +18,7 @@ from palpate.config import RigFile, load_contacts, load_rig
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Finger
-from palpate.rig.arrays import extractor_of, pad_problem, threshold_problem
+from palpate.rig.arrays import extractor_of, pad_problem, shape_warning, threshold_problem
 from palpate.rig.catalogue.reachability_text import finding_lines
 from palpate.rig.commissioning.calibration import steps_of
 from palpate.rig.conversion import finger_of
@@ -86,11 +86,32 @@ def test_the_rig_files_pad_is_half_as_wide_either_way() -> None:
         ({"max_latitude_deg": 20.0}, {}, "is for balls"),
         ({}, {"pitch_mm": None}, '"pitch_mm" is missing: a pad is touched anywhere'),
         ({}, {"heading_deg": 10.0}, r"a pad looks along the slide \(0\)"),
+        ({}, {"pitch_mm": 20.0}, r"is 20; it is at most tip.width_mm \(10\)"),
+        ({}, {"coverage_deg": 180.0}, "is for cylinders and balls"),
     ],
 )
 def test_pads_that_cannot_be(tip: Change, array: Change, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         pad_rig(tip, array)
+
+
+def test_a_misspelt_shape_is_one_mistake(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = EXAMPLE.read_text(encoding="utf-8")
+    rig.write_text(text.replace('shape = "pad"', 'shape = "Pad"'), encoding="utf-8")
+    with pytest.raises(InputError, match='is "Pad"; allowed: "cylinder", "ball", "pad"') as caught:
+        load_rig(rig)
+    assert not hasattr(caught.value, "__notes__")
+
+
+def test_a_flat_array_on_another_tip_is_warned_of() -> None:
+    flat, round_ = array(Shape.FLAT, 20, 0.5), array(Shape.CYLINDER, 20, 0.1)
+    for rig, description, warned in (
+        (small_rig(), flat, True),
+        (small_rig(), round_, False),
+        (pad_rig(), flat, False),
+    ):
+        assert (shape_warning(rig.fingers[0], description) is not None) == warned
 
 
 def test_cylinders_have_no_pitch() -> None:
