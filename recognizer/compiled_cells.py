@@ -1,6 +1,6 @@
 """Compiled cells: calls of the kernel that cut, narrow, divide and sift cells.
 
-The same as `region` and `witness_search` have by whole arrays.
+The same as `region` and `witness_candidates` have by whole arrays.
 """
 
 from collections.abc import Sequence

@@ -33,7 +33,8 @@ from palpate.recognizer.null_branch import (
 )
 from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
-from palpate.recognizer.witness_search import Regions, connected_regions, find_witnesses
+from palpate.recognizer.witness_candidates import find_witnesses
+from palpate.recognizer.witness_search import Regions, connected_regions
 from palpate.vocabulary import RecognitionVerdict
 from palpate.vocabulary.short_repr import ShortRepr
 

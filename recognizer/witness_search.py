@@ -12,45 +12,30 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
-from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, sifted_parts
 from palpate.recognizer.compiled_regions import found_regions
 from palpate.recognizer.compiled_shapes import furthest_along_axes
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.grouping import Boxes, connected, few_in_each
-from palpate.recognizer.region import (
-    Cells,
-    Intervals,
-    divide_longest,
-    probe_cells,
-    probed_intervals,
-    refine_intervals,
-)
+from palpate.recognizer.region import Cells
 from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
-from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.tables import expand_ranges
 from palpate.recognizer.verification import Poses
+from palpate.recognizer.witness_candidates import LEVER_MM, PARTS, WitnessedCells, cut_finer
 from palpate.recognizer.witness_polish import can_be_verified, polish
 
 __all__ = [
     "Regions",
-    "WitnessedCells",
     "connected_regions",
-    "corner_means",
-    "cut_finer",
-    "find_witnesses",
     "position_boxes",
     "search_round",
 ]
 
-_REFINEMENTS, _PARTS = 4, 4
+_REFINEMENTS = 4
 _OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
-_LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
-_COINCIDING_MM = 1e-9  # vertices as near as that are one
-_OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,81 +102,6 @@ class Regions:
         return some.select(np.flatnonzero(size))
 
 
-@dataclass(frozen=True, eq=False)
-class WitnessedCells(Table):
-    """k cells; where `holds` (k,), position `spot` s (k, 2) and the middle orientation are a candidate."""
-
-    cells: Cells
-    spot: Floats
-    holds: Bools
-
-
-def find_witnesses(
-    constraints: Constraints, intervals: Intervals, *, corners: bool = False
-) -> WitnessedCells:
-    """Cells of the intervals that the free paths leave, some of them with a candidate for a witness.
-
-    What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
-    `corners`, places towards their corners as well.
-    """
-    if KERNEL is not None:
-        tried = probed_intervals(intervals)
-        asked = None if len(tried) == len(intervals) else np.bincount(tried, minlength=len(intervals)) > 0
-        rows = (intervals.node, intervals.lo, intervals.hi)
-        pairings, paths = constraints.compiled_pairings, constraints.compiled_paths
-        sifted = sifted_intervals(KERNEL, pairings, paths, rows, asked, corners=corners)
-        return _of_arrays(constraints, intervals.node[sifted.row], sifted)
-    found = probe_cells(
-        constraints.catalogue, constraints.nodes, constraints.touched, constraints.anchor_mm, intervals
-    )
-    return _witnessed(constraints, found.cells, found.tried, found.section, corners=corners)
-
-
-def _of_arrays(constraints: Constraints, node: Ints, sifted: SiftedArrays) -> WitnessedCells:
-    cells = Cells(node, constraints.nodes.state[node], sifted.lo, sifted.hi, sifted.polygon)
-    return WitnessedCells(cells, sifted.spot, sifted.holds)
-
-
-def _witnessed(
-    constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
-) -> WitnessedCells:
-    """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = corner_means(section)[:, None]
-    places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
-    spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
-    free = constraints.allow(Cells.joined([cells, spots]))
-    count = len(cells)
-    open_to = free[count:].reshape(places.shape[:2])
-    holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
-    holds[probed] = open_to.any(axis=1)
-    spot[probed] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
-    return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
-
-
-def corner_means(polygon: Floats) -> Floats:
-    """Means (t, 2) of the corners of convex polygons (t, v, 2), whatever they are padded to.
-
-    Of vertices that coincide one counts, and none that is on a straight side: a line that only touches a
-    corner or a side may or may not leave a vertex there, by rounding.
-    """
-    real = np.abs(polygon - np.roll(polygon, 1, axis=1)).max(axis=2) > _COINCIDING_MM
-    real[:, 0] |= ~real.any(axis=1)
-    count, column = real.sum(axis=1)[:, None], np.arange(polygon.shape[1])
-    row = np.arange(len(polygon))[:, None]
-    vertex = polygon[row, np.argsort(~real, axis=1, kind="stable")]
-    came, goes = vertex - vertex[row, (column - 1) % count], vertex[row, (column + 1) % count] - vertex
-    off_line = np.abs(cross(came, goes)) > _COINCIDING_MM * np.linalg.norm(came + goes, axis=2)
-    counts = (column < count) & (off_line | (np.sum(came * goes, axis=2) <= 0))
-    result: Floats = np.einsum("tv,tvj->tj", counts, vertex) / counts.sum(axis=1)[:, None]
-    return result
-
-
-def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:
-    """Cells without extent at positions (n, 2) in the middle orientations of the cells `row` (n,)."""
-    middle = cells.middle[row]
-    return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
-
-
 def connected_regions(constraints: Constraints, found: WitnessedCells) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
     done = []
@@ -219,7 +129,7 @@ def search_round(
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     room = constraints.budget.refined
-    may_be_cut = (np.diff(first) * _PARTS <= room // _OF_ONE) & refinable
+    may_be_cut = (np.diff(first) * PARTS <= room // _OF_ONE) & refinable
     regions, kept = _with_witnesses(
         constraints,
         found,
@@ -258,27 +168,6 @@ def _some(wanted: Bools, size: Ints, room: int) -> Bools:
     result = wanted.copy()
     result[order] &= np.cumsum(np.where(wanted, size, 0)[order]) <= room
     return result
-
-
-def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
-    """Cells in parts: at first by orientation and cut anew, then by whichever of their sides is longest."""
-    if at_first:
-        finer, _ = refine_intervals(
-            constraints.catalogue,
-            constraints.nodes,
-            cells,
-            constraints.touched,
-            constraints.anchor_mm,
-            _PARTS,
-        )
-        return find_witnesses(constraints, finer, corners=True)
-    if KERNEL is not None:
-        rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon)
-        nodes = len(constraints.nodes)
-        sifted = sifted_parts(KERNEL, rows, _LEVER_MM, _PARTS, constraints.compiled_paths, nodes)
-        return _of_arrays(constraints, cells.node[sifted.row], sifted)
-    parts, _ = divide_longest(cells, _LEVER_MM, _PARTS)
-    return _witnessed(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
 
 
 def _boxes(constraints: Constraints, cells: Cells) -> Boxes:
@@ -369,9 +258,9 @@ def _with_witnesses(
         return Regions(turned, found.cells, first, np.empty(0), np.empty((0, 2)), no, none), kept
     middle = turned.middle
     spot = rotate(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
-    place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
+    place = np.column_stack([middle * LEVER_MM, rotate(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
-    tried = np.column_stack([middle * _LEVER_MM, rotate(spot, middle)])
+    tried = np.column_stack([middle * LEVER_MM, rotate(spot, middle)])
     # Rounded: of cells that are as near or as large, the first is taken.
     off, size = np.linalg.norm(tried - mean[label], axis=1).round(6), to_nine_digits(share)
     # Any cell that may hold comes before all that do not; of those the largest comes first.

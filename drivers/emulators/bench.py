@@ -18,10 +18,10 @@ from palpate.drivers.emulators.mechanics import (
     FingerTruth,
     SlideMechanics,
 )
-from palpate.drivers.emulators.pad import FacePress, PadFace
+from palpate.drivers.emulators.pad import FaceLoad, PadFace
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.emulators.skin import Press, Skin
+from palpate.drivers.emulators.skin import Load, Press, Skin
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
 from palpate.drivers.emulators.tip_friction import Shear
 from palpate.drivers.emulators.tip_rows import rows_facing
@@ -89,7 +89,7 @@ class EmulatedFinger:
         self.outline = outline
         self._skin = self._skin_beside(outline)
         self.array = array
-        self.press: TipLoad | FacePress | None = None
+        self.press: Load | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
         self.weighs_taxels = False
         self._stage = stage
@@ -101,7 +101,7 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
         self._displacement = IN_PLACE
-        self._loads: dict[_Place, Press | FacePress | None] = {}  # of this step
+        self._loads: dict[_Place, Press[Load] | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
         self._no_force_n.flags.writeable = False
 
@@ -200,8 +200,6 @@ class EmulatedFinger:
         if math.dist(displacement.back(self.stepped_mm), self._free_centre) < self._free_mm:
             return []
         found = self._load(self.outline, displacement)
-        if isinstance(found, FacePress):
-            return found.on_part(self.stepped_mm, self.truth.height_mm)
         return [] if found is None else found.on_part(self.stepped_mm, displacement, self.truth.height_mm)
 
     def sample(self, now: float) -> None:
@@ -211,7 +209,7 @@ class EmulatedFinger:
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
-    def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | FacePress | None:
+    def _touch(self, outline: PartSection, displacement: Displacement) -> Load | None:
         # An outline that was further away than tip and part have moved since cannot have been reached.
         now_at = self.stepped_mm
         if now_at is self._seen_centre and displacement is self._displacement:
@@ -227,19 +225,19 @@ class EmulatedFinger:
         if self._free_mm > 0:
             return None
         found = self._load(outline, displacement)
-        if found is None or isinstance(found, FacePress):
-            return found
+        if found is None:
+            return None
         self._shear = found.shear
         return found.load
 
-    def _load(self, outline: PartSection, displacement: Displacement) -> Press | FacePress | None:
+    def _load(self, outline: PartSection, displacement: Displacement) -> Press[Load] | None:
         """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
             self._loads[place] = self._pressed(outline, displacement)
         return self._loads[place]
 
-    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press | FacePress | None:
+    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press[Load] | None:
         if isinstance(self._skin, PadFace):
             return self._skin.press(outline, self.stepped_mm, self._looks_rad, displacement)
         return self._skin.press(outline, self.stepped_mm, displacement, self._sheared)
@@ -249,14 +247,14 @@ class EmulatedFinger:
         """Where the middle of the array looks, in W."""
         return self._facing_rad + self.truth.array_heading_rad
 
-    def _taxels(self, touch: TipLoad | FacePress, outline: PartSection) -> Floats:
+    def _taxels(self, touch: Load, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel, column by column, shared by the rows below the top."""
         if isinstance(touch, TipLoad):
             return self._taxels_of_rays(touch, outline)
+        assert isinstance(touch, FaceLoad)
+        by_column = touch.by_column_n(np.asarray(self.array.description.columns))
         below = self._row_mm <= outline.top_mm
-        result: Floats = (below / max(int(below.sum()), 1))[:, None] * touch.by_column_n(
-            np.asarray(self.array.description.columns)
-        )
+        result: Floats = (below / max(int(below.sum()), 1))[:, None] * by_column
         return result
 
     @property

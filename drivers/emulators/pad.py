@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.drivers.emulators.part import Displacement, PointForce
+from palpate.drivers.emulators.part import Displacement
+from palpate.drivers.emulators.skin import Press
 from palpate.drivers.emulators.tip import PartSection
 from palpate.geometry import Floats
 
-__all__ = ["FacePress", "PadFace"]
+__all__ = ["FaceLoad", "PadFace"]
 
 _APART_MM = 0.02  # of the places at which dents are taken; corners have their own
 _DEEP_MM = 2.0  # deeper than any dent
@@ -24,7 +25,7 @@ _THICK_MM = 10.0  # what is further behind the face is no longer in its skin
 
 
 @dataclass(frozen=True, eq=False)
-class FacePress:
+class FaceLoad:
     """What presses on a face, in W: `by_place_n` (m,) N at `across_mm` (m,), to the left of its middle."""
 
     force_n: Floats
@@ -36,11 +37,16 @@ class FacePress:
         """What presses on the skin at each place (m,)."""
         return self.by_place_n
 
-    def on_part(self, centre_mm: Floats, height_mm: float) -> list[PointForce]:
-        """The same as a force on the part, in the middle of what presses."""
+    def point_mm(self, centre_mm: Floats) -> Floats:
+        """Where the force acts: in the middle of what presses."""
         across = float(np.average(self.across_mm, weights=self.by_place_n))
         ahead = -self.force_n / max(math.hypot(*self.force_n), 1e-12)
-        return [PointForce(centre_mm + across * np.array([-ahead[1], ahead[0]]), height_mm, -self.force_n)]
+        result: Floats = centre_mm + across * np.array([-ahead[1], ahead[0]])
+        return result
+
+    def height_mm(self, middle_mm: float) -> float:
+        """At which height: that of the face's middle."""
+        return middle_mm
 
     def by_column_n(self, column_mm: Floats) -> Floats:
         """What each of some evenly spaced columns of taxels (c,) bears, which cover all of the face."""
@@ -64,7 +70,7 @@ class PadFace:
 
     def press(
         self, outline: PartSection, centre_mm: Floats, facing_rad: float, displacement: Displacement
-    ) -> FacePress | None:
+    ) -> Press[FaceLoad] | None:
         """What the part at a displacement does to the face with its middle at `centre_mm` (2,) in W.
 
         None if it does not touch it. `outline`: of the part as it was put.
@@ -76,7 +82,7 @@ class PadFace:
         if not (dent > 0).any():
             return None
         by_place = self.stiffness_n_per_mm * _shared(across, dent)
-        return FacePress(-by_place.sum() * displacement.turned(ahead), across, by_place)
+        return Press(FaceLoad(-by_place.sum() * displacement.turned(ahead), across, by_place), None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,6 +102,10 @@ class TipLoad:
         upright = self.contact.upright
         return self.by_ray_n if upright is None else self.by_ray_n / upright
 
+    def point_mm(self, centre_mm: Floats) -> Floats:
+        """Where it acts: on the tip's axis."""
+        return centre_mm
+
     def height_mm(self, middle_mm: float) -> float:
         """Mean height of the force: `middle_mm`, if the outline does not say where its edges stand."""
         z_mm = self.contact.heights_mm

@@ -46,7 +46,7 @@ class Serial(SerialBase):
         """Number of bytes that have arrived; does not move the clock."""
         wire = self._wire or self._opened()
         wire.poll()
-        return wire.arrived(self._baudrate)  # type: ignore[attr-defined]  # the property costs a call
+        return wire.arrived(self.baudrate)
 
     @property
     def out_waiting(self) -> int:
@@ -109,7 +109,7 @@ class Serial(SerialBase):
 
     def _take(self, wire: MockWire, count: int) -> bytes:
         wire.poll()
-        return wire.take(count, self._baudrate)  # type: ignore[attr-defined]
+        return wire.take(count, self.baudrate)
 
     def _reconfigure_port(self) -> None:
         """pyserial calls this on every changed setting; all of them are read where they are used."""

@@ -1,12 +1,12 @@
 /* Sifting: cells of intervals, or of parts of cells, that the free paths leave, and a candidate for a witness in
-   each: the same as `palpate.recognizer.witness_search` finds with whole arrays, and as `region` cuts and divides. */
+   each: the same as `palpate.recognizer.witness_candidates` finds with whole arrays, and as `region` cuts and divides. */
 
 #include "calls.h"
 #include "shapes.h"
 #include "sweep.h"
 
-#define OUT 0.9 /* `witness_search._OUT` */
-#define COINCIDING_MM 1e-9 /* `witness_search._COINCIDING_MM` */
+#define OUT 0.9 /* `witness_candidates._OUT` */
+#define COINCIDING_MM 1e-9 /* `witness_candidates._COINCIDING_MM` */
 
 /* What is found: cells one after the other. */
 typedef struct {
@@ -77,7 +77,7 @@ static int is_corner(const point *polygon, int size, int k)
            came.x * goes.x + came.y * goes.y <= 0;
 }
 
-/* Mean of a polygon's corners: `witness_search.corner_means`. */
+/* Mean of a polygon's corners: `witness_candidates.corner_means`. */
 static point corner_mean(const point *polygon, int size)
 {
     point sum = {0, 0};

@@ -257,20 +257,10 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
         if finger.array.shape == "flat":
             raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
-    return Description(
-        unique_id=_unique_id(finger, seed),
-        firmware="palpate emulator 1",
-        emulated=True,
+    return replace(
+        _described(finger, seed, per_n, _evenly(_COLUMNS, pitch), (_ROWS, _row_pitch_mm(finger))),
         shape=Shape.CYLINDER,
-        rows=_ROWS,
-        cols=_COLUMNS,
-        bit_depth=_BIT_DEPTH,
-        max_rate_hz=1000.0,
-        full_scale_n=(2**_BIT_DEPTH - 1) / per_n,
-        counts_per_n=per_n,
         tip_radius_mm=finger.tip.radius_mm,
-        columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
-        row_heights_mm=tuple((k + 0.5) * _row_pitch_mm(finger) for k in range(_ROWS)),
     )
 
 
@@ -291,20 +281,34 @@ def _pad_description(finger: FingerConfig, seed: int) -> Description:
             f"finger {finger.name}: a face of {width:g} mm has {count} columns {pitch:g} mm apart; "
             f"an emulated array has at most {_MOST_COLUMNS}: raise array.pitch_mm"
         )
+    columns = _evenly(count, width / count)
+    return _described(finger, seed, _COUNTS_PER_N, columns, (_PAD_ROWS, _PAD_ROW_PITCH_MM))
+
+
+def _evenly(count: int, pitch: float) -> tuple[float, ...]:
+    """So many places, so far apart, around 0."""
+    return tuple((k - (count - 1) / 2) * pitch for k in range(count))
+
+
+def _described(
+    finger: FingerConfig, seed: int, per_n: float, columns: tuple[float, ...], rows: tuple[int, float]
+) -> Description:
+    """An emulated array that is flat; `rows`: how many, and how far apart (mm)."""
+    count, row_pitch_mm = rows
     return Description(
         unique_id=_unique_id(finger, seed),
         firmware="palpate emulator 1",
         emulated=True,
         shape=Shape.FLAT,
-        rows=_PAD_ROWS,
-        cols=count,
+        rows=count,
+        cols=len(columns),
         bit_depth=_BIT_DEPTH,
         max_rate_hz=1000.0,
-        full_scale_n=(2**_BIT_DEPTH - 1) / _COUNTS_PER_N,
-        counts_per_n=_COUNTS_PER_N,
+        full_scale_n=(2**_BIT_DEPTH - 1) / per_n,
+        counts_per_n=per_n,
         tip_radius_mm=0.0,
-        columns=tuple((k - (count - 1) / 2) * width / count for k in range(count)),
-        row_heights_mm=tuple((k + 0.5) * _PAD_ROW_PITCH_MM for k in range(_PAD_ROWS)),
+        columns=columns,
+        row_heights_mm=tuple((k + 0.5) * row_pitch_mm for k in range(count)),
     )
 
 

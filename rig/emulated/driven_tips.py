@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.drivers.emulators.part import Displacement, Part, PointForce
 from palpate.drivers.emulators.skin import Press, Skin
-from palpate.drivers.emulators.tip import PartSection, separation_mm
+from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
 from palpate.geometry import Floats
 
 __all__ = ["DrivenTip", "DrivenTips"]
@@ -24,11 +24,11 @@ class DrivenTip:
 
     def __init__(self, skin: Skin, height_mm: float, outline: PartSection | None) -> None:
         self.skin = skin
-        self.press: Press | None = None
+        self.press: Press[TipLoad] | None = None
         self._height_mm, self._outline = height_mm, outline
         self._centre = _NOWHERE
-        self._before: Press | None = None
-        self._found: dict[tuple[float, ...], Press | None] = {}  # of this step
+        self._before: Press[TipLoad] | None = None
+        self._found: dict[tuple[float, ...], Press[TipLoad] | None] = {}  # of this step
 
     @property
     def force_n(self) -> float:
@@ -55,7 +55,7 @@ class DrivenTip:
         found = self._press(displacement)
         return [] if found is None else found.on_part(self._centre, displacement, self._height_mm)
 
-    def _press(self, displacement: Displacement) -> Press | None:
+    def _press(self, displacement: Displacement) -> Press[TipLoad] | None:
         if self._outline is None:
             return None
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)

@@ -16,14 +16,8 @@ from palpate.recognizer.budget import Budget
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.recognition import intervals_of
 from palpate.recognizer.region import Cells
-from palpate.recognizer.witness_search import (
-    Regions,
-    WitnessedCells,
-    cut_finer,
-    find_witnesses,
-    position_boxes,
-    search_round,
-)
+from palpate.recognizer.witness_candidates import WitnessedCells, cut_finer, find_witnesses
+from palpate.recognizer.witness_search import Regions, position_boxes, search_round
 
 pytestmark = needs_kernel
 
@@ -39,6 +33,7 @@ PARTS = (
     "three_contact_test",
     "two_contact_test",
     "verification",
+    "witness_candidates",
     "witness_polish",
     "witness_search",
 )

@@ -164,11 +164,11 @@ class DrawnPad:
         for _ in range(30):
             dent = (low + high) / 2
             press = self._face.press(outline, at_mm + dent * ahead, facing_rad, IN_PLACE)
-            bears = 0.0 if press is None else float(press.by_place_n.sum())
+            bears = 0.0 if press is None else float(press.load.on_skin_n.sum())
             low, high = (dent, high) if bears < wanted else (low, dent)
         press = self._face.press(outline, at_mm + high * ahead, facing_rad, IN_PLACE)
         assert press is not None
-        force = np.repeat(press.by_column_n(self._columns)[None] / _ROWS, _ROWS, axis=0)
+        force = np.repeat(press.load.by_column_n(self._columns)[None] / _ROWS, _ROWS, axis=0)
         return high, self._extractor.extract(self._frames(force, 8))
 
     def _off(self) -> Floats:

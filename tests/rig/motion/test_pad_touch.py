@@ -56,11 +56,11 @@ def test_an_emulated_face_is_dented_by_what_is_behind_it(seed: int) -> None:
         deep = float(rng.uniform(0.05, 0.6))
         press = face.press(outline, start + (stop + deep) * ahead, angle, IN_PLACE)
         assert press is not None
-        assert -float(press.force_n @ ahead) >= 5.0 * deep * (1 - 1e-9), "as much as its deepest dent"
+        assert -float(press.load.force_n @ ahead) >= 5.0 * deep * (1 - 1e-9), "as much as its deepest dent"
         behind = shapely.intersection(
             seen_along(part, start + (stop + deep) * ahead, angle), shapely.box(-9.0, -half, 0.0, half)
         )
-        for across, borne in zip(press.across_mm.tolist(), press.by_place_n.tolist(), strict=True):
+        for across, borne in zip(press.load.across_mm.tolist(), press.load.by_place_n.tolist(), strict=True):
             if borne > 0:
                 skin = shapely.LineString([(-9.0, across), (0.0, across)])
                 assert behind.distance(skin) < 1e-6, "only what is dented bears"

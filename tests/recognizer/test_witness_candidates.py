@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from palpate.recognizer.rounding import to_nine_digits
-from palpate.recognizer.witness_search import corner_means
+from palpate.recognizer.witness_candidates import corner_means
 
 
 @pytest.mark.parametrize("seed", range(20))
