@@ -124,7 +124,7 @@ def guarded_loop(
                 left = [mover for mover in left if mover not in ended]
         elif streaming:
             _look(read, streaming, now)
-        _write(bus, {mover: mover.stream(now()) for mover in left})
+        _write(bus, _streamed(left, now, period_s))
     return ends
 
 
@@ -132,6 +132,19 @@ def hold(bus: Bus, read: ReadStates, servos: Sequence[Servo]) -> None:
     """Stop servos where they are now, whatever they were on their way to."""
     states = read(servos)
     stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
+
+
+def _streamed(movers: Sequence[_M], now: Callable[[], float], period_s: float) -> dict[_M, ServoGoals]:
+    """Goals of this period. A mover that sets its speed over a slow adapter takes longer than that.
+
+    Then those after it wait for the next period: others may be moving, and their arrays are looked at first.
+    """
+    begun_s, goals = now(), dict[_M, ServoGoals]()
+    for mover in movers:
+        goals[mover] = mover.stream(now())
+        if now() - begun_s >= period_s:
+            break
+    return goals
 
 
 def _write(bus: Bus, goals: Mapping[_M, ServoGoals]) -> None:

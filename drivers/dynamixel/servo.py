@@ -9,12 +9,18 @@ nearest tick and never clamped.
 import contextlib
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item, OperatingMode
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed, ServoError
+from palpate.drivers.dynamixel.errors import (
+    DamagedAnswer,
+    NotAnswering,
+    NotConfirmed,
+    ServoError,
+    raise_first,
+)
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
 from palpate.errors import InputError, SafetyStop
 
@@ -159,8 +165,8 @@ class Servo:
         """
         velocity = _units_down(velocity_rad_s, self.model.velocity_unit_rad_s, "profile velocity")
         acceleration = _units_down(acceleration_rad_s2, ct.ACCELERATION_UNIT_RAD_S2, "profile acceleration")
-        self.write("Profile Acceleration", acceleration)
-        self.write("Profile Velocity", velocity)
+        wanted = {"Profile Acceleration": acceleration, "Profile Velocity": velocity}
+        _set_all(self._bus, {self: wanted}, confirm=True)
 
     def clear_profile(self) -> None:
         """Follow every goal at once, as streamed goals need it."""
@@ -262,14 +268,16 @@ def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool)
             bus.sync_write(item, values)
         if not confirm:
             return
-        missing: dict[Servo, Mapping[str, int]] = {}
-        for servo, items in left.items():
-            try:
-                if not _has(bus, servo, items):
-                    missing[servo] = items
-            except (NotAnswering, DamagedAnswer) as error:
-                missing[servo], lost = items, error
-        left = missing
+        blocks = {servo: _block_of([servo.item(name) for name in items]) for servo, items in left.items()}
+        found = bus.bulk_read({servo.dxl_id: block for servo, block in blocks.items()})
+        silent = {k: e for k, e in found.errors.items() if isinstance(e, NotAnswering | DamagedAnswer)}
+        raise_first([error for dxl_id, error in found.errors.items() if dxl_id not in silent])
+        lost = next(iter(silent.values()), lost)
+        left = {
+            servo: items
+            for servo, items in left.items()
+            if servo.dxl_id in silent or not _has(servo, items, blocks[servo], found.values[servo.dxl_id])
+        }
         if not left:
             return
     raise lost or NotConfirmed(
@@ -286,8 +294,20 @@ def _by_item(wanted: Mapping[Servo, Mapping[str, int]]) -> dict[Item, dict[int, 
     return found
 
 
-def _has(bus: Bus, servo: Servo, values: Mapping[str, int]) -> bool:
-    return all(bus.read(servo.dxl_id, servo.item(name)) == value for name, value in values.items())
+def _block_of(items: Sequence[Item]) -> Item:
+    """Items that stand beside each other, as one: all servos are then asked in one instruction."""
+    first, end = min(item.address for item in items), max(item.address + item.size for item in items)
+    return Item(" and ".join(item.name for item in items), first, end - first)
+
+
+def _has(servo: Servo, values: Mapping[str, int], block: Item, found: int) -> bool:
+    """Whether a block that was read has these values."""
+    raw = block.encode(found)
+    items = {servo.item(name): value for name, value in values.items()}
+    return all(
+        item.decode(raw[item.address - block.address :][: item.size]) == value
+        for item, value in items.items()
+    )
 
 
 def _name(model_number: int) -> str:

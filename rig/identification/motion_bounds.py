@@ -199,13 +199,15 @@ class _Periods:
     def of(cls, trace: LoadTrace, begin_s: float, period_s: float, count: int) -> Self:
         """Of a trace's frames. A force may have begun just after the frame before and lasted until the next.
 
-        Both may be off by the bound of a trace's times; and so may be the work that it meets.
+        Both may be off by the bound of a trace's times, and so may be those of another finger, beside whose
+        work it counts; work is put where its way ended, up to a period after it was done.
         """
         bound_s = trace.time_bound_s * np.array([[0.0], [-1.0], [1.0], [-2.0], [2.0]])
         at = np.floor((trace.time_s + bound_s - begin_s) / period_s).astype(np.int64)
         frames, first, last, early, late = np.clip(at, 0, count - 1)
         first, last = np.append(first[:1], first[:-1]), np.append(last[1:], last[-1:])
-        return cls(frames, np.minimum(first, early), np.maximum(last, late), count)
+        last = np.minimum(np.maximum(last, late) + 1, count - 1)
+        return cls(frames, np.minimum(first, early), last, count)
 
     def advances_mm(self, advance_mm: Floats) -> Floats:
         """How far a finger may have gone in each period, (b,), that went so far (f,) since the frame before.

@@ -3,7 +3,6 @@
 Thousands of times faster than the emulated bench, for tests of what calibration does with what it measures.
 """
 
-import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +10,19 @@ from contextlib import contextmanager
 import numpy as np
 from simulated_load import LoadedTip, bends_of_arm
 from simulated_stage import SimulatedStage
+from simulated_tips import (
+    Truth,
+    Ways,
+    direction_to,
+    gives_way,
+    link_directions_rad,
+    pushed_tip,
+    servos_stood,
+    slide_distance_mm,
+    travel_direction_rad,
+    true_tip,
+    whole_step_rad,
+)
 
 from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
@@ -44,9 +56,6 @@ STEP_MM = 0.04
 """Travel of a press between two samples: 4 mm/s, 100 of them a second."""
 ARM_N_PER_A, ARM_STEP_MM = 25.0, 0.07
 _ROUNDS = 8  # to equilibrium: an arm gives way by a part of what its tip does
-
-Truth = FingerTruth | ArmTruth
-Ways = tuple[float, float]
 
 
 class SimulatedRig:
@@ -143,7 +152,7 @@ class SimulatedProber:
         assert truth.stops_mm is not None
         flank = 1.0 if stop_mm == truth.stops_mm[1] else -1.0
         drive = (stop_mm + flank * truth.slide_play_mm - truth.zero_mm) / truth.mm_per_rad
-        return _step(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
+        return whole_step_rad(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
 
     def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
         item, rng = self.approaches[probe.approach], self._world.rng
@@ -153,22 +162,22 @@ class SimulatedProber:
         found = self._contact(truth, item, ways, FORCE_N / truth.stiffness_n_per_mm)
         if found is None or found > probe.end_mm:
             return None
-        servos = _stood(truth, item, found)
-        centre, facing = _pushed(truth, servos, ways, self._outline, FORCE_N)
-        towards = _towards(self._outline, centre)
+        servos = servos_stood(truth, item, found)
+        centre, facing = pushed_tip(truth, servos, ways, self._outline, FORCE_N)
+        towards = direction_to(self._outline, centre)
         if isinstance(truth, FingerTruth) and self._loads(truth):
             touched = self._contact(truth, item, ways, 0.0)
             assert touched is not None
             found, towards, facing = self._pressed(truth, item, ways[0], touched)
         angle = towards - facing - truth.array_heading_rad + rng.normal(0, math.radians(0.5))
-        near, far = _stood(truth, item, found)
+        near, far = servos_stood(truth, item, found)
         turned, known = 0.0, (int(ways[0]), 0)
         # Rigs measure on the move, over whole steps: hardly anything of their rounding is left.
         if isinstance(truth, FingerTruth):
             far += rng.normal(0, 0.004) / truth.mm_per_rad
         else:
             near, far = np.array([near, far]) + rng.normal(0, 0.1 * TICK_RAD, 2)
-            turned = facing - _travel_rad(truth, item, ways, found)
+            turned = facing - travel_direction_rad(truth, item, ways, found)
             known = self._known_ways(item, found)
         return TouchMeasurement(
             self._world.rig.fingers[item.finger].name,
@@ -207,9 +216,9 @@ class SimulatedProber:
         found = self._contact(truth, item, (0.0, 0.0), 0.0)
         if found is None:
             return None
-        centre, _ = _tip(truth, _stood(truth, item, found), (0.0, 0.0))
-        travel = _travel_rad(truth, item, (0.0, 0.0), found)
-        return math.remainder(_towards(self._outline, centre) - travel, 2 * math.pi)
+        centre, _ = true_tip(truth, servos_stood(truth, item, found), (0.0, 0.0))
+        travel = travel_direction_rad(truth, item, (0.0, 0.0), found)
+        return math.remainder(direction_to(self._outline, centre) - travel, 2 * math.pi)
 
     def _loads(self, truth: FingerTruth) -> bool:
         return self._world.friction > 0 or truth.aim_yield is not None
@@ -217,7 +226,7 @@ class SimulatedProber:
     def _loaded(self, truth: FingerTruth, item: ServoPath, way: float) -> LoadedTip:
         outline = self._outline
         assert outline is not None
-        _, travel = _tip(truth, _stood(truth, item, 0.0), (0.0, 0.0))
+        _, travel = true_tip(truth, servos_stood(truth, item, 0.0), (0.0, 0.0))
         return LoadedTip(truth, outline, self._world.friction, travel, int(way))
 
     def _pressed(
@@ -229,7 +238,7 @@ class SimulatedProber:
         while pressed < FORCE_N:
             before = (travel, pressed)
             travel += 0.01
-            load, _ = tip.put(_distance(truth, _stood(truth, item, travel)[1]))
+            load, _ = tip.put(slide_distance_mm(truth, servos_stood(truth, item, travel)[1]))
             if load is None:
                 continue
             pressed = float(load.by_ray_n.sum())
@@ -247,7 +256,7 @@ class SimulatedProber:
 
         def gap(travel: float) -> float:
             force_n = dent_mm * truth.stiffness_n_per_mm
-            centre, _ = _pushed(truth, _stood(truth, item, travel), ways, outline, force_n)
+            centre, _ = pushed_tip(truth, servos_stood(truth, item, travel), ways, outline, force_n)
             return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
 
         travels = np.linspace(0.0, item.length_mm, 80)
@@ -323,13 +332,13 @@ class SimulatedProber:
         tip = self._loaded(truth, item, ways[0]) if isinstance(truth, FingerTruth) else None
         columns = np.asarray(self._world.fingers[item.finger].array.description.columns)
         for k, place in enumerate(places):
-            servos = _stood(truth, item, place)
+            servos = servos_stood(truth, item, place)
             if tip is None:
                 felt, force, facing = self._unloaded(truth, servos, ways)
-                travel = _travel_rad(truth, item, ways, place)
+                travel = travel_direction_rad(truth, item, ways, place)
             else:
                 assert isinstance(truth, FingerTruth)
-                felt, force = tip.put(_distance(truth, servos[1]))
+                felt, force = tip.put(slide_distance_mm(truth, servos[1]))
                 facing = travel = tip.travel_rad
             if felt is None:
                 continue
@@ -345,12 +354,12 @@ class SimulatedProber:
         outline = self._outline
         assert outline is not None
         force, bends = np.zeros(2), (0.0, 0.0)
-        for _ in range(_ROUNDS if _gives_way(truth) else 1):
-            centre, facing = _tip(truth, servos, ways, bends)
+        for _ in range(_ROUNDS if gives_way(truth) else 1):
+            centre, facing = true_tip(truth, servos, ways, bends)
             load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
             force = np.zeros(2) if load is None else load.force_n
             if isinstance(truth, ArmTruth):
-                bends = bends_of_arm(truth, _links(truth, servos, ways), force)
+                bends = bends_of_arm(truth, link_directions_rad(truth, servos, ways), force)
         return load, force, facing
 
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
@@ -389,76 +398,3 @@ def _approaches(rig: RigFile, *, turned: bool) -> Sequence[ServoPath]:
     if key not in _known:
         _known[key] = approaches_of(rig)
     return _known[key]
-
-
-def _step(angle_rad: float) -> float:
-    return round(angle_rad / TICK_RAD) * TICK_RAD
-
-
-def _stood(truth: Truth, item: ServoPath, travel: float) -> Servos:
-    """Servo angles after a travel; an aim stands at a whole step."""
-    near, far = item.servos_at(np.array([travel]))[0].tolist()
-    return (_step(near) if isinstance(truth, FingerTruth) else near), far
-
-
-def _distance(truth: FingerTruth, slide_rad: float) -> float:
-    """From the base to the tip's centre, with the play taken up as in a touch."""
-    return truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
-
-
-def _gives_way(truth: Truth) -> bool:
-    return isinstance(truth, ArmTruth) and truth.elbow.yields is not None
-
-
-def _pushed(
-    truth: Truth, servos: Servos, ways: Ways, outline: PartSection | None, force_n: float
-) -> tuple[Floats, float]:
-    """As `_tip`, with an arm pushed back from what is nearest with a force."""
-    bends = (0.0, 0.0)
-    for _ in range(3 if force_n and _gives_way(truth) else 0):
-        assert isinstance(truth, ArmTruth)
-        towards = _towards(outline, _tip(truth, servos, ways, bends)[0])
-        back = -force_n * np.array([math.cos(towards), math.sin(towards)])
-        bends = bends_of_arm(truth, _links(truth, servos, ways), back)
-    return _tip(truth, servos, ways, bends)
-
-
-def _links(truth: ArmTruth, servos: Servos, ways: Ways, bends: Ways = (0.0, 0.0)) -> tuple[float, float]:
-    """Directions of both links."""
-    first, bend = (
-        (servo - joint.zero_rad) / joint.gear_ratio - way * joint.play_rad + bent
-        for servo, joint, way, bent in zip(servos, (truth.shoulder, truth.elbow), ways, bends, strict=True)
-    )
-    return truth.heading_rad + first, truth.heading_rad + first + bend
-
-
-def _tip(truth: Truth, servos: Servos, ways: Ways, bends: Ways = (0.0, 0.0)) -> tuple[Floats, float]:
-    """True centre (2,) with the play taken up as in a touch, and where the finger faces.
-
-    `bends`: by how much a force has turned an arm's joints.
-    """
-    base = complex(*truth.base_mm)
-    if isinstance(truth, FingerTruth):
-        facing = truth.heading_rad + (servos[0] - truth.aim_zero_rad) / truth.gear_ratio
-        facing -= ways[0] * truth.aim_play_rad
-        tip = base + cmath.rect(_distance(truth, servos[1]), facing)
-    else:
-        first, facing = _links(truth, servos, ways, bends)
-        tip = base + cmath.rect(truth.upper_mm, first) + cmath.rect(truth.fore_mm, facing)
-    return np.array([tip.real, tip.imag]), facing
-
-
-def _travel_rad(truth: Truth, item: ServoPath, ways: Ways, travel: float) -> float:
-    """True direction of travel there."""
-    near, far = (_tip(truth, _stood(truth, item, travel + by), ways)[0] for by in (-2.0, 2.0))
-    return math.atan2(far[1] - near[1], far[0] - near[0])
-
-
-def _towards(outline: PartSection | None, centre: Floats) -> float:
-    """Direction from a point to the nearest point of an outline."""
-    assert outline is not None
-    rel = centre - outline.start
-    share = np.clip(np.einsum("ij,ij->i", rel, outline.along) / outline.square, 0.0, 1.0)
-    away = rel - share[:, None] * outline.along
-    nearest = away[np.einsum("ij,ij->i", away, away).argmin()]
-    return math.atan2(-nearest[1], -nearest[0])
