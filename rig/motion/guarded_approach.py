@@ -6,6 +6,7 @@ All chosen fingers move at once; the loop runs once per tactile sample, and ever
 finger that comes too close to another one stops where it is: its free way so far is still evidence.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
@@ -13,7 +14,7 @@ from enum import Enum
 from palpate.drivers.dynamixel.errors import WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.finger import Line, Turn
+from palpate.drivers.finger import TICK_RAD, Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import ArrayLost
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
@@ -34,6 +35,8 @@ __all__ += ["measure_at_rest", "move_tips", "retract_all", "turn_stage"]
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
 _FREE_PERIOD_S = 0.02
 _SETTLE_S = 0.08
+_MOST_HALVES = 8  # of that time, until fingers stand
+_STILL_RAD = 1.5 * TICK_RAD  # a servo that stands may be read a step off
 _MEASURE_FRAMES = 8
 _MOST_BACKS = 3
 _NEAR_MM = 0.5  # before its quick contact may a finger meet the part again: what was in between was free
@@ -325,5 +328,16 @@ def _touched_at_once(
 
 
 def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
-    hand.settle([run.finger for run in runs], _SETTLE_S)
+    """Wait until fingers stand, and frames come that were sampled since: quick touches take longer to rest.
+
+    A force that is measured must be that of the place which is read.
+    """
+    fingers = [run.finger for run in runs]
+    hand.settle(fingers, _SETTLE_S / 2)
     look(hand, runs)
+    for _ in range(_MOST_HALVES):
+        before = {run: run.servos for run in runs}
+        hand.settle(fingers, _SETTLE_S / 2)
+        look(hand, runs)
+        if all(math.dist(run.servos, before[run]) <= _STILL_RAD for run in runs):
+            break

@@ -209,13 +209,14 @@ def test_ways_that_were_free_are_not_of_a_part_that_has_moved_too_far() -> None:
 
     def moved(work_mj: float, within_mm: float) -> float:
         trace = replace(press(0.3, work_mj), unnoticed_n=np.full(750, 0.2))
-        advance_mm = np.where(trace.force_n > 0, trace.advance_mm, 0.1)
+        near = np.convolve(trace.force_n, np.ones(11), mode="same") > 0  # it stands about its press
+        advance_mm = np.where(near, trace.advance_mm, 0.1)
         trace = replace(trace, advance_mm=advance_mm, free_within_mm=np.full(750, within_mm))
         found = bounds.of_grip([touched(trace)]).within(states)
         assert found is not None
         return found[0]
 
-    for within_mm, work_mj in ((2.0, 0.002), (5.0, 0.2)):
+    for within_mm, work_mj in ((2.0, 0.15), (5.0, 0.3)):
         assert moved(work_mj, within_mm) * reach < within_mm
         assert moved(work_mj, within_mm / 4) > 50.0
         assert moved(work_mj, 0.0) > 50.0
