@@ -21,7 +21,7 @@ from palpate.rig.emulated.scene import Placement, moved, outline_at
 from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.study.mismeasurement import FingerErrors
-from palpate.rig.study.simulated_finger import SimulatedFinger
+from palpate.rig.study.simulated_finger import TURN_S, SimulatedFinger
 from palpate.rig.study.simulated_touches import PlacedShapes
 
 __all__ = ["PushingTouches"]
@@ -157,6 +157,7 @@ class _Grip:
 
     def retract(self) -> None:
         """Let all go back to where they wait."""
+        self._pass(TURN_S)
         for finger in self._fingers:
             finger.go(0.0, self._closing.approach_speed_mm_s, sensing=False)
         self._move()
@@ -164,7 +165,7 @@ class _Grip:
     def _search(self, *, may_stay: bool) -> None:
         """Fast, slower where the part may be, and back from a contact; the last to touch may stay there."""
         closing = self._closing
-        while any(finger.is_moving or finger.searching for finger in self._fingers):
+        while any(finger.is_moving or finger.searching or finger.turns for finger in self._fingers):
             for finger in self._fingers:
                 if finger.searching and not finger.is_moving:
                     self._slow_down(finger)

@@ -15,9 +15,12 @@ from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.study.mismeasurement import Mismeasurement
 
-__all__ = ["SimulatedFinger"]
+__all__ = ["TURN_S", "SimulatedFinger"]
 
-_STOP_S = 4e-3  # from the frame that shows a contact to the servo's braking: wire, host, bus, and its loop
+_STOP_S = 2e-3  # from the frame that shows a contact to the servo's braking: wire, host, bus, and its loop
+TURN_S = 0.09
+"""From standing still to going back (s): new profiles, speeding up, play."""
+
 _SEEN_EVERY = 5  # samples between looks at the servos
 _STEADY_FRAMES = 64
 _ROUNDING_S = 1e-9
@@ -153,7 +156,10 @@ class SimulatedFinger:
         """Stand once the stop is in effect, or go back if it turns there."""
         if now < self._stop_s - _ROUNDING_S:
             return
+        if self.turns and not self.is_back:
+            self.is_back, self._stop_s, self.goal_mm = True, now + TURN_S, self.travel_mm
+            return
         self.go(self.travel_mm, self.speed_mm_s, sensing=False)
         if self.turns:
-            self.turns, self.is_back = False, True
+            self.turns = False
             self.go(max(0.0, self.travel_mm - back_off_mm), back_mm_s, sensing=False)
