@@ -41,7 +41,7 @@ def identification_picture(
             truth=truth,
             others=tuple(others),
             touches=tuple(
-                touch_mark(number, touch.contact)
+                touch_mark(number, touch.contact, touch.touched_points)
                 for number, grip in enumerate(result.grips, start=1)
                 for touch in grip
             ),

@@ -144,8 +144,8 @@ def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     return tuple(ring @ rotation_matrix(at.theta_rad).T + [at.x_mm, at.y_mm] for ring in section.rings)
 
 
-def touch_mark(grip: int, contact: Contact) -> picture.TouchMark:
-    """A contact or a miss of a grip, counted from 1, for a picture."""
+def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> picture.TouchMark:
+    """A contact or a miss of a grip, counted from 1, for a picture; `points`: where a pad was touched."""
     normal = contact.normal
     return picture.TouchMark(
         contact.name,
@@ -156,4 +156,5 @@ def touch_mark(grip: int, contact: Contact) -> picture.TouchMark:
         contact.touched,
         None if normal is None else (normal.lo_rad, normal.hi_rad),
         contact.finger.is_pad,
+        tuple(point.end_mm for point in points),
     )

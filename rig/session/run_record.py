@@ -8,7 +8,7 @@ from palpate.recognizer import Contact, Finger
 from palpate.recognizer.contact import NormalRange
 from palpate.rig.session.log_reader import SessionFile
 
-__all__ = ["GripRecord", "contacts_in", "grip_records"]
+__all__ = ["GripRecord", "contacts_in", "grip_records", "places_touched"]
 
 
 @dataclass(eq=False)
@@ -53,6 +53,15 @@ def grip_records(file: SessionFile) -> list[GripRecord]:
 def contacts_in(touch: Mapping[str, Any]) -> list[Contact]:
     """What the recogniser was given of a touch in the log: its contact, or those of a pad's points."""
     return [_contact(item) for item in touch.get("points") or [touch["contact"]]]
+
+
+def places_touched(touch: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Contacts by which a touch in the log is shown, each a place with its own bound.
+
+    Those of the touched points of a pad, without normals: it measures none. Else its contact or miss.
+    """
+    points = [{**item, "normal": None} for item in touch.get("points") or () if item["touched"]]
+    return points or [touch["contact"]]
 
 
 def _contact(item: Mapping[str, Any]) -> Contact:

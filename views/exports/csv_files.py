@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from palpate.errors import InputError, OutputError
+from palpate.rig.session.run_record import places_touched
 from palpate.rig.session.samples import (
     EventSample,
     FrameSample,
@@ -119,7 +120,8 @@ def _rows(sample: Sample) -> Iterator[tuple[str, Callable[[], Iterable[str]], _R
             yield "events", lambda: _EVENTS, [t_s, kind, json.dumps(_without_traces(values))]
             if kind == "touches":
                 for touch in values["touches"]:
-                    yield "contacts", lambda: _CONTACTS, _contact(t_s, values["grip"], touch)
+                    for place in places_touched(touch):
+                        yield "contacts", lambda: _CONTACTS, _contact(t_s, values["grip"], touch, place)
             if kind == "recognised":
                 for item in values["hypotheses"]:
                     yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, values["grip"], values, item)
@@ -143,8 +145,8 @@ def _taxel_names(sample: FrameSample) -> list[str]:
     return ["t_s", "sequence", "device_time_s", *taxels]
 
 
-def _contact(t_s: float, grip: int, touch: Mapping[str, Any]) -> _Row:
-    contact = touch["contact"]
+def _contact(t_s: float, grip: int, touch: Mapping[str, Any], contact: Mapping[str, Any]) -> _Row:
+    """A row for one of the places that were touched; the force is all of the touch's strongest patch."""
     normal = contact.get("normal") or {}
     patch = touch.get("patch") or {}
     return [

@@ -11,8 +11,10 @@ import numpy as np
 
 from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
+from palpate.rig.session.run_record import places_touched
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
 from palpate.views.logged_hypotheses import answered, heaviest_first
+from palpate.vocabulary import TipShape
 
 __all__ = ["FrameStore", "setting_of"]
 
@@ -154,7 +156,8 @@ def _with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping[str, An
 def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
     grip, touch = item
     contact, patch = touch["contact"], touch.get("patch") or {}
-    normal = contact.get("normal")
+    is_pad = contact["finger"].get("shape") == TipShape.PAD
+    normal = None if is_pad else contact.get("normal")
     return {
         "finger": contact["name"],
         "grip": grip,
@@ -162,7 +165,11 @@ def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
         "start": contact["start_mm"],
         "end": contact["end_mm"],
         "radius": contact["finger"]["tip_radius_mm"],
-        "bound": contact["position_bound_mm"],
+        "pad": is_pad,
+        "places": [
+            {"name": place["name"], "at": place["end_mm"], "bound": place["position_bound_mm"]}
+            for place in places_touched(touch)
+        ],
         "normal": None if normal is None else [normal["lo_rad"], normal["hi_rad"]],
         "force": patch.get("force_n"),
     }
@@ -214,6 +221,7 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
             "base": list(finger.base_mm),
             "heading": math.radians(finger.heading_deg),
             "radius": finger.tip.radius_mm,
+            "pad": finger.tip.is_pad,
         }
         for finger in rig.fingers
     ]

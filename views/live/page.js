@@ -4,7 +4,8 @@
 const NS = "http://www.w3.org/2000/svg";
 const NORMAL_MM = 14;
 const HYPOTHESES_LISTED = 8;
-const CONTACTS_LISTED = 9;
+const PLACES_LISTED = 9;
+const POINT_MM = 0.8;
 const token = document.querySelector('meta[name="palpate-token"]').content;
 const isRun = document.querySelector('meta[name="palpate-kind"]').content === "run";
 const byId = (id) => document.getElementById(id);
@@ -45,6 +46,14 @@ function sector(centre, radius, lo, hi) {
   return `M${x} ${y}L${x1} ${y1}A${radius} ${radius} 0 ${hi - lo > Math.PI ? 1 : 0} 0 ${x2} ${y2}Z`;
 }
 
+// A pad's face as a line across the way from one place to another, its middle there.
+function face(kind, from, middle, half, parent) {
+  const u = middle[0] - from[0], v = middle[1] - from[1], far = Math.hypot(u, v) || 1;
+  const [x1, y1] = at([middle[0] - half * v / far, middle[1] + half * u / far]);
+  const [x2, y2] = at([middle[0] + half * v / far, middle[1] - half * u / far]);
+  make("line", { class: `${kind} face`, x1, y1, x2, y2 }, parent);
+}
+
 function drawTable(frame) {
   const svg = byId("table");
   const reach = setting.workspace * 1.25;
@@ -60,6 +69,14 @@ function drawTable(frame) {
     const [x1, y1] = at(item.start), [x2, y2] = at(item.end);
     if (item.grip === frame.grip && !frame.end) make("line", { class: "way", x1, y1, x2, y2 }, svg);
     if (!item.touched) continue;
+    if (item.pad) {
+      face("contact", item.start, item.end, item.radius, svg);
+      for (const place of item.places) {
+        const [cx, cy] = at(place.at);
+        make("circle", { class: "point", cx, cy, r: POINT_MM }, svg);
+      }
+      continue;
+    }
     make("circle", { class: "contact", cx: x2, cy: y2, r: item.radius }, svg);
     if (item.normal) make("path", { class: "normal", d: sector(item.end, NORMAL_MM / 2 + item.radius, ...item.normal) }, svg);
   }
@@ -78,7 +95,8 @@ function drawTable(frame) {
     const place = frame.tips[finger.name];
     if (!place) continue;
     const [cx, cy] = at(place);
-    make("circle", { class: "tip", cx, cy, r: finger.radius }, svg);
+    if (finger.pad) face("tip", finger.base, place, finger.radius, svg);
+    else make("circle", { class: "tip", cx, cy, r: finger.radius }, svg);
     const label = make("text", { class: "finger", x: cx, y: cy - finger.radius - 2, "font-size": reach / 24 }, svg);
     label.textContent = finger.name;
   }
@@ -119,16 +137,18 @@ function drawArrays(frame) {
 function drawContacts(frame) {
   const body = byId("contacts").tBodies[0];
   body.replaceChildren();
-  for (const item of frame.contacts.slice(-CONTACTS_LISTED).reverse()) {
+  const places = frame.contacts.flatMap((item) => item.places.map((place) => ({ item, place })));
+  for (const { item, place } of places.slice(-PLACES_LISTED).reverse()) {
     const row = element("tr", "", body);
     const degrees = item.normal ? item.normal.map((v) => v * 180 / Math.PI) : null;
     const normal = degrees ? `${(((degrees[0] + degrees[1]) / 2 + 360) % 360).toFixed(0)} ± ${((degrees[1] - degrees[0]) / 2).toFixed(0)}` : "";
-    const place = item.touched ? item.end.map((v) => v.toFixed(1)).join(", ") : "missed";
-    [item.grip, item.finger, place, normal, item.force === null || item.force === undefined ? "" : item.force.toFixed(2)]
+    const where = item.touched ? place.at.map((v) => v.toFixed(2)).join(", ") : "missed";
+    const bound = item.touched ? (Math.ceil(100 * place.bound) / 100).toFixed(2) : "";
+    [item.grip, place.name, where, bound, normal, item.force === null || item.force === undefined ? "" : item.force.toFixed(2)]
       .forEach((value) => element("td", value, row));
   }
-  const earlier = frame.contacts.length - CONTACTS_LISTED;
-  if (earlier > 0) element("td", `and ${earlier} earlier`, element("tr", "", body)).colSpan = 5;
+  const earlier = places.length - PLACES_LISTED;
+  if (earlier > 0) element("td", `and ${earlier} earlier`, element("tr", "", body)).colSpan = 6;
 }
 
 function drawPlan(frame) {

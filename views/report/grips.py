@@ -7,7 +7,7 @@ from typing import Any
 from palpate.config import RigFile
 from palpate.errors import counted
 from palpate.geometry import ObjectModel
-from palpate.rig.session.run_record import GripRecord
+from palpate.rig.session.run_record import GripRecord, places_touched
 from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
 from palpate.views.report.page import columns, paragraph, picture, section, table
 from palpate.views.table_picture.picture import draw
@@ -18,6 +18,10 @@ __all__ = ["grip_sections", "name_of"]
 
 _DRAWN = 8  # hypotheses in a picture
 _LISTED = 20
+_POINTS = (
+    "Of a pad the touched points of its face are listed, each with its own bound and with how far to the "
+    "left of the face's middle it is, and of its misses the middle of the face. It measures no normal."
+)
 
 
 def grip_sections(
@@ -30,6 +34,7 @@ def grip_sections(
         marks = tuple(_mark(item.number, touch) for item in grips[: at + 1] for touch in item.touches)
         parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
         parts.append(columns(_touches(grip), _hypotheses(grip)))
+        parts += [paragraph(_POINTS)] if any(map(_is_of_pad, grip.touches)) else []
         parts.append(paragraph(_words(grip, before)))
         found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
         before = grip if grip.verdict is not None else before
@@ -78,20 +83,20 @@ def _title(grip: GripRecord, first: Mapping[str, Any] | None) -> str:
 def _touches(grip: GripRecord) -> str:
     rows = []
     for touch in grip.touches:
-        contact, patch = touch["contact"], touch.get("patch") or {}
-        x, y = contact["end_mm"]
-        force = patch.get("force_n")
-        rows.append(
-            (
-                contact["name"],
-                "touched" if contact["touched"] else "missed",
-                f"{x:.2f}",
-                f"{y:.2f}",
-                f"± {contact['position_bound_mm']:.2f}",
-                _normal(contact.get("normal")),
-                "" if force is None else f"{force:.2f}",
+        force = (touch.get("patch") or {}).get("force_n")
+        for contact in places_touched(touch):
+            x, y = contact["end_mm"]
+            rows.append(
+                (
+                    contact["name"],
+                    "touched" if contact["touched"] else "missed",
+                    f"{x:.2f}",
+                    f"{y:.2f}",
+                    f"± {math.ceil(100 * contact['position_bound_mm']) / 100:.2f}",
+                    _normal(contact.get("normal")),
+                    "" if force is None else f"{force:.2f}",
+                )
             )
-        )
     names = ("finger", "", "x, mm", "y, mm", "bound, mm", "normal, °", "force, N")
     return table(names, rows, names[2:])
 
@@ -145,7 +150,8 @@ def _picture(
 
 
 def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
-    contact, normal = touch["contact"], touch["contact"].get("normal")
+    contact, is_pad = touch["contact"], _is_of_pad(touch)
+    normal = None if is_pad else contact.get("normal")
     return TouchMark(
         contact["name"],
         number,
@@ -154,8 +160,13 @@ def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
         contact["finger"]["tip_radius_mm"],
         contact["touched"],
         None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
-        contact["finger"].get("shape") == TipShape.PAD,
+        is_pad,
+        tuple(tuple(item["end_mm"]) for item in places_touched(touch) if is_pad and item["touched"]),
     )
+
+
+def _is_of_pad(touch: Mapping[str, Any]) -> bool:
+    return bool(touch["contact"]["finger"].get("shape") == TipShape.PAD)
 
 
 def _pose(item: Mapping[str, Any]) -> BoundedPose:

@@ -206,14 +206,13 @@ def _approach(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
         stroke=MISS,
         stroke_opacity=0.12,
         stroke_width=2 * touch.tip_radius_mm * view.scale,
-        stroke_linecap="round",
+        stroke_linecap="butt" if touch.is_pad else "round",
     )
     return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
 
 
 def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     centre, radius = view.at(touch.end_mm), touch.tip_radius_mm * view.scale
-    x, y = centre.tolist()
     placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
     if not touch.touched:
         dashed: dict[str, str | float] = {
@@ -232,7 +231,8 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
             placer.add_line(
                 np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0
             )
-    shown.append(element("circle", cx=x, cy=y, r=2.6, fill=TIP))
+    for u, v in map(view.at, touch.points_mm) if touch.is_pad else [centre]:
+        shown.append(element("circle", cx=u, cy=v, r=2.6, fill=TIP))
     return "".join(shown)
 
 

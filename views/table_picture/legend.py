@@ -49,7 +49,8 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
         (planned, _approach_key, "approach of the next grip"),
         (any(item.stop_mm for item in predicted), _stop_key, "predicted stop of a hypothesis"),
         (any(item.may_miss for item in predicted), _end_key, "where it ends if nothing stops it"),
-        (bool(touched), _touch_key, "approach, and the tip in contact"),
+        (any(not t.is_pad for t in touched), _touch_key, "approach, and the tip in contact"),
+        (any(t.is_pad for t in touched), _pad_key, "approach, pad, and where it was touched"),
         (any(t.normal_rad for t in touched), _normal_key, "range of the outward normal"),
         (len(touched) < len(picture.touches), _miss_key, "approach that touched nothing"),
         (any(not shows_base(b, view) for b in picture.bases), _beyond_key, "finger's base, beyond the frame"),
@@ -142,6 +143,13 @@ def _touch_key(x: float, y: float) -> str:
     tip = element("circle", cx=x + 9, cy=y, r=7.0, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)
     start = element("circle", cx=x - 16, cy=y, r=2.2, fill=TIP)
     return line + start + tip + element("circle", cx=x + 9, cy=y, r=2.6, fill=TIP)
+
+
+def _pad_key(x: float, y: float) -> str:
+    line = element("line", x1=x - 16, y1=y, x2=x + 9, y2=y, stroke=TIP, stroke_width=LINE)
+    face = element("line", x1=x + 9, y1=y - 8, x2=x + 9, y2=y + 8, stroke=TIP, stroke_width=3.0)
+    start = element("circle", cx=x - 16, cy=y, r=2.2, fill=TIP)
+    return line + start + face + element("circle", cx=x + 9, cy=y + 5, r=2.6, fill=TIP)
 
 
 def _normal_key(x: float, y: float) -> str:
