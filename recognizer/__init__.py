@@ -7,7 +7,7 @@ from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.confirmation import Confirmation, checking_grip
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.evidence import detectable_shift_mm
+from palpate.recognizer.evidence import detectable_shift_mm, recognised_shift_mm
 from palpate.recognizer.explanation import is_explained
 from palpate.recognizer.grips import FREE_MARGIN_MM, FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
@@ -61,6 +61,7 @@ __all__ = [
     "plan_grip",
     "predict",
     "recognise",
+    "recognised_shift_mm",
     "stranger_terms",
     "twins",
 ]

@@ -31,6 +31,7 @@ from palpate.rig.wiring import start_problem
 
 __all__ = ["check_rig", "loop_warnings"]
 
+_AT_ONCE = 2  # corners that a pad's face may meet
 _SLOW = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
 
 
@@ -76,7 +77,8 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         *loop_warnings(loop, rig.closing.sample_rate_hz, found, timer or 0.0),
         *_count_warnings(counts, found),
         *_start_warnings(rig, fingers, states),
-        *_force_warnings(rig, touch_force),
+        *_hold_warnings(rig, touch_force),
+        *_stop_warnings(rig, touch_force),
     ]
     return CheckOut(
         rig=rig.name,
@@ -174,7 +176,7 @@ def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> lis
     ]
 
 
-def _force_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
+def _hold_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
     """Whether touches are harder than the parts are said to bear."""
     holds, peaks = rig.search.part_holds_n, (expected.quick_n, expected.slow_n)
     keys = [
@@ -187,6 +189,25 @@ def _force_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
     return [
         f"a touch is expected to press with {max(peaks):.2g} N, and a part may slide above part_holds_n = "
         f"{holds:g} N; lower {' and '.join(keys)} or contact_force_n"
+    ]
+
+
+def _stop_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
+    """Whether a touch that finds a part is so hard that the run may end by it."""
+    most, quick_n = rig.closing.max_force_n, expected.quick_n
+    remedy = "lower search_speed_mm_s or contact_force_n, or raise max_force_n"
+    if quick_n > most:
+        return [
+            f"a touch that finds a part is expected to press with {quick_n:.2g} N, above max_force_n = "
+            f"{most:g} N, and would end the run; {remedy}"
+        ]
+    pads = [finger.name for finger in rig.fingers if finger.tip.is_pad]
+    if not pads or _AT_ONCE * quick_n <= most:
+        return []
+    return [
+        f"{'pad' if len(pads) == 1 else 'pads'} {', '.join(pads)}: a face may meet two corners at once, each "
+        f"with {quick_n:.2g} N when it finds a part; {_AT_ONCE * quick_n:.2g} N is above max_force_n = "
+        f"{most:g} N, and would end the run; {remedy}"
     ]
 
 

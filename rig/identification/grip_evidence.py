@@ -25,6 +25,7 @@ from palpate.recognizer import (
     detectable_shift_mm,
     predict,
     recognise,
+    recognised_shift_mm,
     stranger_terms,
 )
 
@@ -77,7 +78,7 @@ class GripEvidence:
             moved = before if motion is None else before.moved(motion)
             self.recognition = moved.extend(contacts)
             self.contacts = list(self.recognition.contacts)
-            return self._compare(before, moved, self.recognition, touches or contacts)
+            return self._compare(before, moved, self.recognition, contacts, touches or contacts)
         if motion:
             states = np.arange(len(self.catalogue.states))
             self.contacts = [carried_by(motion, self.catalogue, item, states) for item in self.contacts]
@@ -107,11 +108,16 @@ class GripEvidence:
         return self.strangers.after(terms.with_any())
 
     def _compare(
-        self, before: Recognition, moved: Recognition, after: Recognition, contacts: Sequence[Contact]
+        self,
+        before: Recognition,
+        moved: Recognition,
+        after: Recognition,
+        contacts: Sequence[Contact],
+        touches: Sequence[Contact],
     ) -> list[Hypothesis]:
         """Note whether the last grip was worth its touches, and what it confirmed.
 
-        `moved`: what was known before it, of the part as it lay when it was measured.
+        `moved`: what was known before it, of the part as it lay when it was measured; `touches` as in `add`.
         """
         eliminated = [item for item in moved.hypotheses if not _survives(item, after)]
         fewer = len(after.hypotheses) < len(before.hypotheses)
@@ -119,11 +125,17 @@ class GripEvidence:
         best, new = self.narrowest or _extent(before), _extent(after)
         narrower = any(now < (1 - _LEAST_GAIN) * least for least, now in zip(best, new, strict=True))
         self.narrowest = new if fewer else (min(best[0], new[0]), min(best[1], new[1]))
-        self.idle = 0 if fewer or narrower else self.idle + len(contacts)
-        self.predicted += sum(contact.touched for contact in contacts)
-        predictions = _predictions(moved, contacts)
-        self.strangers = self._with_strangers(moved, contacts, predictions)
-        self.detectable_shift_mm = math.inf if eliminated else _detectable_shift_mm(predictions, contacts)
+        self.idle = 0 if fewer or narrower else self.idle + len(touches)
+        self.predicted += sum(touch.touched for touch in touches)
+        predictions = _predictions(moved, touches)
+        self.strangers = self._with_strangers(moved, touches, predictions)
+        if eliminated:
+            self.detectable_shift_mm = math.inf
+        elif any(touch.finger.is_pad for touch in touches):
+            # Where along its face a pad is touched, and on what slope, only its points say.
+            self.detectable_shift_mm = recognised_shift_mm(moved, contacts)
+        else:
+            self.detectable_shift_mm = _detectable_shift_mm(predictions, touches)
         self.checks = 0 if eliminated else self.checks
         return eliminated
 
@@ -150,7 +162,7 @@ def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Prediction
 def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats:
     """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none.
 
-    That of a pad is its face's: nothing is known of the surface's.
+    Pads measure nothing of the surface's.
     """
 
     def half_rad(contact: Contact) -> float:
@@ -164,18 +176,13 @@ def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats
 
 def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:
     """How far the part may have been shifted before these contacts, though they came out as predicted."""
-    # Where a pad was touched at the end of its face, in which direction the surface looks is not known.
-    rows = [k for k, contact in enumerate(contacts) if contact.touched and _has_direction(contact)]
+    rows = [k for k, contact in enumerate(contacts) if contact.touched]
     some = [contacts[k] for k in rows]
     return detectable_shift_mm(
         predictions.select(rows),
         np.array([contact.middle_normal_rad for contact in some]),
         np.array([contact.direction_rad for contact in some]),
     )
-
-
-def _has_direction(contact: Contact) -> bool:
-    return not (contact.finger.is_pad and contact.normal is None)
 
 
 def _extent(recognition: Recognition) -> tuple[float, float]:

@@ -271,7 +271,7 @@ class _Search:
 
     def _add(self, motion: Motion | None) -> None:
         number, contacts = len(self._grips), self._contacts()
-        paths = self._felt([touch.compared for touch in self._grips[-1]])
+        paths = self._felt([touch.contact for touch in self._grips[-1]])
         self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion, paths)]
         declared = self._bounds.holds_n(self._states()) is not None
         self._evidence.is_bounded = declared and not self._hold_contradicted

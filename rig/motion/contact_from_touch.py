@@ -1,7 +1,7 @@
 """Contact or miss, in W with its bounds, from the state of an approach and the patch on the array."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
@@ -22,7 +22,7 @@ from palpate.rig.conversion import (
 )
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
-from palpate.rig.motion.pad_touch import PadTouch, face_contact, face_normal, face_points_of, touched_points
+from palpate.rig.motion.pad_touch import PadTouch, face_contact, face_points_of, touched_points
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
@@ -38,7 +38,7 @@ class Touch(ShortRepr):
     `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: the turning stage's, by its
     servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
     `points`: what points of a pad's face met, none of other tips; its contact is where the middle of the face
-    stopped. `face_normal`: of a pad that was touched clear of its ends, against where the face looks.
+    stopped.
     """
 
     finger_index: int
@@ -49,12 +49,6 @@ class Touch(ShortRepr):
     trace: LoadTrace | None = None
     stage_rad: float = 0.0
     points: tuple[Contact, ...] = ()
-    face_normal: NormalRange | None = None
-
-    @property
-    def compared(self) -> Contact:
-        """The contact as it is compared with predictions: a pad's has the normal of its face."""
-        return self.contact if self.face_normal is None else replace(self.contact, normal=self.face_normal)
 
     @property
     def touched_points(self) -> tuple[Contact, ...]:
@@ -113,7 +107,6 @@ def _of_pad(run: ApproachState, patch: ContactPatch | None, closing: ClosingConf
         run.servos,
         stage_rad=turn.angle_rad,
         points=points,
-        face_normal=face_normal(touch, patch, spec.tip),
     )
 
 

@@ -12,10 +12,9 @@ from palpate.config import TipConfig
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.recognizer import Contact, Finger, NormalRange, beside, face_offsets_mm
 
-__all__ = ["PadTouch", "face_contact", "face_normal", "face_points_of", "touched_points"]
+__all__ = ["PadTouch", "face_contact", "face_points_of", "touched_points"]
 
 _APART_MM = 2.5  # places that are nearer say little beside each other
-_CLEAR_OF_END = 0.4  # of a column: so far from the face's end is what is not at it
 
 Range = tuple[float, float]
 
@@ -96,21 +95,6 @@ def face_contact(touch: PadTouch, point_bound_mm: float) -> Contact:
         touch.bound_mm,
         path_bound_mm=max(point_bound_mm, touch.path_bound_mm),
     )
-
-
-def face_normal(touch: PadTouch, patch: ContactPatch, tip: TipConfig) -> NormalRange | None:
-    """Against where the face looks, if nothing presses on an end of it; None there.
-
-    A shift of the part moves the stop of such a face as it would on a wall along the face.
-    """
-    if patch.pressed_mm is None or patch.loaded_mm is None:
-        return None
-    half = tip.radius_mm - tip.radius_bound_mm
-    inside = half - _CLEAR_OF_END * (patch.pressed_mm[0][1] - patch.pressed_mm[0][0])
-    if patch.loaded_mm[0] < -inside or inside < patch.loaded_mm[1]:
-        return None
-    against = touch.facing_rad + math.pi
-    return NormalRange(against - touch.tilt_rad, against + touch.tilt_rad)
 
 
 def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Contact:

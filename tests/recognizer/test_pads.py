@@ -26,6 +26,7 @@ from palpate.recognizer import (
     plan_grip,
     predict,
     recognise,
+    recognised_shift_mm,
     twins,
 )
 from palpate.recognizer.measurement_model import touch_outcomes
@@ -177,3 +178,19 @@ def test_decisive_grips_of_pads_decide(seed: int) -> None:
                 if same[number, other]:
                     continue
                 assert not any(came_from(left, old) for left in after.hypotheses), "it decides"
+
+
+@pytest.mark.parametrize("seed", sample(range(60), range(10)))
+def test_a_shift_that_touches_leave_possible_is_no_detectable_one(seed: int) -> None:
+    """The part is shifted before its last grip: what that grip is said to show is never less than that."""
+    rng = np.random.default_rng([87, seed])
+    models = outlines(SHIPPED_OBJECTS)
+    placed = place_within(models[int(rng.integers(len(models)))], rng)
+    contacts = pad_contacts(placed, exploring_grip(reach(), []), rng, _PITCH_MM)
+    if sum(contact.touched for contact in contacts) < 3:
+        return
+    found = recognise(catalogue(), contacts)
+    far, around = float(rng.choice([0.0, 0.5, 3.0, 10.0])), float(rng.uniform(-math.pi, math.pi))
+    shifted = replace(placed, x=placed.x + far * math.cos(around), y=placed.y + far * math.sin(around))
+    again = [reach().approaches[k] for k in rng.integers(0, len(reach().approaches), 3).tolist()]
+    assert recognised_shift_mm(found, pad_contacts(shifted, again, rng, _PITCH_MM)) >= far
