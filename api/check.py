@@ -24,6 +24,7 @@ from palpate.rig.diagnostics.calibration_check import with_calibration, with_tou
 from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n, with_hold
 from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.rig.diagnostics.rig_check import check_rig
+from palpate.rig.pads import refuse_pads
 
 __all__ = ["CheckAnswer", "check_rig_and_hold", "check_rig_and_touch"]
 
@@ -131,6 +132,7 @@ def _pushed(
 
 def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | None) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
+    refuse_pads(on_bench.rig, "touches are compared with a calibration: pads are measured by hand")
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
         make = f"make it with `palpate calibrate --rig {on_bench.path}`"
         remedy = SHIPPED_RIG if on_bench.path == shipped_rig() else make

@@ -67,7 +67,9 @@ def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: 
 
     `name`, `rig_name`: what messages call the two files. Raises InputError.
     """
-    remedy = f"calibrate again with `palpate calibrate --rig {rig_name}`, or move this file away"
+    pads = any(finger.tip.is_pad for finger in rig.fingers)
+    again = "" if pads else f"calibrate again with `palpate calibrate --rig {rig_name}`, or "
+    remedy = f"{again}move this file away"
     if file.rig != rig.name:
         raise InputError(
             f'{name}: was made for rig "{file.rig}"; {rig_name} describes "{rig.name}": {remedy}'

@@ -21,6 +21,7 @@ from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
 from palpate.extensions import TACTILE_ARRAYS, broken, load
 from palpate.rig.conversion import measured_force_share
+from palpate.rig.pads import has_pads
 
 __all__ = [
     "ArrayPlugin",
@@ -205,9 +206,10 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
         return alike
     gain = np.array(taxels.gain)
     if gain.shape != shape:
+        remedy = "" if has_pads(rig) else "calibrate this finger again, or "
         raise InputError(
             f"finger {spec.name}: array.taxels are {gain.shape[0]} x {gain.shape[1]} and the array has "
-            f"{shape[0]} x {shape[1]}; calibrate this finger again, or leave array.taxels out"
+            f"{shape[0]} x {shape[1]}; {remedy}leave array.taxels out"
         )
     usable = np.ones(shape, dtype=bool)
     for row, col in taxels.unusable:

@@ -6,7 +6,12 @@ from palpate.config import RigFile
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel
 
-__all__ = ["refuse_pads", "refuse_parts_that_move"]
+__all__ = ["has_pads", "refuse_pads", "refuse_parts_that_move"]
+
+
+def has_pads(rig: RigFile) -> bool:
+    """Whether some finger has a pad: such a rig is measured by hand, and not calibrated."""
+    return any(finger.tip.is_pad for finger in rig.fingers)
 
 
 def refuse_pads(rig: RigFile, why: str) -> None:

@@ -9,6 +9,7 @@ from palpate.drivers.finger import Line
 from palpate.errors import InputError
 from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
 from palpate.rig.turning_stage import planned_turn
+from palpate.vocabulary import TipShape
 
 __all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_in_words", "rig_fingers"]
 
@@ -18,14 +19,19 @@ class AtHeight:
     """The fingers at one height over the support plane; `tip_radius_mm` is that of the slimmest.
 
     Their tips reach `half_length_mm` above it and below: of tips of other lengths there is another value. So
-    there is of balls of another radius.
+    there is of balls of another radius, and of pads, each of which counts as a disc as wide as it is.
     """
 
     height_mm: float
     tip_radius_mm: float
     fingers: tuple[str, ...]
     half_length_mm: float = 0.0
-    is_ball: bool = False
+    shape: TipShape = TipShape.CYLINDER
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether the tips are balls."""
+        return self.shape is TipShape.BALL
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -55,7 +61,8 @@ class RigFingers:
         """One more finger at a height, with the slimmest, shortest upright tip, or else the smallest ball."""
         kinds = [item for item in self.at if item.is_ball == self.all_balls]
         radius, half = min(item.tip_radius_mm for item in kinds), min(item.half_length_mm for item in kinds)
-        return AtHeight(height_mm, radius, ("",), half, self.all_balls)
+        shape = TipShape.BALL if self.all_balls else TipShape.CYLINDER
+        return AtHeight(height_mm, radius, ("",), half, shape)
 
 
 def rig_fingers(rig: RigFile) -> RigFingers:
@@ -80,14 +87,14 @@ def contact_bound_mm(rig: RigFile) -> float | None:
 
 def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
     """The rig's fingers by height, ascending."""
-    alike: dict[tuple[float, float, bool], list[FingerConfig]] = {}
+    alike: dict[tuple[float, float, TipShape], list[FingerConfig]] = {}
     for finger in rig.fingers:
-        key = finger.height_mm, finger.tip.half_height_mm, finger.tip.is_ball
+        key = finger.height_mm, finger.tip.half_height_mm, TipShape(finger.tip.shape)
         alike.setdefault(key, []).append(finger)
     at = []
-    for (height, half, is_ball), here in sorted(alike.items(), key=lambda item: item[0]):
+    for (height, half, shape), here in sorted(alike.items(), key=lambda item: item[0]):
         slimmest = min(finger.tip.radius_mm for finger in here)
-        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here), half, is_ball))
+        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here), half, shape))
     return tuple(at)
 
 

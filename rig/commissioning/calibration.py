@@ -148,7 +148,11 @@ def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
 
     Or if it has pads: what they touch of a disc, and what their arrays then show, is not modelled.
     """
-    refuse_pads(rig, "pads cannot be calibrated: measure the rig and state its bounds")
+    refuse_pads(
+        rig,
+        "pads cannot be calibrated: measure the rig by hand and state its bounds (docs/rig-file.md, "
+        "Measuring a rig with pads)",
+    )
     found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
     if not found:
         raise InputError(f'rig "{rig.name}" has no turning stage to calibrate: calibrate the other steps')

@@ -124,7 +124,7 @@ def _geometry(case: Case, item: ArraySeen) -> list[FindingOut]:
                     item.name,
                     f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
                     "another array was mounted since, or its port is another finger's",
-                    case.command("palpate calibrate --rig RIG"),
+                    case.calibrate_or(f"correct or leave out array.taxels of finger {spec.name}"),
                 )
             ]
     try:

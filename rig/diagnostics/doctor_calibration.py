@@ -48,7 +48,7 @@ def judge_calibration(
                 "calibration",
                 f"it {other}",
                 "gains, zeros and play of another device are used",
-                case.command("palpate calibrate --rig RIG"),
+                case.calibrate_or("move the calibration away: pads are measured by hand"),
             )
         )
     if age > OLD_DAYS and not findings:
@@ -58,7 +58,7 @@ def judge_calibration(
                 "calibration",
                 f"it is {age} days old",
                 f"skins wear and screws loosen; it should not be older than {OLD_DAYS} days",
-                case.command("palpate calibrate --rig RIG"),
+                case.calibrate_or("move the calibration away: pads are measured by hand"),
             )
         )
     return step(_NAME, _LOOKED, saw, findings)

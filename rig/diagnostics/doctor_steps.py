@@ -9,6 +9,7 @@ from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut, Outco
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.computer import Computer
+from palpate.rig.pads import has_pads
 
 __all__ = ["NOTHING", "Case", "listed", "skipped", "step", "warning", "wrong"]
 
@@ -35,6 +36,10 @@ class Case:
     def command(self, words: str) -> str:
         """A command of palpate as the user would type it, with this rig's file in the place of RIG."""
         return words.replace("RIG", shlex.quote(str(self.on_bench.path)))
+
+    def calibrate_or(self, by_hand: str) -> str:
+        """The command that calibrates this rig; what to do `by_hand` if it has pads."""
+        return by_hand if has_pads(self.rig) else self.command("palpate calibrate --rig RIG")
 
 
 def step(name: str, looked_at: str, saw: str, findings: Sequence[FindingOut] = ()) -> DoctorStepOut:

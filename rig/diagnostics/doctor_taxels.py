@@ -15,6 +15,7 @@ from palpate.geometry import Bools
 from palpate.rig.diagnostics.doctor_arrays import ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, step, wrong
 from palpate.rig.diagnostics.untouched_frames import UntouchedFrames
+from palpate.rig.pads import has_pads
 
 __all__ = ["TAXEL_MAP", "HeardArray", "judge_taxels"]
 
@@ -34,8 +35,8 @@ class HeardArray:
 
 def judge_taxels(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
     """The step on the taxels of arrays that fit the rig file."""
-    del case
-    findings = [found for array in arrays for found in (*_hardware(array), *_bad_taxels(array))]
+    leave_out = "list it in array.taxels.unusable" if has_pads(case.rig) else "calibrate, which leaves it out"
+    findings = [found for array in arrays for found in (*_hardware(array), *_bad_taxels(array, leave_out))]
     count = sum(array.seen.description.taxels for array in arrays if array.seen.description is not None)
     known = sum(len(array.known_bad) for array in arrays)
     more = f", {known} of them known to the calibration and left out" if known else ""
@@ -61,7 +62,7 @@ def _hardware(array: HeardArray) -> list[FindingOut]:
     ]
 
 
-def _bad_taxels(array: HeardArray) -> list[FindingOut]:
+def _bad_taxels(array: HeardArray, leave_out: str) -> list[FindingOut]:
     """Taxels that are bad by the array's own account or by their frames, and not left out already."""
     described, shown = array.seen.description, array.shown
     assert described is not None
@@ -80,10 +81,14 @@ def _bad_taxels(array: HeardArray) -> list[FindingOut]:
     unsteady &= ~(hot | dead)
     for row, col in array.known_bad:
         dead[row, col] = hot[row, col] = unsteady[row, col] = False
-    return [*_dead(array.seen, dead), *_stuck(array.seen, hot), *_restless(array.seen, unsteady)]
+    return [
+        *_dead(array.seen, dead, leave_out),
+        *_stuck(array.seen, hot, leave_out),
+        *_restless(array.seen, unsteady, leave_out),
+    ]
 
 
-def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
+def _dead(item: ArraySeen, dead: Bools, leave_out: str) -> list[FindingOut]:
     columns, rows = np.flatnonzero(dead.all(axis=0)), np.flatnonzero(dead.all(axis=1))
     replace = "repair the flat cable or replace the array"
     if len(rows) == len(dead):
@@ -108,11 +113,11 @@ def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
         left[rows] = False
     if left.any():
         saw = f"{counted(int(left.sum()), 'dead taxel', 'dead taxels')}: {_places(left)}"
-        found.append(wrong(Cause.DEAD_TAXEL, item.name, saw, _PARTS, _LEAVE_OUT))
+        found.append(wrong(Cause.DEAD_TAXEL, item.name, saw, _PARTS, f"repair it, or {leave_out}"))
     return found
 
 
-def _stuck(item: ArraySeen, hot: Bools) -> list[FindingOut]:
+def _stuck(item: ArraySeen, hot: Bools, leave_out: str) -> list[FindingOut]:
     if not hot.any():
         return []
     saw = f"{counted(int(hot.sum()), 'taxel', 'taxels')} at full scale without a touch: {_places(hot)}"
@@ -123,22 +128,21 @@ def _stuck(item: ArraySeen, hot: Bools) -> list[FindingOut]:
             item.name,
             saw,
             why,
-            "look at the skin there; then calibrate, which leaves it out",
+            f"look at the skin there; then {leave_out}",
         )
     ]
 
 
-def _restless(item: ArraySeen, unsteady: Bools) -> list[FindingOut]:
+def _restless(item: ArraySeen, unsteady: Bools, leave_out: str) -> list[FindingOut]:
     if not unsteady.any():
         return []
-    saw = (
-        f"{counted(int(unsteady.sum()), 'taxel', 'taxels')} far noisier than the others: {_places(unsteady)}"
-    )
-    return [wrong(Cause.UNSTEADY_TAXEL, item.name, saw, "a contact in skin or plug is loose", _LEAVE_OUT)]
+    noisy = counted(int(unsteady.sum()), "taxel", "taxels")
+    saw = f"{noisy} far noisier than the others: {_places(unsteady)}"
+    why = "a contact in skin or plug is loose"
+    return [wrong(Cause.UNSTEADY_TAXEL, item.name, saw, why, f"repair it, or {leave_out}")]
 
 
 _PARTS = "the skin is worn or damaged there"
-_LEAVE_OUT = "repair it, or calibrate, which leaves it out"
 
 
 def _places(taxels: Bools) -> str:

@@ -12,6 +12,7 @@ from palpate.errors import DeviceError
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.end_stops import slide_of, stall
 from palpate.rig.motion.hand import Hand
+from palpate.rig.pads import has_pads
 
 __all__ = ["check_slips", "slides_at_stops"]
 
@@ -39,8 +40,9 @@ def check_slips(hand: Hand, before: Mapping[HostFinger, float]) -> None:
         off_mm = abs(now[finger] - at_rad) * per_rad
         if off_mm > _REPEATS_MM + 2 * TICK_RAD * per_rad:
             servo = finger.drive.closing_servos[0]
+            again = "measure slide.zero_mm again" if has_pads(hand.rig) else "calibrate again"
             raise DeviceError(
                 f"finger {finger.name}: its slide (servo {servo.dxl_id}) meets its back stop {off_mm:.2f} mm "
                 "from where it did before this run: its horn has slipped, and no answer is given; tighten "
-                "its screw, then calibrate again"
+                f"its screw, then {again}"
             )

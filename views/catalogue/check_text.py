@@ -62,6 +62,9 @@ def rig_words(rig: RigHeightsOut) -> list[str]:
 
 
 def _tip_words(item: RigHeightOut) -> str:
+    if item.tip_shape is TipShape.PAD:
+        pads = "a pad" if len(item.fingers) == 1 else "pads"
+        return f"{pads} {2 * item.tip_radius_mm:g} mm wide, here taken for discs of that width"
     kind = "ball" if item.tip_shape is TipShape.BALL else "tip"
     return f"{kind if len(item.fingers) == 1 else f'{kind}s'} of radius {item.tip_radius_mm:g} mm"
 

@@ -14,7 +14,6 @@ from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import StateSections
 from palpate.rig.catalogue.separating_heights import SeparatingHeights
 from palpate.rig.catalogue.twins import Pair
-from palpate.vocabulary import TipShape
 
 __all__ = ["name_out", "not_known_out", "pair_out", "rig_out", "separating_out"]
 
@@ -24,10 +23,7 @@ def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
     return RigHeightsOut(
         name=fingers.rig_name,
         shipped=shipped,
-        heights=tuple(
-            RigHeightOut.of(at, tip_shape=TipShape.BALL if at.is_ball else TipShape.CYLINDER)
-            for at in fingers.at
-        ),
+        heights=tuple(RigHeightOut.of(at, tip_shape=at.shape) for at in fingers.at),
         contact_bound_mm=fingers.bound_mm,
     )
 

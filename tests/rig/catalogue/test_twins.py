@@ -36,6 +36,7 @@ from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, st
 from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating_heights
 from palpate.rig.catalogue.tip_reach import filled, unreached
 from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
+from palpate.vocabulary import TipShape
 
 LIMIT = 2 * BOUND_MM
 
@@ -83,7 +84,7 @@ def test_parts_that_differ_low_down_feel_the_same_and_a_low_finger_would_tell(st
 def balls_at(*heights: float) -> RigFingers:
     """Fingers whose tips are balls of 5 mm."""
     return RigFingers(
-        "balls", tuple(AtHeight(height, 5.0, ("f",), 5.0, True) for height in heights), BOUND_MM
+        "balls", tuple(AtHeight(height, 5.0, ("f",), 5.0, TipShape.BALL) for height in heights), BOUND_MM
     )
 
 
@@ -116,7 +117,7 @@ def test_a_ball_is_not_sent_into_a_groove_that_only_a_disc_gets_into(states: Any
 def test_a_rig_of_balls_and_upright_tips_gets_an_upright_one_more() -> None:
     mixed = RigFingers("mixed", (*balls_at(10).at, AtHeight(12, 6.0, ("g",), 3.0)), BOUND_MM)
     assert mixed.another(20.0) == AtHeight(20.0, 6.0, ("",), 3.0)
-    assert balls_at(10, 20).another(30.0) == AtHeight(30.0, 5.0, ("",), 5.0, is_ball=True)
+    assert balls_at(10, 20).another(30.0) == AtHeight(30.0, 5.0, ("",), 5.0, TipShape.BALL)
 
 
 def test_mirror_images_are_told_apart_unless_they_are_images_by_a_turn_too(states: Any) -> None:
