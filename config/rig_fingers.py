@@ -96,17 +96,22 @@ class TipConfig(FileModel):
     def _is_there(self) -> Self:
         if self.is_pad != (self.width_mm is not None):
             if self.is_pad:
-                raise problem('the key "width_mm" is missing: a pad has a width')
-            raise problem("is for pads", "width_mm")
+                raise problem('the key "width_mm" is missing: a pad has that in place of radius_mm')
+            raise problem(f'is for shape = "pad"; a {self.shape} has radius_mm', "width_mm")
         if self.radius_mm == 0:
             raise problem('the key "radius_mm" is missing')
         if self.is_pad and self.radius_mm != _half_of_width({"width_mm": self.width_mm}):
-            raise problem(f"is {self.radius_mm:g}, not half of width_mm; leave it out", "radius_mm")
+            raise problem(
+                f"is {self.radius_mm:g}, not half of width_mm ({self.width_mm:g}); leave it out: pads have "
+                "width_mm alone",
+                "radius_mm",
+            )
         if self.is_pad and self.max_friction:
             raise problem("must be 0 for pads: what friction does to their skin is not known", "max_friction")
         if self.radius_bound_mm >= self.radius_mm:
+            of = "half of width_mm" if self.is_pad else "radius_mm"
             raise problem(
-                f"is {self.radius_bound_mm:g}, not below radius_mm ({self.radius_mm:g})", "radius_bound_mm"
+                f"is {self.radius_bound_mm:g}, not below {of} ({self.radius_mm:g})", "radius_bound_mm"
             )
         if self.is_ball and self.length_mm is not None:
             raise problem("is for cylinders; a ball has a radius only", "length_mm")
@@ -330,8 +335,11 @@ class _MountedFinger(FileModel):
             )
         if self.tip.is_pad != (self.array.pitch_mm is not None):
             if self.tip.is_pad:
-                raise problem('the key "pitch_mm" is missing: a pad is touched anywhere on its face', "array")
-            raise problem("is for pads", "array", "pitch_mm")
+                raise problem(
+                    'the key "pitch_mm" is missing: how far apart the columns of a pad\'s array are at most',
+                    "array",
+                )
+            raise problem(f'is for tip.shape = "pad"; the tip is a {self.tip.shape}', "array", "pitch_mm")
         pitch_mm, width_mm = self.array.pitch_mm, self.tip.width_mm
         if pitch_mm is not None and width_mm is not None and pitch_mm > width_mm:
             raise problem(f"is {pitch_mm:g}; it is at most tip.width_mm ({width_mm:g})", "array", "pitch_mm")

@@ -18,7 +18,7 @@ from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import InputError
+from palpate.errors import DeviceError, InputError
 from palpate.extensions import TACTILE_ARRAYS, broken, load
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.pads import has_pads
@@ -97,9 +97,13 @@ def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float]
 
 
 def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
-    """The extractor for a finger's array; raises InputError if it does not fit the array."""
+    """The extractor for a finger's array.
+
+    Raises InputError if what the rig file says of its taxels does not fit it, DeviceError if it does not show
+    where a pad is touched.
+    """
     if (wrong := pad_problem(spec, description)) is not None:
-        raise InputError(f"finger {spec.name}: {wrong}")
+        raise DeviceError(f"tactile array {spec.name}: {wrong}")
     extractor = ContactExtractor(description, calibration_of(rig, spec, description))
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
@@ -119,10 +123,25 @@ def pad_problem(spec: FingerConfig, description: Description) -> str | None:
     half = spec.tip.radius_mm + spec.tip.radius_bound_mm
     if not (-pitches[0] <= ends[0] + half <= room and -room <= ends[1] - half <= pitches[-1]):
         return (
-            f"it reaches from {ends[0]:.4g} to {ends[1]:.4g} mm across, and the pad's face from {-half:g} to "
-            f"{half:g} at most (tip.width_mm, radius_bound_mm): it must cover the face, and no more"
+            f"its {description.cols} columns, {pitches.max():.3g} mm apart, reach from {ends[0]:.4g} to "
+            f"{ends[1]:.4g} mm across, and the pad's face, {spec.tip.width_mm:g} mm wide, from {-half:g} to "
+            f"{half:g} at most (tip.width_mm, radius_bound_mm): they must cover the face, and no more"
         )
-    return None
+    return _height_problem(description, spec.tip.length_mm)
+
+
+def _height_problem(description: Description, length_mm: float | None) -> str | None:
+    """The same, of the rows of an array on a pad's face whose height is stated."""
+    rows = np.diff(description.row_heights_mm)
+    if length_mm is None or not rows.size:
+        return None
+    high = description.row_heights_mm[-1] - description.row_heights_mm[0] + (rows[0] + rows[-1]) / 2
+    if high >= length_mm * (1 - _PITCH_ROUNDING):
+        return None
+    return (
+        f"its {description.rows} rows, {rows.max():.3g} mm apart, are {high:.4g} mm high, and the pad's face "
+        f"{length_mm:g} mm (tip.length_mm): they must cover the face"
+    )
 
 
 def shape_warning(spec: FingerConfig, description: Description) -> str | None:
@@ -140,12 +159,13 @@ def threshold_problem(
 ) -> str | None:
     """What is wrong with contact_force_n for an array that is tared: untouched, it would exceed it.
 
-    Or, on a pad, it may not be felt at all where it is spread over the whole face.
+    Or, on a pad, it may not be felt at all where it is spread over the whole face, at the end of a way.
     """
     least = extractor.least_force_n
-    if tip is not None and tip.is_pad and closing.contact_force_n < extractor.spread_hidden_n:
+    hidden_n = extractor.spread_hidden_n(_SEARCH_S)
+    if tip is not None and tip.is_pad and closing.contact_force_n < hidden_n:
         return (
-            f"its noise and drift may hide {extractor.spread_hidden_n:.2g} N that press evenly on all of the "
+            f"its noise and drift may hide {hidden_n:.2g} N that press evenly on all of the "
             f"pad, more than contact_force_n = {closing.contact_force_n:g} N; raise that"
         )
     if closing.contact_force_n >= least:

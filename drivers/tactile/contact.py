@@ -208,12 +208,16 @@ class ContactExtractor:
         above = sums > limit
         return float((sums - self._zeros_n.upper)[above].max()) if np.count_nonzero(above) else 0.0
 
-    @property
-    def spread_hidden_n(self) -> float:
-        """How much force (N), spread over the whole array, `force_n` may not feel; 0 on a cylinder."""
+    def spread_hidden_n(self, later_s: float = 0.0) -> float:
+        """How much force (N), spread over the whole array, `force_n` may not feel; 0 on a cylinder.
+
+        `later_s`: after so long in which the tip may touch, so that zeros are not followed.
+        """
         if self._cylinder is not None:
             return 0.0
-        return float((self._guard_limit - self._guard_base.ravel()) @ self._guard_gain)
+        # A zero may be as far below where it is thought to be as the limit allows it to be above.
+        doubt = self._guard_doubt.ravel() + self._calibration.drift_counts_per_s * later_s
+        return float((SIGMAS * self._baseline.noise_counts + 2 * doubt) @ self._guard_gain)
 
     @property
     def least_force_n(self) -> float:

@@ -282,7 +282,8 @@ def _pad_description(finger: FingerConfig, seed: int) -> Description:
             f"an emulated array has at most {_MOST_COLUMNS}: raise array.pitch_mm"
         )
     columns = _evenly(count, width / count)
-    return _described(finger, seed, _COUNTS_PER_N, columns, (_PAD_ROWS, _PAD_ROW_PITCH_MM))
+    row_pitch_mm = max(_PAD_ROW_PITCH_MM, (finger.tip.length_mm or 0.0) / _PAD_ROWS)
+    return _described(finger, seed, _COUNTS_PER_N, columns, (_PAD_ROWS, row_pitch_mm))
 
 
 def _evenly(count: int, pitch: float) -> tuple[float, ...]:

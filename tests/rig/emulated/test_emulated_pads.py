@@ -16,7 +16,7 @@ from repository import EXAMPLES
 from palpate.api.recognition import plan
 from palpate.config import RigFile, load_contacts, load_rig
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import InputError
+from palpate.errors import DeviceError, InputError
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.arrays import extractor_of, pad_problem, shape_warning, threshold_problem
 from palpate.rig.catalogue.reachability_text import finding_lines
@@ -78,13 +78,13 @@ def test_the_rig_files_pad_is_half_as_wide_either_way() -> None:
 @pytest.mark.parametrize(
     ("tip", "array", "message"),
     [
-        ({"width_mm": None}, {}, '"width_mm" is missing: a pad has a width'),
-        ({"shape": "cylinder"}, {}, "is for pads"),
+        ({"width_mm": None}, {}, '"width_mm" is missing: a pad has that in place of radius_mm'),
+        ({"shape": "cylinder"}, {}, 'is for shape = "pad"; a cylinder has radius_mm'),
         ({"shape": "cylinder", "width_mm": None}, {}, 'the key "radius_mm" is missing'),
-        ({"radius_mm": 4.0}, {}, "is 4, not half of width_mm; leave it out"),
+        ({"radius_mm": 4.0}, {}, r"is 4, not half of width_mm \(10\); leave it out"),
         ({"max_friction": 0.3}, {}, "must be 0 for pads"),
         ({"max_latitude_deg": 20.0}, {}, "is for balls"),
-        ({}, {"pitch_mm": None}, '"pitch_mm" is missing: a pad is touched anywhere'),
+        ({}, {"pitch_mm": None}, '"pitch_mm" is missing: how far apart the columns'),
         ({}, {"heading_deg": 10.0}, r"a pad looks along the slide \(0\)"),
         ({}, {"pitch_mm": 20.0}, r"is 20; it is at most tip.width_mm \(10\)"),
         ({}, {"coverage_deg": 180.0}, "is for cylinders and balls"),
@@ -117,7 +117,7 @@ def test_a_flat_array_on_another_tip_is_warned_of() -> None:
 def test_cylinders_have_no_pitch() -> None:
     data = small_rig().model_dump(exclude_unset=True)
     data["fingers"][1]["array"]["pitch_mm"] = 1.0
-    with pytest.raises(ValueError, match="is for pads"):
+    with pytest.raises(ValueError, match=r'is for tip\.shape = "pad"; the tip is a cylinder'):
         RigFile.model_validate(data)
 
 
@@ -165,7 +165,8 @@ def array(shape: Shape, cols: int, pitch: float) -> Description:
         (array(Shape.FLAT, 10, 1.0), "1 mm apart, more than array.pitch_mm"),
         (
             array(Shape.FLAT, 19, 0.5),
-            "from -4.75 to 4.75 mm across, and the pad's face from -5 to 5",
+            "its 19 columns, 0.5 mm apart, reach from -4.75 to 4.75 mm across, and the pad's face, "
+            "10 mm wide, from -5 to 5 at most",
         ),
         (array(Shape.FLAT, 24, 0.5), "must cover the face, and no more"),
         (array(Shape.FLAT, 20, 0.5), None),
@@ -180,17 +181,41 @@ def test_an_array_covers_its_pads_face(description: Description, message: str | 
         return
     assert found is not None
     assert message in found
-    with pytest.raises(InputError, match="finger f1: "):
+    with pytest.raises(DeviceError, match="tactile array f1: "):
         extractor_of(rig, rig.fingers[0], description)
+
+
+def test_an_array_covers_its_pads_height() -> None:
+    description = array(Shape.FLAT, 20, 0.5)
+    low, high = (pad_rig(tip={"length_mm": length}).fingers[0] for length in (16.0, 17.0))
+    assert pad_problem(low, description) is None
+    found = pad_problem(high, description)
+    assert found is not None
+    assert found.startswith(
+        "its 4 rows, 4 mm apart, are 16 mm high, and the pad's face 17 mm (tip.length_mm)"
+    )
+    assert pad_problem(high, description_of(high, 0)) is None
 
 
 def test_a_push_on_all_of_a_pad_is_felt_or_the_threshold_is_refused() -> None:
     rig = pad_rig()
     extractor = extractor_of(rig, rig.fingers[0], description_of(rig.fingers[0], 0))
-    assert extractor.spread_hidden_n == pytest.approx(80 * 4 * 2.0 / 2000, rel=1e-6), "4 σ of each taxel"
+    assert extractor.spread_hidden_n() == pytest.approx(80 * 4 * 2.0 / 2000, rel=1e-6), "4 σ of each taxel"
     assert threshold_problem(extractor, rig.closing, rig.fingers[0].tip) is None
     low = rig.closing.model_copy(update={"contact_force_n": 0.3})
     assert "press evenly on all of the pad" in (threshold_problem(extractor, low, rig.fingers[0].tip) or "")
+
+
+def test_zeros_that_drift_on_a_way_count() -> None:
+    still, drifting = pad_rig(), pad_rig(array={"drift_counts_per_s": 0.2})
+    now, later = (
+        extractor_of(rig, rig.fingers[0], description_of(rig.fingers[0], 0)).spread_hidden_n(10.0)
+        for rig in (still, drifting)
+    )
+    tared = extractor_of(drifting, drifting.fingers[0], description_of(drifting.fingers[0], 0))
+    assert later - tared.spread_hidden_n() == pytest.approx(80 * 2 * 0.2 * 10.0 / 2000), "either way"
+    assert later > now
+    assert "press evenly" in (threshold_problem(tared, drifting.closing, drifting.fingers[0].tip) or "")
 
 
 def test_emulated_arrays_cover_the_face() -> None:
