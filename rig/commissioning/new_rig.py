@@ -3,11 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from palpate.config.rig_servos import without_current
 from palpate.config.scan_result import ScannedServoOut
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.errors import InputError
@@ -25,6 +26,11 @@ class FoundArray:
     port: str
     description: Description
 
+    @property
+    def is_pad(self) -> bool:
+        """Whether it is flat, and shows where along a face it is touched."""
+        return self.description.shape is Shape.FLAT and self.description.cols > 1
+
 
 def describe_array(port: str, baudrate_bps: int = _ARRAY_BAUDRATE_BPS) -> FoundArray:
     """Ask the array on a port what it is. Raises DeviceError for a port that is missing or silent."""
@@ -38,6 +44,7 @@ def rig_text(
     """The text of a rig file: servos are paired in order of their ids, arrays put on fingers in order.
 
     An array that was not found stands as the name of its port, or as a placeholder where there are too few.
+    The tip of a flat array is a pad.
     Raises InputError for fewer than two servos, for servos of different baud rates, of unknown models or of
     models that do not report their current.
     """
@@ -54,12 +61,22 @@ def rig_text(
         if (why := without_current(servo.model)) is not None:
             raise InputError(f"the servo with id {servo.id} {why}")
     count = len(known) // 2
+    pads = any(isinstance(item, FoundArray) and item.is_pad for item in arrays[:count])
     fingers = [
         _finger(k, count, known[2 * k : 2 * k + 2], arrays[k] if k < len(arrays) else None)
+        + (_BOUNDS_BY_HAND if pads else _BOUNDS)
         for k in range(count)
     ]
     left = f"# Servo {known[-1].id} is left over: a finger has two.\n" if len(known) % 2 else ""
-    return _HEAD.format(name=name, port=bus_port, baudrate=rates.pop(), left=left) + "".join(fingers)
+    head = _HEAD.format(
+        name=name,
+        port=bus_port,
+        baudrate=rates.pop(),
+        left=left,
+        search=_SEARCH_BY_PADS if pads else "",
+        contact=0.4 if pads else 0.3,
+    )
+    return head + ("" if pads else _HOLDS) + "".join(fingers)
 
 
 def _finger(
@@ -68,9 +85,12 @@ def _finger(
     angle = 2 * math.pi * number / count + math.pi / 2
     x, y = round(_BASE_MM * math.cos(angle), 1) + 0.0, round(_BASE_MM * math.sin(angle), 1) + 0.0
     near, far = servos
+    tip, more = _ROUND
     if isinstance(array, FoundArray):
         shape = array.description
-        port, said = array.port, f"answered: {shape.rows} × {shape.cols} taxels"
+        flat = ", flat" if shape.shape is Shape.FLAT else ""
+        port, said = array.port, f"answered: {shape.rows} × {shape.cols} taxels{flat}"
+        tip, more = _pad(shape) if array.is_pad else _ROUND
     else:
         port = array or f"/dev/serial/by-id/array-{number + 1}"
         said = "CHANGE: did not answer" if array else "CHANGE: palpate find-port says which it is"
@@ -85,7 +105,18 @@ def _finger(
         far_model=far.model,
         port=port,
         said=said,
+        tip=tip,
+        more=more,
     )
+
+
+def _pad(array: Description) -> tuple[str, str]:
+    """What a rig file says of a pad and of the flat array on it, as far as the array does."""
+    pitches = [after - before for before, after in pairwise(array.columns)]
+    width = array.columns[-1] - array.columns[0] + (pitches[0] + pitches[-1]) / 2
+    pitch = math.ceil(1e3 * max(pitches) - 1e-3) / 1e3  # columns are no further apart
+    tip = _PAD_TIP.format(width=f"width_mm = {width:.4g}".ljust(31))
+    return tip, f"pitch_mm = {pitch:g}".ljust(31) + " # as the array says: its columns are no further apart\n"
 
 
 _HEAD = """\
@@ -106,9 +137,9 @@ radius_mm = 125.0               # MEASURE: parts lie inside; fingers wait outsid
 
 [closing]
 approach_speed_mm_s = 20.0      # slow enough to stop at once
-touch_speed_mm_s = 4.0
+{search}touch_speed_mm_s = 4.0
 back_off_mm = 1.5
-contact_force_n = 0.3           # well above the arrays' noise, well below what moves a part
+contact_force_n = {contact}           # well above the arrays' noise, well below what moves a part
 max_force_n = 6.0               # fingers stop above it
 clearance_mm = 5.0
 sample_rate_hz = 100.0
@@ -117,6 +148,13 @@ sample_rate_hz = 100.0
 max_grips = 8
 goal_position_mm = 1.0
 goal_orientation_deg = 1.0
+"""
+
+_SEARCH_BY_PADS = """\
+search_speed_mm_s = 8.0         # a pad may meet two corners at once, each with the force that check says
+"""
+
+_HOLDS = """\
 # part_holds_n = 0.3            # MEASURE, for parts that slide when pushed: palpate check --hold
 """
 
@@ -144,8 +182,7 @@ backlash_mm = 0.1               # MEASURE
 zero_mm = 40.0                  # MEASURE: where the tip would be at Present Position 0
 
 [fingers.tip]
-radius_mm = 5.0                 # MEASURE
-stiffness_n_per_mm = 2.5        # MEASURE: force per mm of dent
+{tip}stiffness_n_per_mm = 2.5        # MEASURE: force per mm of dent
 stiffness_spread = 0.3          # it is known to ± 30 %
 
 [fingers.array]
@@ -153,9 +190,26 @@ port = "{port}"   # {said}
 baudrate_bps = 2000000
 protocol = "palpate"
 gain_spread = 0.25
-heading_deg = 0.0               # MEASURE: the array's middle, from where the finger goes
+{more}"""
 
+_ROUND = (
+    "radius_mm = 5.0                 # MEASURE\n",
+    "heading_deg = 0.0               # MEASURE: the array's middle, from where the finger goes\n",
+)
+
+_PAD_TIP = """\
+shape = "pad"                   # its array is flat; CHANGE to a radius_mm if what touches is round
+{width} # MEASURE: the face, from edge to edge; the array's columns reach so far
+"""
+
+_BOUNDS = """
 [fingers.bounds]                # how well the above was measured; palpate calibrate finds more
+base_mm = 2.0
+heading_deg = 2.0
+"""
+
+_BOUNDS_BY_HAND = """
+[fingers.bounds]                # MEASURE, by hand: docs/rig-file.md, Measuring a rig with pads
 base_mm = 2.0
 heading_deg = 2.0
 """

@@ -1,10 +1,16 @@
-"""What a new rig file is not written for: servos of which palpate could not bound what they press with."""
+"""A new rig file: pads, and servos that it is not written for: nothing would bound what they press with."""
+
+import tomllib
 
 import pytest
+from contact_sweep import describe
 
+from palpate.config import RigFile
 from palpate.config.scan_result import ScannedServoOut
+from palpate.drivers.tactile.description import Shape
 from palpate.errors import InputError
-from palpate.rig.commissioning.new_rig import rig_text
+from palpate.rig.arrays import pad_problem
+from palpate.rig.commissioning.new_rig import FoundArray, rig_text
 
 
 def found(dxl_id: int, model: str | None, number: int) -> ScannedServoOut:
@@ -35,3 +41,19 @@ def test_servos_that_cannot_be_used_are_named(model: str | None, number: int, wo
 def test_any_other_pair_makes_a_finger() -> None:
     text = rig_text("new", "/dev/ttyUSB0", [found(11, "XM430-W350", 1020), found(12, "XH430-W210", 1010)], [])
     assert 'model = "XH430-W210"' in text
+
+
+def test_tips_of_flat_arrays_are_pads() -> None:
+    flat = FoundArray("/dev/a", describe(Shape.FLAT, 4, 20, 0.5, 4.0, counts_per_n=2000.0))
+    servos = [found(number, "XM430-W350", 1020) for number in (1, 2, 3, 4)]
+    text = rig_text("mine", "/dev/b", servos, [flat, "/dev/c"])
+    pad, other = RigFile.model_validate(tomllib.loads(text)).fingers
+    assert (pad.tip.shape, pad.tip.width_mm, pad.array.pitch_mm) == ("pad", 10.0, 0.5)
+    assert pad_problem(pad, flat.description) is None
+    assert other.tip.shape == "cylinder"
+    assert "answered: 4 × 20 taxels, flat" in text
+    assert "palpate calibrate" not in text
+    assert "--hold" not in text
+    without = rig_text("mine", "/dev/b", servos, ["/dev/a"])
+    assert "palpate calibrate" in without
+    assert "--hold" in without
