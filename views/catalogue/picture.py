@@ -24,6 +24,7 @@ from palpate.views.catalogue.style import (
 )
 from palpate.views.svg import element, escape, number, text, text_width, wrap
 from palpate.views.table_picture.style import INK, MUTED, PAPER, TIP
+from palpate.vocabulary import TipShape
 
 __all__ = ["draw_objects"]
 
@@ -114,6 +115,13 @@ def _head(
     return [*head, *legend], y + 22
 
 
+def _kind(fingers: RigFingers) -> str:
+    """What tips are taken for."""
+    if fingers.all_balls:
+        return "ball"
+    return "disc" if any(item.shape is TipShape.PAD for item in fingers.at) else "tip"
+
+
 def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tuple[list[str], float]:
     """What the colours and marks mean, in as many lines as it takes; y of the last.
 
@@ -126,7 +134,7 @@ def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tup
         (element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
         (
             element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
-            f"no {'ball' if fingers.all_balls else 'tip'} of radius {fingers.slimmest_mm:g} mm gets there",
+            f"no {_kind(fingers)} of radius {fingers.slimmest_mm:g} mm gets there",
         ),
         (centre + ray, "turns after which it looks the same"),
         (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),
