@@ -33,7 +33,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
         if out.stranger_probability is not None:
             lines.append(f"  {_stranger_words(out.stranger_probability)}")
-        if out.detectable_shift is not None:
+        if out.detectable_shift is not None or out.assumed_holds_n is None:
             lines.append(f"  {_shift_words(out.detectable_shift)}")
     if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and _is_one_state(out):
         lines.append(f"  {_unconfirmed_words(out)}")
@@ -235,7 +235,7 @@ def _truth_line(out: IdentificationOut) -> str:
     )
 
 
-def _shift_words(shift_mm: float) -> str:
-    if shift_mm > _DETECTABLE_MM:
+def _shift_words(shift_mm: float | None) -> str:
+    if shift_mm is None or shift_mm > _DETECTABLE_MM:
         return "a shift of the part before the last grip would hardly have been detected"
     return f"smallest detectable shift before the last grip: {shift_mm:.1f} mm"

@@ -70,6 +70,11 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
             "detectable shift before the last grip: 6.2 mm",
         ),
         (
+            ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=None),
+            "identified: plate, flat",
+            "a shift of the part before the last grip would hardly have been detected",
+        ),
+        (
             ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=1229.0),
             "identified: plate, flat",
             "a shift of the part before the last grip would hardly have been detected",
