@@ -72,7 +72,9 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
     cannot; DeviceError and SafetyStop as `carry_out_grip`.
     """
     refuse_pads(
-        hand.rig, "where it pushes parts is not known well enough; use cylinders, or a spring balance"
+        hand.rig,
+        "where it pushes parts is not known well enough; parts must be held down under pads, so that "
+        "part_holds_n is not needed",
     )
     for spec in hand.rig.fingers:
         if spec.tip.is_ball:
