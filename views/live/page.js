@@ -138,6 +138,7 @@ function drawContacts(frame) {
   const body = byId("contacts").tBodies[0];
   body.replaceChildren();
   const places = frame.contacts.flatMap((item) => item.places.map((place) => ({ item, place })));
+  byId("contacts").classList.toggle("no-normals", !places.some(({ item }) => item.normal));
   for (const { item, place } of places.slice(-PLACES_LISTED).reverse()) {
     const row = element("tr", "", body);
     const degrees = item.normal ? item.normal.map((v) => v * 180 / Math.PI) : null;
