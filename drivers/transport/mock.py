@@ -130,15 +130,16 @@ class MockWire:
             self.take(self.arrived(rate), rate)
 
     def next_event_s(self, wanted: int) -> float | None:
-        """Instant at which up to `wanted` more bytes of the burst under way will be there.
+        """Instant at which up to `wanted` more bytes of the bursts under way will be there.
 
         With nothing under way: the instant at which the device will next send of its own accord; None if
         it never will.
         """
-        if self._bursts:
-            burst = self._bursts[0]
-            last = min(len(burst.data), burst.taken + max(wanted, 1))
-            return burst.start_s + last * burst.byte_s
+        for burst in self._bursts:
+            left = len(burst.data) - burst.taken
+            if wanted <= left or burst is self._bursts[-1]:
+                return burst.start_s + (burst.taken + min(wanted, left)) * burst.byte_s
+            wanted -= left
         return self._device.next_due()
 
     def _enqueue(self, emissions: list[Emission], baudrate: int) -> None:

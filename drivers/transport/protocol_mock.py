@@ -69,7 +69,7 @@ class Serial(SerialBase):
             return received
         deadline = None if self.timeout is None else start + (self.timeout or POLL_S)
         while len(received) < size:
-            event = wire.next_event_s(size - len(received))
+            event = wire.next_event_s(size - len(received) if self.timeout != 0 else 1)
             if event is None and deadline is None:
                 raise SerialException(f"{self.port}: waiting without timeout for a device that never sends")
             expired = deadline is not None and (event is None or event > deadline)
