@@ -46,7 +46,7 @@ class Serial(SerialBase):
         """Number of bytes that have arrived; does not move the clock."""
         wire = self._wire or self._opened()
         wire.poll()
-        return wire.arrived(self.baudrate)
+        return wire.arrived(self._baudrate)
 
     @property
     def out_waiting(self) -> int:
@@ -63,10 +63,12 @@ class Serial(SerialBase):
         """
         wire = self._wire or self._opened()
         clock = wire.clock
-        start = clock.now()
-        received = self._take(wire, size)
+        received = wire.take(size, self._baudrate)  # what has arrived before now
+        if len(received) < size:
+            received += self._take(wire, size - len(received))
         if len(received) >= size or (received and self.timeout == 0):
             return received
+        start = clock.now()
         deadline = None if self.timeout is None else start + (self.timeout or POLL_S)
         while len(received) < size:
             event = wire.next_event_s(size - len(received) if self.timeout != 0 else 1)
@@ -109,7 +111,7 @@ class Serial(SerialBase):
 
     def _take(self, wire: MockWire, count: int) -> bytes:
         wire.poll()
-        return wire.take(count, self.baudrate)
+        return wire.take(count, self._baudrate)
 
     def _reconfigure_port(self) -> None:
         """pyserial calls this on every changed setting; all of them are read where they are used."""
