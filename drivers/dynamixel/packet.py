@@ -22,6 +22,7 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 __all__ = [
     "ALERT_BIT",
@@ -96,8 +97,7 @@ class InstructionPacket:
     params: bytes = b""
 
 
-@dataclass(frozen=True, slots=True)
-class StatusPacket:
+class StatusPacket(NamedTuple):
     """What a servo answers. `error` is the error byte: alert bit and error number."""
 
     dxl_id: int

@@ -10,6 +10,7 @@ without byte stuffing; every CRC is taken over all bytes before it, CRCs include
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, Instruction, InstructionPacket, StatusPacket, crc16
 
@@ -18,8 +19,7 @@ __all__ = ["FastFrame", "ReadRequest", "WriteRequest", "read_requests", "write_r
 _FAST_BLOCK = 4  # bytes of a block besides its data: ERR, ID, CRC
 
 
-@dataclass(frozen=True, slots=True)
-class ReadRequest:
+class ReadRequest(NamedTuple):
     """What one servo is asked for."""
 
     dxl_id: int

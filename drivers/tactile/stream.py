@@ -228,7 +228,8 @@ class FrameStream:
 
     def _cut(self, most: int) -> tuple[bytes, int]:
         """Take from what was read a beginning that is about so much work at most; also how much it is."""
-        data, work = self._unread, self._work(self._unread)
+        data = self._unread
+        work = self._work(data)
         if work <= most:  # all of it, as nearly always
             self._unread = b""
             return data, work

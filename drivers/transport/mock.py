@@ -111,15 +111,16 @@ class MockWire:
         parts: list[bytes] = []
         while bursts and count > 0:
             burst = bursts[0]
-            taken = burst.taken
-            end = min(_complete(burst, now), taken + count)
+            taken, end = burst.taken, _complete(burst, now)
+            if end > taken + count:
+                end = taken + count
             if end <= taken:
                 break
             if burst.baudrate == baudrate:
                 parts.append(burst.data[taken:end])
                 count -= end - taken
-            burst.taken = end
             if end < len(burst.data):
+                burst.taken = end
                 break
             bursts.popleft()
         return b"".join(parts)
@@ -149,7 +150,7 @@ class MockWire:
         for instant, data in emissions:
             if not data:
                 continue
-            start = max(instant, self._free_s)
+            start = instant if instant > self._free_s else self._free_s
             burst = _Burst(start, data, baudrate, byte_s)
             self._free_s = start + len(data) * byte_s
             self._bursts.append(burst)
