@@ -211,7 +211,8 @@ def _trace(trace: Trace, case: dict[str, Any]) -> None:
             happenings.append((case["at_s"], partial(_befall, emulated.bench, case)))
             happenings.sort(key=itemgetter(0))
         devices = {
-            port: (Traced(port, device, trace.note), rate) for port, (device, rate) in emulated.devices.items()
+            port: (Traced(port, device, trace.note), rate)
+            for port, (device, rate) in emulated.devices.items()
         }
         return plain(replace(emulated, devices=devices))
 

@@ -183,6 +183,10 @@ def _decode_one(stuffed: bytes, version: int) -> Message | DecodeFault:
         return DecodeFault(FaultKind.SHORT)
     if zlib.crc32(plain) != _RESIDUE:
         return DecodeFault(FaultKind.CRC)
+    return _unpack_message(plain, version)
+
+
+def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
     said, kind, flags, sequence, time_us, length = _HEADER.unpack_from(plain)
     payload = plain[_HEADER.size : -_CRC.size]
     if said != version:

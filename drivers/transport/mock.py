@@ -111,9 +111,8 @@ class MockWire:
         parts: list[bytes] = []
         while bursts and count > 0:
             burst = bursts[0]
-            taken, end = burst.taken, _complete(burst, now)
-            if end > taken + count:
-                end = taken + count
+            taken = burst.taken
+            end = min(_complete(burst, now), taken + count)
             if end <= taken:
                 break
             if burst.baudrate == baudrate:
@@ -130,15 +129,15 @@ class MockWire:
         for rate in {burst.baudrate for burst in self._bursts}:
             self.take(self.arrived(rate), rate)
 
-    def next_event_s(self, wanted: int) -> float | None:
+    def next_event_s(self, wanted: int, *, together: bool = True) -> float | None:
         """Instant at which up to `wanted` more bytes of the bursts under way will be there.
 
-        With nothing under way: the instant at which the device will next send of its own accord; None if
-        it never will.
+        `together`: of all of them, or of the first. With nothing under way: the instant at which the device
+        will next send of its own accord; None if it never will.
         """
         for burst in self._bursts:
             left = len(burst.data) - burst.taken
-            if wanted <= left or burst is self._bursts[-1]:
+            if wanted <= left or not together or burst is self._bursts[-1]:
                 return burst.start_s + (burst.taken + min(wanted, left)) * burst.byte_s
             wanted -= left
         return self._device.next_due()

@@ -46,7 +46,7 @@ class Serial(SerialBase):
         """Number of bytes that have arrived; does not move the clock."""
         wire = self._wire or self._opened()
         wire.poll()
-        return wire.arrived(self._baudrate)
+        return wire.arrived(self.baudrate)
 
     @property
     def out_waiting(self) -> int:
@@ -63,7 +63,7 @@ class Serial(SerialBase):
         """
         wire = self._wire or self._opened()
         clock = wire.clock
-        received = wire.take(size, self._baudrate)  # what has arrived before now
+        received = wire.take(size, self.baudrate)  # what has arrived before now
         if len(received) < size:
             received += self._take(wire, size - len(received))
         if len(received) >= size or (received and self.timeout == 0):
@@ -71,7 +71,7 @@ class Serial(SerialBase):
         start = clock.now()
         deadline = None if self.timeout is None else start + (self.timeout or POLL_S)
         while len(received) < size:
-            event = wire.next_event_s(size - len(received) if self.timeout != 0 else 1)
+            event = wire.next_event_s(size - len(received), together=self.timeout != 0)
             if event is None and deadline is None:
                 raise SerialException(f"{self.port}: waiting without timeout for a device that never sends")
             expired = deadline is not None and (event is None or event > deadline)
@@ -111,7 +111,7 @@ class Serial(SerialBase):
 
     def _take(self, wire: MockWire, count: int) -> bytes:
         wire.poll()
-        return wire.take(count, self._baudrate)
+        return wire.take(count, self.baudrate)
 
     def _reconfigure_port(self) -> None:
         """pyserial calls this on every changed setting; all of them are read where they are used."""
