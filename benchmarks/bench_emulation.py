@@ -22,6 +22,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -74,28 +76,27 @@ def drawn(number: int) -> dict[str, Any]:
 class Traced:
     """A device whose emissions are noted."""
 
-    def __init__(self, port: str, device: Any, note: Callable[..., None], before: Callable[[float], None]):
-        self._port, self._device, self._note, self._before = port, device, note, before
+    def __init__(self, port: str, device: Any, note: Callable[..., None]):
+        self._port, self._device, self._note = port, device, note
         if hasattr(device, "feed_at"):
-            self.feed_at = lambda data, now, rate: self._noted(now, "feed_at", data, now, rate)
+            self.feed_at = lambda data, now, rate: self._noted("feed_at", data, now, rate)
         if hasattr(device, "opened"):
             self.opened = device.opened
 
     def feed(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         """As the device."""
-        return self._noted(now, "feed", data, now)
+        return self._noted("feed", data, now)
 
     def poll(self, now: float) -> list[tuple[float, bytes]]:
         """As the device."""
-        return self._noted(now, "poll", now)
+        return self._noted("poll", now)
 
     def next_due(self) -> float | None:
         """As the device."""
         due: float | None = self._device.next_due()
         return due
 
-    def _noted(self, now: float, verb: str, *args: Any) -> list[tuple[float, bytes]]:
-        self._before(now)
+    def _noted(self, verb: str, *args: Any) -> list[tuple[float, bytes]]:
         emissions: list[tuple[float, bytes]] = getattr(self._device, verb)(*args)
         for instant, data in emissions:
             self._note(self._port, "device", instant, data)
@@ -205,15 +206,12 @@ def _trace(trace: Trace, case: dict[str, Any]) -> None:
     plain = composing.on_mock_wires
 
     def wired(emulated: Any) -> Any:
-        done: list[bool] = []
-
-        def before(now: float) -> None:
-            if case["fault"] and not done and now >= case["at_s"]:
-                done.append(True)
-                _befall(emulated.bench, case)
-
+        if case["fault"]:
+            happenings = emulated.bench.happenings
+            happenings.append((case["at_s"], partial(_befall, emulated.bench, case)))
+            happenings.sort(key=itemgetter(0))
         devices = {
-            port: (Traced(port, device, trace.note, before), rate)
+            port: (Traced(port, device, trace.note), rate)
             for port, (device, rate) in emulated.devices.items()
         }
         return plain(replace(emulated, devices=devices))

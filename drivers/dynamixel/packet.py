@@ -22,6 +22,7 @@ from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 __all__ = [
     "ALERT_BIT",
@@ -96,8 +97,7 @@ class InstructionPacket:
     params: bytes = b""
 
 
-@dataclass(frozen=True, slots=True)
-class StatusPacket:
+class StatusPacket(NamedTuple):
     """What a servo answers. `error` is the error byte: alert bit and error number."""
 
     dxl_id: int
@@ -185,15 +185,14 @@ def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[StatusPacket
     head = frame[:end]
     if not lengths or head != _fast_head(lengths):
         return blocks
-    crc = crc16(head)
+    crc = checked = 0  # of so many bytes
     for index, length in enumerate(lengths):
         start, end = end, end + length + _BLOCK_FRAME
-        block = frame[start:end]
-        crc = crc16(block[:-2], crc)
-        if len(block) < end - start or block[-2:] != crc.to_bytes(2, "little"):
-            break
-        crc = crc16(block[-2:], crc)
-        blocks[index] = StatusPacket(block[1], block[0], block[2:-2])
+        crc = crc16(frame[checked : end - 2], crc)
+        checked = end - 2
+        if frame[checked:end] != crc.to_bytes(2, "little"):
+            break  # wrong or, if the frame ends before, missing
+        blocks[index] = StatusPacket(frame[start + 1], frame[start], frame[start + 2 : checked])
     return blocks
 
 

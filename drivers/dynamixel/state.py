@@ -9,7 +9,7 @@ which must not be taken for an angle: the block ends with Status Return Level, w
 import math
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, GroupRead
@@ -44,8 +44,7 @@ STATE_BYTES = _LAYOUT.size
 """Bytes of a state block."""
 
 
-@dataclass(frozen=True, slots=True)
-class ServoState:
+class ServoState(NamedTuple):
     """What a servo measured at one instant, and how it is."""
 
     position_rad: float

@@ -419,5 +419,6 @@ class Bench:
 
     def _sample_until(self, now: float) -> None:
         for finger in self.fingers:
-            while (due := finger.array.next_sample_s()) is not None and due <= now:
+            array = finger.array
+            while (due := array.next_sample_s()) is not None and due <= now:
                 finger.sample(due)

@@ -14,6 +14,7 @@ A fast read breaks off at a missing servo either way: its CRCs go on from the se
 """
 
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
@@ -118,26 +119,26 @@ class ServoChain:
         for parser in self._parsers.values():
             parser.reset()
 
-    def _listening(self, baudrate: int) -> list[EmulatedServo]:
-        """Those that understand the rate, in order of IDs."""
-        hearing = (s for s in self._servos if s.listening and _understood(s.baudrate, baudrate))
-        return sorted(hearing, key=lambda servo: servo.dxl_id)
+    def _listening(self, baudrate: int) -> list[tuple[int, EmulatedServo]]:
+        """Those that understand the rate and their IDs, in order of these."""
+        hearing = [s for s in self._servos if s.listening and _understood(s.baudrate, baudrate)]
+        return sorted(((servo.dxl_id, servo) for servo in hearing), key=itemgetter(0))
 
     def _answer_damaged(self, dxl_id: int, line: _HalfDuplexWire) -> None:
-        for servo in self._listening(line.baudrate):
-            answer = servo.answer_damaged() if servo.dxl_id == dxl_id else None
+        for own_id, servo in self._listening(line.baudrate):
+            answer = servo.answer_damaged() if own_id == dxl_id else None
             if answer is not None:
                 line.send(servo.return_delay_s, encode_status(answer))
 
     def _dispatch(self, packet: InstructionPacket, line: _HalfDuplexWire) -> None:
         listening = self._listening(line.baudrate)
-        for servo in listening:
+        for _, servo in listening:
             servo.heard()
         if packet.dxl_id != BROADCAST_ID:
-            for servo in listening:
+            for _, servo in listening:
                 _answer(servo, packet, line)
             return
-        by_id = {servo.dxl_id: servo for servo in listening}
+        by_id = dict(listening)
         match packet.instruction:
             case Instruction.SYNC_READ | Instruction.BULK_READ:
                 self._read_group(read_requests(packet), by_id, line)
@@ -150,7 +151,7 @@ class ServoChain:
             case Instruction.READ:
                 return
             case _:
-                for servo in listening:
+                for _, servo in listening:
                     _answer(servo, packet, line)
 
     def _read_group(

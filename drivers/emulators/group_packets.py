@@ -10,6 +10,7 @@ without byte stuffing; every CRC is taken over all bytes before it, CRCs include
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, Instruction, InstructionPacket, StatusPacket, crc16
 
@@ -18,8 +19,7 @@ __all__ = ["FastFrame", "ReadRequest", "WriteRequest", "read_requests", "write_r
 _FAST_BLOCK = 4  # bytes of a block besides its data: ERR, ID, CRC
 
 
-@dataclass(frozen=True, slots=True)
-class ReadRequest:
+class ReadRequest(NamedTuple):
     """What one servo is asked for."""
 
     dxl_id: int
@@ -43,16 +43,15 @@ class FastFrame:
         """`lengths`: bytes that are read from each servo."""
         length = 1 + sum(lengths) + _FAST_BLOCK * len(lengths)
         self._head = b"\xff\xff\xfd\x00" + bytes((BROADCAST_ID, length & 0xFF, length >> 8 & 0xFF, 0x55))
-        self._crc = 0  # of all that was sent
+        self._end, self._crc = b"", 0  # CRC that was sent last, and that of all before it
 
     def part(self, answer: StatusPacket) -> bytes:
         """The bytes that the next servo sends; the first one sends the head too."""
         block = self._head + bytes((answer.error, answer.dxl_id)) + answer.params
         self._head = b""
-        crc = crc16(block, self._crc)
-        end = crc.to_bytes(2, "little")
-        self._crc = crc16(end, crc)
-        return block + end
+        self._crc = crc16(self._end + block, self._crc)
+        self._end = self._crc.to_bytes(2, "little")
+        return block + self._end
 
 
 def read_requests(packet: InstructionPacket) -> list[ReadRequest]:

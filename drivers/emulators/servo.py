@@ -245,7 +245,7 @@ class EmulatedServo:
         answer = self.answer_block(address, length) if self._inner.extended else None
         if answer is None or len(answer.params) >= length:
             return answer
-        return replace(answer, params=answer.params.ljust(length, b"\0"))
+        return answer._replace(params=answer.params.ljust(length, b"\0"))
 
     def take_block(self, address: int, data: bytes) -> None:
         """Carry out this servo's part of a sync or bulk write, which is never answered."""
@@ -268,4 +268,4 @@ class EmulatedServo:
 
     @property
     def _alert(self) -> int:
-        return ALERT_BIT if self._unit.table.get("Hardware Error Status") else 0
+        return ALERT_BIT if self._inner.table.get("Hardware Error Status") else 0

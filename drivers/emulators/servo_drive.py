@@ -193,17 +193,21 @@ class ServoDrive:
         seen = (table.changes, *motion.state, self._velocity.reference_rad_s, self._turn_ticks, self._profile)
         if seen == self._reported:
             return
-        table.set("Moving", int(self.moving))
-        table.set("Moving Status", self._moving_status())
-        table.set("Present PWM", sign * round(motion.duty * _FULL_DUTY))
-        table.set("Present Current", sign * round(motion.current_a / self._current_unit_a))
-        table.set("Present Velocity", sign * round(motion.velocity_rad_s / _VELOCITY_UNIT))
-        table.set("Present Position", self.present_tick())
         following = self._velocity.reference_rad_s if motion.law is self._velocity else motion.reference_rad_s
-        table.set("Velocity Trajectory", sign * round(following / _VELOCITY_UNIT))
         shift = _ZERO_TICK - self._turn_ticks + self._homing_offset()
-        table.set("Position Trajectory", round(sign * motion.reference_rad / _RAD_PER_TICK) + shift)
-        self._reported = (table.changes, *seen[1:])
+        table.show(
+            {
+                "Moving": int(self.moving),
+                "Moving Status": self._moving_status(),
+                "Present PWM": sign * round(motion.duty * _FULL_DUTY),
+                "Present Current": sign * round(motion.current_a / self._current_unit_a),
+                "Present Velocity": sign * round(motion.velocity_rad_s / _VELOCITY_UNIT),
+                "Present Position": round(sign * motion.shaft_rad / _RAD_PER_TICK) + shift,
+                "Velocity Trajectory": sign * round(following / _VELOCITY_UNIT),
+                "Position Trajectory": round(sign * motion.reference_rad / _RAD_PER_TICK) + shift,
+            }
+        )
+        self._reported = seen
 
     def _moving_status(self) -> int:
         motion = self._motion

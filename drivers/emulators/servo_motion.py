@@ -208,15 +208,20 @@ class ShaftMotion:
         inertia, slowed = self._inertia, self._friction_nm * dt / self._inertia
         rest = slowed * self._rest_share
         velocity, shaft, goal = self.velocity_rad_s, self.shaft_rad, self.goal_rad
-        duty, current = self.duty, self.current_a
+        duty, current, reference = self.duty, self.current_a, self.reference_rad
+        travel, far = self._cruise(dt)
         angles: list[float] = []
         currents: list[float] = []
         for _ in range(steps):
             before, at = velocity, shaft
-            settled = self.reference_rad == goal
-            if not settled:
+            settled = reference == goal
+            if (goal - reference if travel > 0.0 else reference - goal) > far:
+                reference += travel
+            elif not settled:
+                self.reference_rad = reference
                 self._advance_reference(dt)
-            duty = (self.reference_rad - shaft) * gain
+                reference = self.reference_rad
+            duty = (reference - shaft) * gain
             duty = most_duty if duty > most_duty else -most_duty if duty < -most_duty else duty
             current = duty * drive_a - velocity * a_per_rad_s
             current = most_a if current > most_a else -most_a if current < -most_a else current
@@ -238,7 +243,19 @@ class ShaftMotion:
                 self._fixed_s = dt
                 break
         self.velocity_rad_s, self.shaft_rad, self.duty, self.current_a = velocity, shaft, duty, current
+        self.reference_rad = reference
         return angles, currents
+
+    def _cruise(self, dt: float) -> tuple[float, float]:
+        """Travel of a step at the profile's velocity; further than this from the goal steps are all alike.
+
+        The distance is twice that of braking and a few steps; infinite at any other velocity.
+        """
+        speed, rate = self._profile_v, self._profile_a
+        if speed == 0.0 or abs(self.reference_rad_s) != speed:
+            return 0.0, math.inf
+        braking = 0.0 if rate == 0.0 else speed * speed / (2.0 * rate)
+        return self.reference_rad_s * dt, 2.0 * (braking + 2.0 * speed * dt + rate * dt * dt)
 
     def _stands(self, dt_s: float) -> bool:
         """Whether steps of `dt_s` without a load are known to change nothing."""

@@ -7,7 +7,7 @@ Indirect Data stands for the address that its Indirect Address names, for readin
 an Indirect Address that names other Indirect Data gets that byte as it is stored.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from struct import Struct
 
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
@@ -47,6 +47,9 @@ class ControlTable:
         self._places = {
             item.name: (item.address, (_SIGNED if item.signed else _UNSIGNED)[item.size]) for item in items
         }
+        self._wrapped = {
+            item.name: (item.address, _UNSIGNED[item.size], (1 << 8 * item.size) - 1) for item in items
+        }
         self._pointers = frozenset(self._pointer_of.values())
         self._shown: dict[tuple[int, int], list[int]] = {}  # addresses that stand for others, by range
         self._memory = bytearray(self._end)
@@ -73,16 +76,17 @@ class ControlTable:
     def set(self, name: str, value: int) -> None:
         """Store a value as the firmware itself does: no access or range check, wrapped to the item's size."""
         self.changes += 1
-        start, form = self._places[name]
-        _UNSIGNED[form.size].pack_into(self._memory, start, value & ((1 << 8 * form.size) - 1))
+        start, form, mask = self._wrapped[name]
+        form.pack_into(self._memory, start, value & mask)
         if start in self._pointers:
             self._shown.clear()
 
-    def show(self, name: str, value: int) -> None:
+    def show(self, measured: Mapping[str, int]) -> None:
         """`set` for what is measured: no reason to look at anything else again, `changes` stays."""
-        changes = self.changes
-        self.set(name, value)
-        self.changes = changes
+        memory, places = self._memory, self._wrapped
+        for name, value in measured.items():
+            start, form, mask = places[name]
+            form.pack_into(memory, start, value & mask)
 
     def reset(self, name: str) -> None:
         """Put an item back to its default."""

@@ -210,9 +210,13 @@ class ServoUnit:
     def read(self, address: int, length: int) -> bytes:
         """Bytes of the control table as they are now; raises Refused."""
         if address + length > 120:
-            self.table.show("Realtime Tick", int(self._uptime_s * 1000) % 32768)
-            self.table.show("Present Input Voltage", round(10 * self.protection.supply_v))
-            self.table.show("Present Temperature", max(0, min(255, round(self.protection.temperature_c))))
+            self.table.show(
+                {
+                    "Realtime Tick": int(self._uptime_s * 1000) % 32768,
+                    "Present Input Voltage": round(10 * self.protection.supply_v),
+                    "Present Temperature": max(0, min(255, round(self.protection.temperature_c))),
+                }
+            )
             self.drive.refresh()
         return self.table.read(address, length)
 

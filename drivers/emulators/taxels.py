@@ -96,7 +96,7 @@ class Taxels:
 
     def _untouched(self) -> Counts:
         """The next counts without a force, worked out for as many samples at once as there is noise for."""
-        self._noise.take_one()
+        self._noise.go_on()
         if self._rest is None or self._rest_of is not self._noise.block:
             self._rest_of = self._noise.block
             self._rest = self._read(self._offset + self._noise.block)
@@ -144,13 +144,17 @@ class _Noise:
         self.index = 0
 
     def take_one(self) -> Floats:
-        """Noise of the next sample, (rows, cols); it is `block[index - 1]` then."""
+        """Noise of the next sample, (rows, cols)."""
+        self.go_on()
+        result: Floats = self.block[self.index - 1]
+        return result
+
+    def go_on(self) -> None:
+        """Go on to the next sample, whose noise is `block[index - 1]` then."""
         if self.index == len(self.block):
             self.block = self._counts * self._rng.standard_normal((_BLOCK, *self._shape))
             self.index = 0
         self.index += 1
-        result: Floats = self.block[self.index - 1]
-        return result
 
     def take(self, samples: int) -> Floats:
         """Noise of the next samples, (samples, rows, cols)."""

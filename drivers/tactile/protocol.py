@@ -34,6 +34,7 @@ VERSION = 1
 DELIMITER = b"\x00"
 _HEADER = struct.Struct("<BBHIQH")
 _CRC = struct.Struct("<I")
+_RESIDUE = zlib.crc32(_CRC.pack(zlib.crc32(b"")))  # CRC of anything with its own CRC behind it
 _SHORTEST = _HEADER.size + _CRC.size
 _MAX_PLAIN = _SHORTEST + MAX_PAYLOAD
 MAX_ENCODED = _MAX_PLAIN + _MAX_PLAIN // 254 + 1  # COBS adds one byte in 254 and one more
@@ -180,15 +181,14 @@ def _decode_one(stuffed: bytes, version: int) -> Message | DecodeFault:
         return DecodeFault(FaultKind.FRAMING)
     if len(plain) < _SHORTEST:
         return DecodeFault(FaultKind.SHORT)
-    body = plain[: -_CRC.size]
-    if _CRC.unpack_from(plain, len(body))[0] != zlib.crc32(body):
+    if zlib.crc32(plain) != _RESIDUE:
         return DecodeFault(FaultKind.CRC)
-    return _unpack_message(body, version)
+    return _unpack_message(plain, version)
 
 
 def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
     said, kind, flags, sequence, time_us, length = _HEADER.unpack_from(plain)
-    payload = plain[_HEADER.size :]
+    payload = plain[_HEADER.size : -_CRC.size]
     if said != version:
         return _unusable(FaultKind.VERSION, said, kind, payload)
     if length != len(payload):

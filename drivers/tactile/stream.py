@@ -92,6 +92,7 @@ class FrameStream:
         self._mark = mark
         self._frames: deque[TactileFrame] = deque()
         self._unread = b""
+        self._has_all = False  # that waited when the port was asked last
         self._rate_hz, self._frame_bytes = 0.0, _SPARE_BYTES
         self._looked_s = clock.now()
         self._behind: _Behind | None = None
@@ -206,6 +207,8 @@ class FrameStream:
             self._since_frame += len(head)
             self.bytes += len(head)
             self._take(head)
+            if self._has_all and not self._unread and self._clock.now() == self._looked_s:
+                break  # no time has passed, as it does not on a virtual clock: nothing can have come
         if left > 0:
             self._behind = None
         elif self._behind is None:  # since when the port has had more than may be taken
@@ -225,7 +228,8 @@ class FrameStream:
 
     def _cut(self, most: int) -> tuple[bytes, int]:
         """Take from what was read a beginning that is about so much work at most; also how much it is."""
-        data, work = self._unread, self._work(self._unread)
+        data = self._unread
+        work = self._work(data)
         if work <= most:  # all of it, as nearly always
             self._unread = b""
             return data, work
@@ -240,6 +244,7 @@ class FrameStream:
         try:
             if not self._unread and (waiting := self._port.in_waiting):
                 self._unread = self._port.read(min(waiting, _READ))
+                self._has_all = waiting <= _READ
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         return bool(self._unread)

@@ -118,8 +118,8 @@ class MockWire:
             if burst.baudrate == baudrate:
                 parts.append(burst.data[taken:end])
                 count -= end - taken
-            burst.taken = end
             if end < len(burst.data):
+                burst.taken = end
                 break
             bursts.popleft()
         return b"".join(parts)
@@ -129,16 +129,17 @@ class MockWire:
         for rate in {burst.baudrate for burst in self._bursts}:
             self.take(self.arrived(rate), rate)
 
-    def next_event_s(self, wanted: int) -> float | None:
-        """Instant at which up to `wanted` more bytes of the burst under way will be there.
+    def next_event_s(self, wanted: int, *, together: bool = True) -> float | None:
+        """Instant at which up to `wanted` more bytes of the bursts under way will be there.
 
-        With nothing under way: the instant at which the device will next send of its own accord; None if
-        it never will.
+        `together`: of all of them, or of the first. With nothing under way: the instant at which the device
+        will next send of its own accord; None if it never will.
         """
-        if self._bursts:
-            burst = self._bursts[0]
-            last = min(len(burst.data), burst.taken + max(wanted, 1))
-            return burst.start_s + last * burst.byte_s
+        for burst in self._bursts:
+            left = len(burst.data) - burst.taken
+            if wanted <= left or not together or burst is self._bursts[-1]:
+                return burst.start_s + (burst.taken + min(wanted, left)) * burst.byte_s
+            wanted -= left
         return self._device.next_due()
 
     def _enqueue(self, emissions: list[Emission], baudrate: int) -> None:
@@ -148,7 +149,7 @@ class MockWire:
         for instant, data in emissions:
             if not data:
                 continue
-            start = max(instant, self._free_s)
+            start = instant if instant > self._free_s else self._free_s
             burst = _Burst(start, data, baudrate, byte_s)
             self._free_s = start + len(data) * byte_s
             self._bursts.append(burst)

@@ -63,13 +63,15 @@ class Serial(SerialBase):
         """
         wire = self._wire or self._opened()
         clock = wire.clock
-        start = clock.now()
-        received = self._take(wire, size)
+        received = wire.take(size, self.baudrate)  # what has arrived before now
+        if len(received) < size:
+            received += self._take(wire, size - len(received))
         if len(received) >= size or (received and self.timeout == 0):
             return received
+        start = clock.now()
         deadline = None if self.timeout is None else start + (self.timeout or POLL_S)
         while len(received) < size:
-            event = wire.next_event_s(size - len(received))
+            event = wire.next_event_s(size - len(received), together=self.timeout != 0)
             if event is None and deadline is None:
                 raise SerialException(f"{self.port}: waiting without timeout for a device that never sends")
             expired = deadline is not None and (event is None or event > deadline)

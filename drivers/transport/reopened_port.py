@@ -45,11 +45,12 @@ class ReopenedPort:
     @property
     def in_waiting(self) -> int:
         """Bytes that can be read without waiting."""
-        return int(self._port.in_waiting)  # type: ignore[attr-defined]
+        waiting: int = self._port.in_waiting  # type: ignore[attr-defined]
+        return waiting
 
     def read(self, size: int = 1, /) -> bytes:
         """Read up to `size` bytes, waiting up to `timeout`."""
-        return bytes(self._port.read(size))
+        return self._port.read(size)
 
     def write(self, data: bytes, /) -> int | None:
         """Send bytes."""

@@ -40,6 +40,7 @@ class ApproachState:
     moved_s: float = 0.0
     track: list[tuple[float, float]] = field(default_factory=list)
     meter: LoadMeter | None = None
+    _centre_mm: tuple[float, float] = (math.nan, math.nan)
     _last_mm: float = 0.0
     _body: tuple[Servos, Body] | None = None
 
@@ -51,7 +52,7 @@ class ApproachState:
     @property
     def centre_mm(self) -> tuple[float, float]:
         """Where the tip's centre was seen last."""
-        return self.finger.kinematics.centre_mm(self.servos)
+        return self._centre_mm
 
     @property
     def start_mm(self) -> tuple[float, float]:
@@ -67,22 +68,26 @@ class ApproachState:
 
     def begin(self, servos: Servos) -> None:
         """Note where the finger stands after aiming."""
-        self.started = self.servos = servos
-        self.travel_mm = self.line.travel_mm(self.centre_mm)
+        self.started = servos
+        self._stand(servos)
         self.advance_mm = 0.0
 
     def seen(self, servos: Servos, now: float) -> None:
         """Note where the servos are."""
-        self.servos = servos
-        centre, before_mm = self.centre_mm, self.travel_mm
-        self.travel_mm = self.line.travel_mm(centre)
+        before_mm = self.travel_mm
+        self._stand(servos)
         self.advance_mm = max(0.0, self.travel_mm - before_mm)
         if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
             self._last_mm, self.moved_s = self.travel_mm, now
         if self.meter is not None:
             self.meter.see(self.travel_mm, now)
         if self.finger.drive.streams:
-            self.track.append(centre)
+            self.track.append(self.centre_mm)
+
+    def _stand(self, servos: Servos) -> None:
+        self.servos = servos
+        self._centre_mm = self.finger.kinematics.centre_mm(servos)
+        self.travel_mm = self.line.travel_mm(self._centre_mm)
 
     @property
     def cross_track_error_mm(self) -> float:

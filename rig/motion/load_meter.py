@@ -1,6 +1,7 @@
 """Load meter: collects forces and travels of one finger, frame by frame, and makes loads of them."""
 
 import math
+from array import array
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,6 +17,7 @@ __all__ = ["LoadMeter"]
 _STEADY_FRAMES = 64  # a force that lasts for so many frames is noticed in their mean, where the noise is less
 _FASTER = 1.1  # than its profile may a servo be that catches up
 _AHEAD_MM = 1.0  # of where it was seen last may a tip be
+_OF_A_FRAME = 5  # numbers
 _BRAKING = 2  # frames after the order to stop until a tip stands
 
 
@@ -40,8 +42,9 @@ class LoadMeter:
         self._late_s = 2 * period_s
         self._least_n, self._period_s = contact_force_n / 2, period_s
         self._unnoticed_n = unnoticed_n
-        self._forces: list[tuple[float, float, float, float, float]] = []
-        self._travels: list[tuple[float, float]] = []
+        # Plain numbers one after another: a grip has tens of thousands of frames.
+        self._forces = array("d")  # by frames: latest_s, force_n, steady_n and doubts_n
+        self._seen_s, self._seen_mm = array("d"), array("d")
         self._begun: list[tuple[float, TouchStage, float, float]] = []
         self._quiet: deque[Floats] = deque(maxlen=_STEADY_FRAMES)
         self._sum = np.zeros(0)
@@ -77,11 +80,11 @@ class LoadMeter:
 
         Unless the way is known to be free wherever it has been seen since then.
         """
-        if not self._begun or not self._travels:
+        if not self._begun or not self._seen_s:
             return True
-        begun, seen = ([at for at, *_ in noted] for noted in (self._begun, self._travels))
+        begun = [at for at, *_ in self._begun]
         free_mm = min(free for _, _, free, _ in self._begun[_last_before(begun, since_s) :])
-        seen_mm = max(travel for _, travel in self._travels[_last_before(seen, since_s) :])
+        seen_mm = max(self._seen_mm[_last_before(self._seen_s, since_s) :])
         return seen_mm + _AHEAD_MM > free_mm
 
     def feel(
@@ -95,7 +98,7 @@ class LoadMeter:
 
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free.
         """
-        self._forces.append((latest_s, force_n, steady_n, *doubts_n))
+        self._forces.extend((latest_s, force_n, steady_n, *doubts_n))
 
     def late_by(self, late_s: float) -> None:
         """Note how much earlier than `latest_s` frames may have been sampled, at most; two periods anyway."""
@@ -111,14 +114,16 @@ class LoadMeter:
 
     def see(self, travel_mm: float, now: float) -> None:
         """Note how far along its line the tip is."""
-        self._travels.append((now, travel_mm))
+        self._seen_s.append(now)
+        self._seen_mm.append(travel_mm)
 
     def loads(self) -> tuple[ContactLoad, ...]:
         """A load for each stage in which something was felt, in order of time."""
-        if not self._forces or not self._travels:
+        if not self._forces or not self._seen_s:
             return ()
-        times, (forces, *_) = self._times_s(), np.array(self._forces).T[1:]
-        travels = np.interp(times, *np.array(self._travels).T)
+        latest, forces, *_ = self._by_frames()
+        times = self._times_s(latest)
+        travels = np.interp(times, self._seen_s, self._seen_mm)
         ends = [*(begun for begun, *_ in self._begun[1:]), math.inf]
         found = []
         for (begun, stage, *_), end in zip(self._begun, ends, strict=True):
@@ -129,10 +134,11 @@ class LoadMeter:
 
     def trace(self) -> LoadTrace | None:
         """All that was noted, frame by frame; None if nothing was."""
-        if not self._forces or not self._travels:
+        if not self._forces or not self._seen_s:
             return None
-        times, (forces, steady, doubt, any_doubt) = self._times_s(), np.array(self._forces).T[1:]
-        travels = np.interp(times, *np.array(self._travels).T)
+        latest, forces, steady, doubt, any_doubt = self._by_frames()
+        times = self._times_s(latest)
+        travels = np.interp(times, self._seen_s, self._seen_mm)
         quiet = forces <= self._unnoticed_n
         noticed = np.where(quiet, _lasting(steady), forces)
         return LoadTrace(
@@ -150,9 +156,13 @@ class LoadMeter:
             self._unfelt_mm(times, noticed),
         )
 
-    def _times_s(self) -> Floats:
+    def _by_frames(self) -> Floats:
+        """What was noted of the n frames, (5, n): as in `_forces`."""
+        return np.array(self._forces).reshape(-1, _OF_A_FRAME).T
+
+    def _times_s(self, latest_s: Floats) -> Floats:
         """Instants (n,) of the frames, each within half of what it may be late."""
-        latest: Floats = np.maximum.accumulate([at for at, *_ in self._forces])
+        latest: Floats = np.maximum.accumulate(latest_s)
         return latest - self._late_s / 2
 
     def _unfelt_mm(self, times: Floats, noticed: Floats) -> float:
@@ -160,7 +170,7 @@ class LoadMeter:
         if not noticed.any():
             return math.inf
         before_s = times[max(int(np.argmax(noticed > 0)) - 1, 0)] - self._late_s / 2
-        reads, travels = np.array(self._travels).T
+        reads, travels = np.array(self._seen_s), np.array(self._seen_mm)
         last = int(np.searchsorted(reads, before_s, side="right")) - 1
         return float(travels[last]) if last >= 0 else 0.0  # it may have stood since, so nothing in between
 
@@ -171,7 +181,7 @@ class LoadMeter:
         is the first that is certainly younger.
         """
         begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
-        reads, travels = np.array(self._travels).T
+        reads, travels = np.array(self._seen_s), np.array(self._seen_mm)
         begin_s, end_s = times - self._late_s / 2, times + self._late_s / 2
         last = np.minimum(np.searchsorted(reads, end_s, side="right") + 1, len(reads) - 1)
         seen_mm = _largest(travels, np.searchsorted(reads, begin_s, side="right") - 1, last)
@@ -190,7 +200,7 @@ class LoadMeter:
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
         passed = np.diff(times, prepend=times[0])
-        reads = np.array(self._travels)[:, 0]
+        reads = np.array(self._seen_s)
         gaps = np.diff(reads, prepend=reads[0] - self._period_s)
         gap = np.maximum(gaps[np.minimum(np.searchsorted(reads, times), len(reads) - 1)], self._period_s)
         seen = np.diff(travels, prepend=travels[0]) - self._step_mm * passed / gap

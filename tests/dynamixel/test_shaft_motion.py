@@ -47,8 +47,9 @@ def test_steps_that_change_nothing_are_left_out(seed: int) -> None:
     for _ in range(40):
         goal, speed, pushed = rng.uniform(-3, 3), rng.uniform(0.5, 4), rng.uniform() < 0.4
         load, steps, pushes = rng.uniform(-2, 2), int(rng.integers(1, 4000)), int(rng.integers(1, 60))
+        speed, acceleration = (float(rng.choice(values)) for values in ((speed, speed, 0.0), (20.0, 0.0)))
         for shaft in shafts:
-            shaft.motion.set_profile(float(speed), 20.0)
+            shaft.motion.set_profile(speed, acceleration)
             if not pushed:
                 shaft.motion.move_to(float(goal))
             for _ in range(pushes if pushed else 0):

@@ -57,6 +57,38 @@ class FloodPort:
         return len(data)
 
 
+class CountedPort(FloodPort):
+    """A port that counts how often it is asked whether something waits."""
+
+    asked = 0
+
+    @property
+    def in_waiting(self) -> int:
+        self.asked += 1
+        return len(self.out)
+
+    def read(self, size: int = 1, /) -> bytes:
+        data = bytes(self.out[:size])
+        del self.out[: len(data)]
+        return data
+
+
+def test_a_port_is_asked_once_where_no_time_passes() -> None:
+    port, clock = CountedPort(), VirtualClock()
+    array = TactileArray(port, clock, "f1")
+    array.connect()
+    array.start(100)
+    for frames in (1, 3, 5000 // len(COUNTS)):  # the last ones are more than a read brings
+        for _ in range(frames):
+            port.time_us += 10_000
+            clock.sleep(0.01)
+            port.say(Frame(SMALL.rows, SMALL.cols, COUNTS))
+        port.asked, waiting = 0, len(port.out)
+        assert len(array.frames()) == frames
+        assert port.asked == -(-waiting // 4096)
+    assert waiting > 4096
+
+
 def flooded() -> tuple[TactileArray, FloodPort]:
     port = FloodPort()
     array = TactileArray(port, VirtualClock(), "f1")

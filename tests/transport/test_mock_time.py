@@ -44,6 +44,50 @@ def test_answers_queue_behind_one_another() -> None:
         assert clock.now() == pytest.approx(3.1e-3)
 
 
+class Teller(Echo):
+    """Answers in pieces, with a pause between them, and counts how often it is asked for more."""
+
+    asked = 0
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        return [(now + 0.9e-3 * k, bytes([byte])) for k, byte in enumerate(data)]
+
+    def poll(self, now: float) -> list[Emission]:
+        self.asked += 1
+        return super().poll(now)
+
+
+def test_a_read_waits_for_all_pieces_at_once() -> None:
+    clock, teller = VirtualClock(), Teller()
+    hub = MockHub(clock)
+    with open_port(hub.attach("t", teller, 1_000_000), 1_000_000, timeout_s=1) as port:
+        port.write(b"abcd")
+        begun_s, teller.asked = clock.now(), 0
+        assert port.read(3) == b"abc"
+        assert clock.now() - begun_s == pytest.approx(1.8e-3 + 1e-5)
+        assert teller.asked <= 2
+        assert port.read(1) == b"d"
+
+
+def test_a_read_whose_time_is_up_has_the_pieces_that_came() -> None:
+    clock = VirtualClock()
+    hub = MockHub(clock)
+    with open_port(hub.attach("t", Teller(), 1_000_000), 1_000_000, timeout_s=1.5e-3) as port:
+        port.write(b"abcd")
+        begun_s = clock.now()
+        assert port.read(4) == b"ab"
+        assert clock.now() - begun_s == pytest.approx(1.5e-3)
+        assert port.read(4) == b"cd"
+
+
+def test_a_read_that_does_not_wait_has_the_first_piece() -> None:
+    clock = VirtualClock()
+    hub = MockHub(clock)
+    with open_port(hub.attach("t", Teller(), 1_000_000), 1_000_000) as port:
+        port.write(b"abcd")
+        assert [port.read(4) for _ in range(4)] == [b"a", b"b", b"c", b"d"]
+
+
 def test_an_empty_poll_moves_the_clock_by_a_millisecond_at_most() -> None:
     clock = VirtualClock()
     hub = MockHub(clock)
