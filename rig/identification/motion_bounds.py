@@ -23,22 +23,18 @@ from palpate.rig.identification.slide_bounds import Loads, slides_mm
 from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import LoadTrace
+from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, TIP_FRICTION, LoadTrace
 from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 
-_TIP_FRICTION = 0.7
 _SHEAR_STIFFNESS_SHARE = 0.7
-_OBLIQUE = math.hypot(1.0, _TIP_FRICTION)
-"""Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
 _LIFTED = math.hypot(1.0, FRICTION_MOST)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
-_SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
+_SHEARED = 1 + TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
-_HIDDEN = 1.5  # times the noise's limit: three standard deviations more, and a force is noticed
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +81,7 @@ class MotionBounds:
         holds = self.holds_n(states)
         if holds is None:
             return None
-        peak = _OBLIQUE * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak = OBLIQUE * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
         leverage = float(self.supports.leverage[states].max())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
@@ -174,13 +170,20 @@ def _row(
         there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _THERE_MM).all(axis=0)
     free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
-    hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
+    hidden = np.where(free, 0.0, HIDDEN * trace.unnoticed_n)
     unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
     most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
+    swept = np.maximum(advance, np.maximum([*trace.retreat_mm, 0.0], [0.0, *trace.retreat_mm]))
+    alone = trace.dragging_n > 0
+    hooks = alone & (trace.dragging_n >= trace.force_n)
+    pulled = np.where(hooks, stiff * np.maximum(swept[:-1], swept[1:]), 0.0)
+    dragging = np.where(alone, trace.dragging_n, OBLIQUE * np.maximum(trace.force_n, hidden))
+    dragging = lifted * (gain * (dragging + OBLIQUE * unsure) + OBLIQUE * pulled)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
-    work = _OBLIQUE * normal * periods.advances_mm(trace.advance_mm)
-    return _OBLIQUE * at_contact, _OBLIQUE * anywhere, work, _SHEARED * normal**2 / (2 * soft)
+    work = OBLIQUE * normal * periods.ways_mm(trace.advance_mm)
+    work += periods.largest(dragging) * periods.ways_mm(trace.retreat_mm)
+    return OBLIQUE * at_contact, OBLIQUE * anywhere, work, _SHEARED * normal**2 / (2 * soft)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +212,7 @@ class _Periods:
         last = np.minimum(np.maximum(last, late) + 1, count - 1)
         return cls(frames, np.minimum(first, early), last, count)
 
-    def advances_mm(self, advance_mm: Floats) -> Floats:
+    def ways_mm(self, way_mm: Floats) -> Floats:
         """How far a finger may have gone in each period, (b,), that went so far (f,) since the frame before.
 
         Where frames are missing it may have gone all the way in any one of the periods between.
@@ -217,7 +220,7 @@ class _Periods:
         since = np.maximum(np.diff(self.frames, prepend=self.frames[0] - 1), 1)
         back = np.arange(since.sum()) - np.repeat(np.cumsum(since) - since, since)
         periods = np.maximum(np.repeat(self.frames, since) - back, 0)
-        return np.bincount(periods, np.repeat(advance_mm, since), minlength=self.count).astype(float)
+        return np.bincount(periods, np.repeat(way_mm, since), minlength=self.count).astype(float)
 
     def largest(self, values: Floats) -> Floats:
         """The largest of the values (f,) of the frames whose force may have pressed in each period, (b,)."""

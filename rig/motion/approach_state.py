@@ -8,15 +8,18 @@ import numpy as np
 
 from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
+from palpate.geometry import Floats
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
-from palpate.rig.conversion import line_of
+from palpate.rig.conversion import array_bound_rad, line_of, shear_rad
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
+from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, drag_shares
 from palpate.rig.motion.load_meter import LoadMeter
 
 __all__ = ["ApproachState"]
 
 _MOVED_MM = 0.05
+_FACINGS = 9  # places of a way at which is looked where the array faces
 
 
 @dataclass(eq=False)
@@ -93,6 +96,26 @@ class ApproachState:
     def cross_track_error_mm(self) -> float:
         """How far the tip is beside its line."""
         return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
+
+    def drags(self, light_n: float) -> Floats:
+        """What a force on each column (cols,) of the array drags the part with as the tip goes back, at most.
+
+        As a share of what presses there, anywhere on the way, if that is `light_n` at most, so that friction
+        has carried the skin round the tip by little. Infinite at the tip's back, by which it hooks the part;
+        everywhere on a ball, which is touched higher or lower, too; 0 on a flat array, which looks ahead.
+        """
+        finger, spec = self.finger, self.finger.spec
+        columns = np.array(finger.array.description.columns)
+        if spec.tip.is_ball or spec.tip.is_pad:
+            return np.full(len(columns), math.inf if spec.tip.is_ball else 0.0)
+        kinematics = finger.kinematics
+        ways = np.linspace(0.0, self.approach.travel_mm, _FACINGS)
+        servos = [kinematics.servos_rad(self.line, way) for way in ways.tolist()]
+        facing = np.array([kinematics.facing_rad(item) for item in servos if not math.isnan(sum(item))])
+        ahead = facing[:, None] + math.radians(spec.array.heading_deg) + columns - self.line.direction_rad
+        off = float(np.diff(columns).max(initial=0.0)) / 2 + shear_rad(spec.tip, light_n)
+        off += kinematics.direction_bound_rad + array_bound_rad(spec)
+        return drag_shares(np.abs(wrap_angle(ahead)).max(axis=0) + off)
 
     @property
     def loads(self) -> tuple[ContactLoad, ...]:

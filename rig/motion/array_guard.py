@@ -116,7 +116,8 @@ class ArrayGuard:
             if meter is not None:
                 quiet = meter.quiet_mean(readings, force)
                 steady = extractor.steady_force_n(*quiet) if quiet else 0.0
-                meter.feel(force, at, steady, extractor.zero_doubt_n)
+                dragging = meter.dragging_n(extractor, frame, readings) if force > 0 else 0.0
+                meter.feel(force, at, steady, extractor.zero_doubt_n, dragging)
         return force
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:

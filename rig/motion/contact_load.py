@@ -4,9 +4,19 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from palpate.geometry import Floats
 
-__all__ = ["ContactLoad", "LoadTrace", "TouchStage"]
+__all__ = ["HIDDEN", "OBLIQUE", "TIP_FRICTION", "ContactLoad", "LoadTrace", "TouchStage", "drag_shares"]
+
+TIP_FRICTION = 0.7
+"""Largest friction of tips on parts that bounds on motion allow for."""
+OBLIQUE = math.hypot(1.0, TIP_FRICTION)
+"""Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
+
+HIDDEN = 1.5
+"""So many times the noise's limit: three standard deviations more, and a force is noticed."""
 
 
 class TouchStage(StrEnum):
@@ -51,7 +61,10 @@ class LoadTrace:
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how
     fast at most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if
-    never; `unfelt_mm`: so far the tip had come at least before anything was noticed, infinite if nothing was.
+    never; `unfelt_mm`: so far the tip had come at least before anything was noticed, infinite if nothing was;
+    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what a
+    force noticed in a frame by itself may drag the part with then, as much as all of it where the tip's back
+    may hook the part; 0 where none was.
     """
 
     time_s: Floats
@@ -66,8 +79,21 @@ class LoadTrace:
     touch_mm_s: float
     measured_s: float
     unfelt_mm: float
+    retreat_mm: Floats
+    dragging_n: Floats
 
     @property
     def felt(self) -> bool:
         """Whether anything was noticed."""
         return bool(self.force_n.any())
+
+
+def drag_shares(ahead_rad: Floats) -> Floats:
+    """What a tip that goes back drags a part with, at most, as a share of what presses on it.
+
+    `ahead_rad` (n,): how far from straight ahead that is at most. What presses from ahead only gets lighter;
+    from atan(1/0.7) = 55° on, friction may drag the part by more than that. Infinite behind the tip.
+    """
+    shares = TIP_FRICTION * np.sin(ahead_rad) - np.cos(ahead_rad)
+    result: Floats = np.where(ahead_rad > math.pi / 2, math.inf, np.maximum(shares, 0.0))
+    return result

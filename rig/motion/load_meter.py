@@ -3,21 +3,25 @@
 import math
 from array import array
 from bisect import bisect_right
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
 
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Bools, Floats, Ints
-from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, TouchStage
+from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, ContactLoad, LoadTrace, TouchStage
+from palpate.rig.motion.quiet_mean import STEADY_FRAMES, QuietMean
 
-__all__ = ["LoadMeter"]
+__all__ = ["LIGHT", "LoadMeter"]
 
-_STEADY_FRAMES = 64  # a force that lasts for so many frames is noticed in their mean, where the noise is less
+LIGHT = 8
+"""So many times contact_force_n is a light force: up to there it counts where it is felt round the tip."""
+
 _FASTER = 1.1  # than its profile may a servo be that catches up
 _AHEAD_MM = 1.0  # of where it was seen last may a tip be
-_OF_A_FRAME = 5  # numbers
+_OF_A_FRAME = 6  # numbers
 _BRAKING = 2  # frames after the order to stop until a tip stands
 
 
@@ -32,22 +36,25 @@ class LoadMeter:
         touch_mm_s: float = math.inf,
         step_mm: float = 0.0,
         noise_share: Callable[[int], float] = lambda frames: 1 / math.sqrt(frames),
+        drags: Floats | None = None,
     ) -> None:
         """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
         `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
-        `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames.
+        `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames;
+        `drags` (cols,): what a force on a column drags with, as a share of it, as the tip goes back; if it is
+        left out, all of any force does.
         """
+        self.drags = drags
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
         self._late_s = 2 * period_s
         self._least_n, self._period_s = contact_force_n / 2, period_s
         self._unnoticed_n = unnoticed_n
         # Plain numbers one after another: a grip has tens of thousands of frames.
-        self._forces = array("d")  # by frames: latest_s, force_n, steady_n and doubts_n
+        self._forces = array("d")  # by frames: latest_s, force_n, steady_n, doubts_n and dragging_n
         self._seen_s, self._seen_mm = array("d"), array("d")
         self._begun: list[tuple[float, TouchStage, float, float]] = []
-        self._quiet: deque[Floats] = deque(maxlen=_STEADY_FRAMES)
-        self._sum = np.zeros(0)
+        self._quiet, self._quiet_behind = QuietMean(), QuietMean()
         self._measured_s = math.nan
 
     def begin(self, stage: TouchStage, now: float, free_mm: float = 0.0, free_within_mm: float = 0.0) -> None:
@@ -62,18 +69,29 @@ class LoadMeter:
 
         What is below the noise of three columns counts as none: single taxels exceed theirs now and then.
         """
-        quiet = self._quiet
         if force_n > self._unnoticed_n:
-            quiet.clear()
+            if self._quiet.count:
+                self._quiet_behind, self._quiet = self._quiet, QuietMean()
             return None
-        if not quiet:
-            self._sum = readings.copy()
-        else:
-            self._sum += readings
-            if len(quiet) == _STEADY_FRAMES:
-                self._sum -= quiet[0]
-        quiet.append(readings)
-        return self._sum / float(len(quiet)), len(quiet)
+        return self._quiet.add(readings)
+
+    def dragging_n(self, extractor: ContactExtractor, frame: TactileFrame, readings: Floats) -> float:
+        """What a noticed force may drag the part with as the tip goes back (N), at most; infinite: all of it.
+
+        By the columns on which it is felt, and by what noise may hide at the tip's back.
+        """
+        if self.drags is None:
+            return math.inf
+        behind = np.isinf(self.drags)
+        beside_n = extractor.weighted_n(frame, np.where(behind, 0.0, self.drags))
+        if not behind.any():
+            return beside_n
+        if extractor.few_columns_n(readings, behind) > self._unnoticed_n:
+            self._quiet_behind = QuietMean()
+            return math.inf
+        mean, count = self._quiet_behind.add(readings)
+        steady_n = extractor.few_columns_n(mean, behind, count)
+        return beside_n + OBLIQUE * (steady_n + HIDDEN * self._unnoticed_n * self._noise_share(count))
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).
@@ -93,12 +111,16 @@ class LoadMeter:
         latest_s: float,
         steady_n: float = 0.0,
         doubts_n: tuple[float, float] = (0.0, 0.0),
+        dragging_n: float = math.inf,
     ) -> None:
         """Note the force of a frame, sampled at `latest_s` or before, and what is steady in the newest ones.
 
-        `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free.
+        `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free; `dragging_n` as
+        the method has it. All of a force that is not light may drag.
         """
-        self._forces.extend((latest_s, force_n, steady_n, *doubts_n))
+        is_light = force_n <= 2 * LIGHT * self._least_n
+        dragging_n = min(dragging_n if is_light else math.inf, OBLIQUE * force_n)
+        self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
     def late_by(self, late_s: float) -> None:
         """Note how much earlier than `latest_s` frames may have been sampled, at most; two periods anyway."""
@@ -136,7 +158,7 @@ class LoadMeter:
         """All that was noted, frame by frame; None if nothing was."""
         if not self._forces or not self._seen_s:
             return None
-        latest, forces, steady, doubt, any_doubt = self._by_frames()
+        latest, forces, steady, doubt, any_doubt, dragging = self._by_frames()
         times = self._times_s(latest)
         travels = np.interp(times, self._seen_s, self._seen_mm)
         quiet = forces <= self._unnoticed_n
@@ -154,10 +176,12 @@ class LoadMeter:
             self._touch_mm_s,
             self._measured_s,
             self._unfelt_mm(times, noticed),
+            self._retreats(times, travels),
+            np.where(quiet, 0.0, dragging),
         )
 
     def _by_frames(self) -> Floats:
-        """What was noted of the n frames, (5, n): as in `_forces`."""
+        """What was noted of the n frames, (6, n): as in `_forces`."""
         return np.array(self._forces).reshape(-1, _OF_A_FRAME).T
 
     def _times_s(self, latest_s: Floats) -> Floats:
@@ -192,7 +216,7 @@ class LoadMeter:
 
     @cached_property
     def _shares(self) -> Floats:
-        return np.array([1.0] + [self._noise_share(frames) for frames in range(1, _STEADY_FRAMES + 1)])
+        return np.array([1.0] + [self._noise_share(frames) for frames in range(1, STEADY_FRAMES + 1)])
 
     def _advances(self, times: Floats, travels: Floats) -> Floats:
         """How far the tip can have gone forward before each frame (n,).
@@ -216,6 +240,17 @@ class LoadMeter:
                 if rows[0] > 0:  # of that gap the beginning was before the finger stood
                     moving_s = max(stopped + _BRAKING * self._period_s - times[rows[0] - 1], 0.0)
                     result[rows[0]] += _FASTER * self._touch_mm_s * moving_s
+        return result
+
+    def _retreats(self, times: Floats, travels: Floats) -> Floats:
+        """How far the tip can have gone back before each frame (n,); of one that stands, reads may jump."""
+        result = np.maximum(-np.diff(travels, prepend=travels[0]), 0.0)
+        for stopped in self._stopped:
+            begun = [at for at, *_ in self._begun if at > stopped]
+            rows = np.flatnonzero((times > stopped) & (times < min(begun, default=math.inf)))
+            if len(rows):
+                reached = np.maximum.accumulate(-travels[np.concatenate([[max(rows[0] - 1, 0)], rows])])
+                result[rows] = np.diff(reached)
         return result
 
     def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:
@@ -247,15 +282,15 @@ def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
 
 def _lasting(values: Floats) -> Floats:
     """What is said of the mean of frames (n,) at the last of them holds at those before it as well."""
-    padded = np.concatenate([values, np.zeros(_STEADY_FRAMES - 1)])
-    result: Floats = np.lib.stride_tricks.sliding_window_view(padded, _STEADY_FRAMES).max(axis=1)
+    padded = np.concatenate([values, np.zeros(STEADY_FRAMES - 1)])
+    result: Floats = np.lib.stride_tricks.sliding_window_view(padded, STEADY_FRAMES).max(axis=1)
     return result
 
 
 def _frames_together(quiet: Bools) -> Ints:
-    """Of each frame (n,), how many quiet ones are together there, _STEADY_FRAMES at most; 1 if it is not."""
+    """Of each frame (n,), how many quiet ones are together there, STEADY_FRAMES at most; 1 if it is not."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
     result = np.ones(len(quiet), dtype=np.int64)
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        result[first:last] = min(last - first, _STEADY_FRAMES)
+        result[first:last] = min(last - first, STEADY_FRAMES)
     return result

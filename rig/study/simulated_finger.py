@@ -7,11 +7,12 @@ import numpy as np
 
 from palpate.config import FingerConfig, RigFile
 from palpate.geometry import Floats
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
 from palpate.rig.emulated.array_noise import ArrayNoise
 from palpate.rig.emulated.driven_tips import DrivenTip
-from palpate.rig.motion.contact_load import TouchStage
+from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, TouchStage, drag_shares
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.study.mismeasurement import Mismeasurement
 
@@ -23,6 +24,7 @@ TURN_S = 0.09
 
 _SEEN_EVERY = 5  # samples between looks at the servos
 _STEADY_FRAMES = 64
+_PITCH_RAD = 0.2  # of an array's columns
 _ROUNDING_S = 1e-9
 
 
@@ -80,6 +82,16 @@ class SimulatedFinger:
         """Whether it has not arrived."""
         return self.travel_mm != self.goal_mm
 
+    def _dragging_n(self, force_n: float) -> float:
+        """What it may drag the part with as it goes back, and what noise may hide beside that."""
+        if self.tip.press is None:
+            return math.inf
+        x, y = -self.tip.press.load.force_n
+        off = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
+        hidden_n = HIDDEN * self._noise.least_n * self._noise.share(_STEADY_FRAMES)
+        share = float(drag_shares(np.array(off)))
+        return 2 * OBLIQUE * hidden_n + (share * force_n if force_n > 0 else 0.0)
+
     def until_event_s(self, now: float) -> float:
         """How long it goes on as it does, if it meets nothing."""
         arrival = abs(self.goal_mm - self.travel_mm) / self.speed_mm_s if self.is_moving else math.inf
@@ -126,7 +138,7 @@ class SimulatedFinger:
             self._free_frames += 1
             return False
         force, steady = self._read_n()
-        self.meter.feel(force, at_s + self._period_s, steady)
+        self.meter.feel(force, at_s + self._period_s, steady, dragging_n=self._dragging_n(force))
         if not self.sensing or force <= self._contact_n:
             return False
         self.sensing, self.touched, self.searching = False, True, False

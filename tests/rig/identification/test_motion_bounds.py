@@ -22,7 +22,7 @@ from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.support import Support, support_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import LoadTrace
+from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
@@ -125,6 +125,7 @@ def press(
         1.5,
         begin_s + 0.8 * last_s,
         math.inf,
+        *np.zeros((2, len(time_s))),
     )
 
 
@@ -137,6 +138,29 @@ def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
     assert (two.before.shift_mm > 1.5 * one.before.shift_mm).all()
     assert (one.after.shift_mm <= one.whole.shift_mm).all()
     assert one.within(np.arange(6)) is not None
+
+
+def test_a_finger_that_goes_back_moves_what_it_drags() -> None:
+    """As far as the work of dragging it over the way back, once it is measured; it only leaves what is ahead."""
+    bounds = MotionBounds(declared(0.3), CATALOGUE)
+    trace = press(1.0, 0.0, last_s=0.5)
+    way_mm = np.where(trace.time_s > trace.measured_s, 0.02, 0.0)
+    left = bounds.of_grip([touched(replace(trace, retreat_mm=way_mm, dragging_n=0 * trace.force_n + 1e-9))])
+    dragged = replace(trace, retreat_mm=way_mm, dragging_n=0.5 * trace.force_n)
+    found = bounds.of_grip([touched(dragged)])
+    work_mj = 0.5 * 0.02 * (1.5 - trace.measured_s) * RIG.closing.sample_rate_hz
+    assert (found.after.shift_mm - left.after.shift_mm >= work_mj / 0.3).all()
+    assert (found.before.shift_mm == left.before.shift_mm).all()
+
+
+def test_work_on_the_way_back_depends_on_where_it_presses() -> None:
+    """A tip that goes back, pressed with 1 N at an angle, with friction as large as it may be either way."""
+    angles = np.radians(np.arange(0.0, 90.0, 0.5))
+    normal = np.column_stack([np.cos(angles), np.sin(angles)])  # from the tip to the part; ahead is x
+    along = np.column_stack([-normal[:, 1], normal[:, 0]])
+    works = [-(normal + mu * along)[:, 0] for mu in np.linspace(-TIP_FRICTION, TIP_FRICTION, 29)]
+    assert drag_shares(angles) == pytest.approx(np.maximum(np.max(works, axis=0), 0.0), abs=1e-12)
+    assert np.isinf(drag_shares(np.radians([90.1, 120.0, 179.0]))).all()
 
 
 def test_forces_add_up_where_they_are_at_the_same_time() -> None:
@@ -190,6 +214,8 @@ def test_lost_frames_hide_no_work(lost: int) -> None:
         "zero_doubt_n",
         "any_zero_doubt_n",
         "free_within_mm",
+        "retreat_mm",
+        "dragging_n",
     )
     left = {name: value[kept] for name in names if np.ndim(value := getattr(trace, name)) == 1}
     gappy = replace(trace, **left, advance_mm=trace.advance_mm[kept] * passed)
