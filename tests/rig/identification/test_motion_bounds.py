@@ -141,7 +141,7 @@ def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
 
 
 def test_a_finger_that_goes_back_moves_what_it_drags() -> None:
-    """As far as the work of dragging it over the way back, once it is measured; it only leaves what is ahead."""
+    """By the work of dragging it over the way back, once it is measured; it only leaves what is ahead."""
     bounds = MotionBounds(declared(0.3), CATALOGUE)
     trace = press(1.0, 0.0, last_s=0.5)
     way_mm = np.where(trace.time_s > trace.measured_s, 0.02, 0.0)
