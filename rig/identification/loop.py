@@ -58,7 +58,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 
 _MOST_MOVES = 1
 _MORE_LIGHTLY = 0.5  # of the touch speed, once the part has moved
-_FURTHEST_MM = 3.0  # a motion by more leaves nothing worth keeping of earlier contacts
+_FURTHEST_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
 
 @dataclass(frozen=True, eq=False)
