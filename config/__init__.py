@@ -38,10 +38,10 @@ from palpate.config.rig_fingers import (
     FingerConfig,
     MountedArrayConfig,
     SlideFingerConfig,
-    TipConfig,
 )
 from palpate.config.rig_servos import JointConfig, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig
+from palpate.config.rig_tips import TipConfig
 from palpate.config.scene_file import Scene, load_scene
 from palpate.config.shipped import shipped_objects, shipped_rig
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.geometry import Bools, Floats
 
-__all__ = ["WINDOW_COLUMNS", "column_windows"]
+__all__ = ["WINDOW_COLUMNS", "column_windows", "windows_within"]
 
 WINDOW_COLUMNS = 3
 """A light contact's share of a cylinder."""
@@ -21,3 +21,10 @@ def column_windows(weights: Floats) -> Floats:
     for window in range(matrix.shape[2]):
         matrix[:, window : window + width, window] = weights[:, window : window + width]
     return matrix.reshape(rows * cols, -1)
+
+
+def windows_within(columns: Bools) -> tuple[Bools, Bools]:
+    """Windows (windows,) of which all columns are among some (cols,), and the columns (cols,) of these."""
+    width = min(WINDOW_COLUMNS, len(columns))
+    windows = np.asarray(np.lib.stride_tricks.sliding_window_view(columns, width).all(axis=1))
+    return windows, np.convolve(windows, np.ones(width)) > 0

@@ -168,22 +168,21 @@ class ContactExtractor:
         return max(force, self._matched_n(sums)), sums
 
     def weighted_n(self, frame: TactileFrame, weights: Floats) -> float:
-        """Sum of the forces (N) of a frame's columns, each times its weight (cols,), at most."""
+        """Sum of the forces (N) of a frame's columns, each times its weight (cols,), at most.
+
+        As read, and four standard deviations of its noise; what zeros may be off by comes on top.
+        """
         gain = self._guard_gain.reshape(frame.counts.shape) * weights
         read = float(((frame.counts - self._guard_base) * gain).sum())
         noise = self._baseline.noise_counts * math.sqrt(float((gain**2).sum()))
         return max(read, 0.0) + SIGMAS * noise
 
-    def few_columns_n(self, readings: Floats, columns: Bools, frames: int = 1) -> float:
-        """Largest force (N) of a few neighbouring ones of some columns (cols,) that is above the noise.
+    def windows_n(self, readings: Floats, windows: Bools, frames: int = 1) -> float:
+        """Largest force (N) of some windows of a cylinder's columns (windows,) that is above the noise.
 
-        `readings` (n,) as `steady_force_n` wants them. Of an array that is no cylinder: as that.
+        `readings` as `steady_force_n` wants them, of the mean of so many frames.
         """
-        if self._cylinder is None:
-            return self.steady_force_n(readings, frames)
-        width = len(columns) - len(readings) + 1
-        inside = np.convolve(columns, np.ones(width), mode="valid") > width - 0.5
-        return self._matched_n(np.where(inside, readings, -math.inf), frames)
+        return self._matched_n(np.where(windows, readings, -math.inf), frames)
 
     def steady_force_n(self, readings: Floats, frames: int) -> float:
         """Force (N) that is above the noise in the mean of the readings (n,) of some frames: likewise."""

@@ -23,7 +23,7 @@ from palpate.rig.identification.slide_bounds import Loads, slides_mm
 from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, TIP_FRICTION, LoadTrace
+from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TIP_FRICTION, LoadTrace
 from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
@@ -81,7 +81,7 @@ class MotionBounds:
         holds = self.holds_n(states)
         if holds is None:
             return None
-        peak = OBLIQUE * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak = FRICTION_FACTOR * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
         leverage = float(self.supports.leverage[states].max())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
@@ -170,20 +170,20 @@ def _row(
         there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _THERE_MM).all(axis=0)
     free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
-    hidden = np.where(free, 0.0, HIDDEN * trace.unnoticed_n)
+    hidden = np.where(free, 0.0, HIDDEN_FACTOR * trace.unnoticed_n)
     unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
     most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
     swept = np.maximum(advance, np.maximum([*trace.retreat_mm, 0.0], [0.0, *trace.retreat_mm]))
     alone = trace.dragging_n > 0
     hooks = alone & (trace.dragging_n >= trace.force_n)
     pulled = np.where(hooks, stiff * np.maximum(swept[:-1], swept[1:]), 0.0)
-    dragging = np.where(alone, trace.dragging_n, OBLIQUE * np.maximum(trace.force_n, hidden))
-    dragging = lifted * (gain * (dragging + OBLIQUE * unsure) + OBLIQUE * pulled)
+    dragging = np.where(alone, trace.dragging_n, FRICTION_FACTOR * np.maximum(trace.force_n, hidden))
+    dragging = lifted * (gain * (dragging + FRICTION_FACTOR * unsure) + FRICTION_FACTOR * pulled)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
-    work = OBLIQUE * normal * periods.ways_mm(trace.advance_mm)
+    work = FRICTION_FACTOR * normal * periods.ways_mm(trace.advance_mm)
     work += periods.largest(dragging) * periods.ways_mm(trace.retreat_mm)
-    return OBLIQUE * at_contact, OBLIQUE * anywhere, work, _SHEARED * normal**2 / (2 * soft)
+    return FRICTION_FACTOR * at_contact, FRICTION_FACTOR * anywhere, work, _SHEARED * normal**2 / (2 * soft)
 
 
 @dataclass(frozen=True, eq=False)

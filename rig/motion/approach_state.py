@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
+from palpate.drivers.tactile.messages import Shape
 from palpate.geometry import Floats
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
@@ -97,17 +98,18 @@ class ApproachState:
         """How far the tip is beside its line."""
         return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
 
-    def drags(self, light_n: float) -> Floats:
+    def drags(self, light_n: float) -> Floats | None:
         """What a force on each column (cols,) of the array drags the part with as the tip goes back, at most.
 
         As a share of what presses there, anywhere on the way, if that is `light_n` at most, so that friction
-        has carried the skin round the tip by little. Infinite at the tip's back, by which it hooks the part;
-        everywhere on a ball, which is touched higher or lower, too; 0 on a flat array, which looks ahead.
+        has carried the skin round the tip by little. Infinite at the tip's back, by which it hooks the part.
+        None, for all that presses, of a ball, which is touched higher or lower, too, and of an array that is
+        not bent round its tip.
         """
         finger, spec = self.finger, self.finger.spec
+        if spec.tip.is_ball or finger.array.description.shape is not Shape.CYLINDER:
+            return None
         columns = np.array(finger.array.description.columns)
-        if spec.tip.is_ball or spec.tip.is_pad:
-            return np.full(len(columns), math.inf if spec.tip.is_ball else 0.0)
         kinematics = finger.kinematics
         ways = np.linspace(0.0, self.approach.travel_mm, _FACINGS)
         servos = [kinematics.servos_rad(self.line, way) for way in ways.tolist()]

@@ -114,9 +114,11 @@ class ArrayGuard:
         for frame, at in zip(frames, latest, strict=True):
             force, readings = extractor.sense(frame)
             if meter is not None:
-                quiet = meter.quiet_mean(readings, force)
-                steady = extractor.steady_force_n(*quiet) if quiet else 0.0
-                dragging = meter.dragging_n(extractor, frame, readings) if force > 0 else 0.0
+                steady = dragging = 0.0
+                if quiet := meter.quiet_mean(readings, force):
+                    steady = extractor.steady_force_n(*quiet)
+                else:
+                    dragging = meter.dragging_n(extractor, frame, readings)
                 meter.feel(force, at, steady, extractor.zero_doubt_n, dragging)
         return force
 

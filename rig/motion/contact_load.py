@@ -8,14 +8,22 @@ import numpy as np
 
 from palpate.geometry import Floats
 
-__all__ = ["HIDDEN", "OBLIQUE", "TIP_FRICTION", "ContactLoad", "LoadTrace", "TouchStage", "drag_shares"]
+__all__ = [
+    "FRICTION_FACTOR",
+    "HIDDEN_FACTOR",
+    "TIP_FRICTION",
+    "ContactLoad",
+    "LoadTrace",
+    "TouchStage",
+    "drag_shares",
+]
 
 TIP_FRICTION = 0.7
 """Largest friction of tips on parts that bounds on motion allow for."""
-OBLIQUE = math.hypot(1.0, TIP_FRICTION)
+FRICTION_FACTOR = math.hypot(1.0, TIP_FRICTION)
 """Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
 
-HIDDEN = 1.5
+HIDDEN_FACTOR = 1.5
 """So many times the noise's limit: three standard deviations more, and a force is noticed."""
 
 

@@ -26,7 +26,7 @@ from palpate.rig.motion.contact_from_touch import Touch, conclude
 from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
-from palpate.rig.motion.load_meter import LIGHT, LoadMeter
+from palpate.rig.motion.load_meter import LIGHT_FACTOR, LoadMeter
 from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
@@ -157,7 +157,7 @@ def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None
             run.slowed_to(closing.search_mm_s),
             travel_step_mm(run.finger.spec),
             run.finger.extractor.noise_share,
-            run.drags(LIGHT * closing.contact_force_n),
+            run.drags(LIGHT_FACTOR * closing.contact_force_n),
         )
         run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm, FREE_MARGIN_MM)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})

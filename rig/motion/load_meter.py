@@ -8,15 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.drivers.tactile.column_windows import windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Bools, Floats, Ints
-from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, ContactLoad, LoadTrace, TouchStage
+from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, ContactLoad, LoadTrace, TouchStage
 from palpate.rig.motion.quiet_mean import STEADY_FRAMES, QuietMean
 
-__all__ = ["LIGHT", "LoadMeter"]
+__all__ = ["LIGHT_FACTOR", "LoadMeter"]
 
-LIGHT = 8
+LIGHT_FACTOR = 8
 """So many times contact_force_n is a light force: up to there it counts where it is felt round the tip."""
 
 _FASTER = 1.1  # than its profile may a servo be that catches up
@@ -41,10 +42,12 @@ class LoadMeter:
         """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
         `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
         `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames;
-        `drags` (cols,): what a force on a column drags with, as a share of it, as the tip goes back; if it is
-        left out, all of any force does.
+        `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along.
         """
-        self.drags = drags
+        self._drags, self._behind = drags, np.zeros(0, dtype=bool)
+        if drags is not None:  # windows at the tip's back are looked at by themselves
+            self._behind, columns = windows_within(np.isinf(drags))
+            self._drags = np.where(columns, 0.0, np.minimum(drags, FRICTION_FACTOR))
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
         self._late_s = 2 * period_s
@@ -80,18 +83,18 @@ class LoadMeter:
 
         By the columns on which it is felt, and by what noise may hide at the tip's back.
         """
-        if self.drags is None:
+        if self._drags is None:
             return math.inf
-        behind = np.isinf(self.drags)
-        beside_n = extractor.weighted_n(frame, np.where(behind, 0.0, self.drags))
-        if not behind.any():
+        beside_n = extractor.weighted_n(frame, self._drags)
+        if not self._behind.any():
             return beside_n
-        if extractor.few_columns_n(readings, behind) > self._unnoticed_n:
+        if extractor.windows_n(readings, self._behind) > self._unnoticed_n:
             self._quiet_behind = QuietMean()
             return math.inf
         mean, count = self._quiet_behind.add(readings)
-        steady_n = extractor.few_columns_n(mean, behind, count)
-        return beside_n + OBLIQUE * (steady_n + HIDDEN * self._unnoticed_n * self._noise_share(count))
+        steady_n = extractor.windows_n(mean, self._behind, count)
+        hidden_n = HIDDEN_FACTOR * self._unnoticed_n * self._noise_share(count)
+        return beside_n + FRICTION_FACTOR * (steady_n + hidden_n)
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).
@@ -118,8 +121,8 @@ class LoadMeter:
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free; `dragging_n` as
         the method has it. All of a force that is not light may drag.
         """
-        is_light = force_n <= 2 * LIGHT * self._least_n
-        dragging_n = min(dragging_n if is_light else math.inf, OBLIQUE * force_n)
+        is_light = force_n <= 2 * LIGHT_FACTOR * self._least_n
+        dragging_n = min(dragging_n if is_light else math.inf, FRICTION_FACTOR * force_n)
         self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
     def late_by(self, late_s: float) -> None:

@@ -12,8 +12,9 @@ from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
 from palpate.rig.emulated.array_noise import ArrayNoise
 from palpate.rig.emulated.driven_tips import DrivenTip
-from palpate.rig.motion.contact_load import HIDDEN, OBLIQUE, TouchStage, drag_shares
+from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TouchStage, drag_shares
 from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.quiet_mean import STEADY_FRAMES
 from palpate.rig.study.mismeasurement import Mismeasurement
 
 __all__ = ["TURN_S", "SimulatedFinger"]
@@ -23,7 +24,6 @@ TURN_S = 0.09
 """From standing still to going back (s): new profiles, speeding up, play."""
 
 _SEEN_EVERY = 5  # samples between looks at the servos
-_STEADY_FRAMES = 64
 _PITCH_RAD = 0.2  # of an array's columns
 _ROUNDING_S = 1e-9
 
@@ -57,7 +57,7 @@ class SimulatedFinger:
         self._centre = self._start
         tip.move_to(self._start)
         self._gain, self._noise, self._rng = gain, noise, rng
-        self._quiet: deque[float] = deque(maxlen=_STEADY_FRAMES)
+        self._quiet: deque[float] = deque(maxlen=STEADY_FRAMES)
         self._lately_n, self._free_frames = 0.0, 0
         self._frames = 0
         self.meter = self._metered(rig, spec)
@@ -88,9 +88,9 @@ class SimulatedFinger:
             return math.inf
         x, y = -self.tip.press.load.force_n
         off = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
-        hidden_n = HIDDEN * self._noise.least_n * self._noise.share(_STEADY_FRAMES)
+        hidden_n = HIDDEN_FACTOR * self._noise.least_n * self._noise.share(STEADY_FRAMES)
         share = float(drag_shares(np.array(off)))
-        return 2 * OBLIQUE * hidden_n + (share * force_n if force_n > 0 else 0.0)
+        return 2 * FRICTION_FACTOR * hidden_n + (share * force_n if force_n > 0 else 0.0)
 
     def until_event_s(self, now: float) -> float:
         """How long it goes on as it does, if it meets nothing."""
@@ -149,7 +149,7 @@ class SimulatedFinger:
 
     def _read_n(self) -> tuple[float, float]:
         """What a frame shows, and what the mean of the newest quiet ones does."""
-        self._quiet.extend([0.0] * min(self._free_frames, _STEADY_FRAMES))
+        self._quiet.extend([0.0] * min(self._free_frames, STEADY_FRAMES))
         self._free_frames = 0
         true_n = self._gain * self.tip.force_n
         read_n = true_n + self._noise.sigma_n * self._rng.standard_normal()
@@ -159,7 +159,7 @@ class SimulatedFinger:
             return read_n, 0.0
         self._quiet.append(read_n)
         count = len(self._quiet)
-        if true_n == 0.0 and count == _STEADY_FRAMES:
+        if true_n == 0.0 and count == STEADY_FRAMES:
             self._lately_n = 0.0
         mean = sum(self._quiet) / count
         return 0.0, mean if mean > self._noise.least_n * self._noise.share(count) else 0.0
