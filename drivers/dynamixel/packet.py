@@ -17,12 +17,12 @@ The emulated servos speak through this module; the host speaks through the vendo
 `stuff` and `unstuff` from here. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" and "CRC calculation".
 """
 
-import struct
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
+
+from fastcrc.crc16 import umts
 
 __all__ = [
     "ALERT_BIT",
@@ -122,34 +122,12 @@ class DamagedPacket:
     dxl_id: int
 
 
-def _crc_table() -> "array[int]":
-    """What two bytes, as a big-endian number, leave in the register; that of a sum is the sum.
-
-    An array: as a tuple it would not fit into the processor's caches.
-    """
-    table = array("H", [0])
-    for bit in range(16):
-        value = 1 << bit
-        for _ in range(16):
-            value = ((value << 1) ^ 0x8005 if value & 0x8000 else value << 1) & 0xFFFF
-        table.extend([value ^ lower for lower in table])
-    return table
-
-
-_CRC_TABLE = _crc_table()
-
-
 def crc16(data: bytes, crc: int = 0) -> int:
     """CRC-16 with polynomial 0x8005, initial value 0, not reflected (catalogue name CRC-16/UMTS).
 
     `crc` is that of what came before `data`.
     """
-    odd = len(data) % 2
-    if odd:
-        crc = ((crc << 8) & 0xFF00) ^ _CRC_TABLE[(crc >> 8) ^ data[0]]
-    for word in struct.unpack_from(f">{len(data) // 2}H", data, odd):
-        crc = _CRC_TABLE[crc ^ word]
-    return crc
+    return umts(data, crc)
 
 
 def stuff(body: bytes) -> bytes:
