@@ -21,6 +21,7 @@ from palpate.config.study_result import (
     StudyRunOut,
 )
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.best_heights import BestHeights, best_heights
 from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
 from palpate.rig.catalogue.heights import check_known
@@ -31,9 +32,17 @@ from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
 from palpate.rig.study.campaign import Executor, RunsFile, carry_out, simulate_here
 from palpate.rig.study.cluster import on_cluster
+from palpate.rig.study.draws import has_probabilities, shares_drawn
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
-from palpate.rig.study.summary import Advice, confusion_of, study_out
-from palpate.rig.study.variations import AS_IT_IS, at_heights, compared, halved, heights_name, noise_budget
+from palpate.rig.study.summary import Advice, Drawn, Limits, confusion_of, study_out
+from palpate.rig.study.variations import (
+    AS_IT_IS,
+    at_heights,
+    compared,
+    heights_name,
+    noise_budget,
+    without_errors,
+)
 from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
@@ -53,6 +62,7 @@ def study(
     seed: int = 0,
     strategy: Strategy | str = Strategy.PLANNED,
     parts: PartMotion | str | None = None,
+    placed_within_mm: float | None = None,
     budget: int | None = None,
     keep: PathLike | None = None,
     scheduler: str | None = None,
@@ -63,8 +73,10 @@ def study(
 
     Each run draws a state and where it lies, by `seed` and its number; touches are mismeasured within the
     rig's bounds. `parts`: "moving" or "still", None: as the rig file's `[emulation.part]` says.
-    `budget`: so many runs are done again with each error halved, None: a tenth of them. `keep`: a file of
-    runs (JSON Lines), by which a study that was ended goes on. `scheduler`: address of a dask scheduler.
+    `placed_within_mm`: how far from the middle of the workspace parts' centres of area lie, None: as
+    `placement_radius_mm` says, or 0.16 of the workspace's radius. `budget`: so many runs are done again with
+    each error halved and with parts held, None: a tenth of them. `keep`: a file of runs (JSON Lines), by
+    which a study that was ended goes on. `scheduler`: address of a dask scheduler.
     Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
     """
     if not 1 <= runs <= MOST_RUNS:
@@ -73,7 +85,10 @@ def study(
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
     motion, chosen = motion_of(rig) if parts is None else _motion_named(parts), strategy_named(strategy)
-    simulation = Simulation(*with_motion(rig, objects, motion), chosen, seed)
+    _check_placed(placed_within_mm, rig.workspace.radius_mm)
+    simulation = Simulation(
+        *with_motion(rig, objects, motion), chosen, seed, placed_within_mm=placed_within_mm
+    )
     states, fingers = state_sections(objects), rig_fingers(rig)
     with _runs_file(keep) as path, _executor(scheduler) as execute:
         file = RunsFile(path, simulation, version("palpate"))
@@ -90,7 +105,10 @@ def study(
         strategy=chosen,
         seed=seed,
         parts=motion,
-        states_in_catalogue=len(states),
+        limits=Limits.of(rig),
+        drawn=Drawn(
+            simulation.within_mm, shares_drawn(objects), sum(map(_is_by_probability, objects.objects))
+        ),
         seconds=time.perf_counter() - begin,
         advice=Advice(
             _separating(states, fingers, confusion_of(found[AS_IT_IS])),
@@ -101,6 +119,18 @@ def study(
             noise_budget(found),
         ),
     )
+
+
+def _check_placed(within_mm: float | None, radius_mm: float) -> None:
+    if within_mm is not None and not 0 <= within_mm < radius_mm:
+        raise InputError(
+            f"parts placed within {within_mm:g} mm of the middle: it must be from 0 to below the workspace's "
+            f"radius, {radius_mm:g} mm"
+        )
+
+
+def _is_by_probability(model: ObjectModel) -> bool:
+    return len(model.states) > 1 and has_probabilities(model)
 
 
 def _motion_named(name: PartMotion | str) -> PartMotion:
@@ -115,7 +145,7 @@ def _simulations(
     """As it is and with each variation: what simulates it, and how many runs."""
     simulations = {AS_IT_IS: (simulation, runs)}
     if varied:
-        simulations |= {key: (item, varied) for key, item in halved(simulation).items()}
+        simulations |= {key: (item, varied) for key, item in without_errors(simulation).items()}
         if heights.alike < heights.alike_now:
             moved = replace(simulation, rig=at_heights(simulation.rig, heights.chosen_mm))
             simulations[heights_name(heights.chosen_mm)] = (moved, varied)

@@ -32,7 +32,7 @@ RigOption = Annotated[
     Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
 ]
 NoCalibrationOption = Annotated[
-    bool, typer.Option("--no-calibration", help="As if no calibration lay beside the rig file.")
+    bool, typer.Option("--no-calibration", help="Leave out the calibration that lies beside the rig file.")
 ]
 ObjectsOption = Annotated[
     Path | None, typer.Option("--objects", help="Object models (JSON); without it, the six shipped ones.")

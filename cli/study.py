@@ -1,4 +1,4 @@
-"""`palpate study`: how well a rig tells a catalogue apart, by simulated identifications on all cores."""
+"""`palpate study`: how well a rig tells parts apart, by simulated identifications on all cores."""
 
 from pathlib import Path
 from typing import Annotated
@@ -28,20 +28,29 @@ def study(
         PartMotion | None,
         typer.Option("--parts", help="Whether fingers move parts; as the rig file says if left out."),
     ] = None,
+    placed_within: Annotated[
+        float | None,
+        typer.Option(
+            "--placed-within",
+            min=0,
+            metavar="MM",
+            help="How far from the middle of the workspace parts are put; as the rig file says if left out.",
+        ),
+    ] = None,
     no_calibration: NoCalibrationOption = False,
     keep: Annotated[
         Path | None,
         typer.Option("--keep", help="Keep runs here (JSON Lines), and go on from those there are."),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", help="Also write it here as a page (HTML).")
+        Path | None, typer.Option("--report", help="Write the result as a page (HTML), too.")
     ] = None,
     budget: Annotated[
         int | None,
         typer.Option(
             "--budget",
             min=0,
-            help="Runs to do again with each error halved; a tenth, 200 at most, if left out.",
+            help="Runs to repeat with each error halved and parts held; a tenth, 200 at most, if left out.",
         ),
     ] = None,
     scheduler: Annotated[
@@ -49,7 +58,7 @@ def study(
     ] = None,
     json: JsonOption = False,
 ) -> int:
-    """Say how well a rig tells a catalogue apart: verdicts, touches needed, hardest states and pairs.
+    """Say how well a rig tells the parts of a catalogue apart: verdicts, accuracy, touches, hardest pairs.
 
     Touches are simulated within the rig's bounds, and what fingers push moves, if the rig file says how. Also
     what each error costs, and at which heights fingers should be. Exit code 1: an answer was wrong.
@@ -79,6 +88,7 @@ def study(
             seed=seed,
             strategy=strategy,
             parts=parts,
+            placed_within_mm=placed_within,
             budget=budget,
             keep=keep,
             scheduler=scheduler,

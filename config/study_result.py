@@ -6,6 +6,7 @@ from palpate.config.results import Interval, Out, Rounded
 from palpate.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 
 __all__ = [
+    "AccuracyOut",
     "BestHeightsOut",
     "ComparedOut",
     "ConfusionOut",
@@ -18,16 +19,18 @@ __all__ = [
     "StudyOut",
     "StudyRunOut",
     "TouchesOut",
+    "TwinsOut",
     "VerdictCountOut",
 ]
 
 
 class RivalOut(Out):
-    """Another state that was still possible after so many touches."""
+    """Another state that was still possible after so many touches, in so many grips that touched anything."""
 
     object: str
     state: str
     touches: int
+    grips: int = 0
 
 
 class StudyRunOut(Out):
@@ -37,6 +40,7 @@ class StudyRunOut(Out):
     `inside_bounds`: the true state is among those that are left, and its true place within that one's bounds.
     `left`: states, object and name, that are still possible. `rivals`: others, those that lasted longest.
     `sticks_out`: the part was put so that it sticks out of the workspace, where answers do not hold.
+    `grip_seconds`: rig time in grips; None for parts that lie still, whose touches take no time.
     """
 
     number: int
@@ -56,12 +60,37 @@ class StudyRunOut(Out):
     left: tuple[tuple[str, str], ...]
     rivals: tuple[RivalOut, ...]
     sticks_out: bool = False
+    grip_seconds: Rounded | None = None
+
+
+class AccuracyOut(Out):
+    """What answers guarantee: half widths (mm, rad) of the bounds of `runs` identified ones.
+
+    `position`, `orientation`: median, 90th percentile and largest. `within_goal`: runs whose bounds are both
+    as narrow as the rig file's goals ask.
+    """
+
+    runs: int
+    position: tuple[Rounded, Rounded, Rounded]
+    orientation: tuple[Rounded, Rounded, Rounded]
+    within_goal: int
+
+
+class TwinsOut(Out):
+    """States ("object, state") that no touch within reach tells apart, with which so many runs ended.
+
+    One state: several places of it are left.
+    """
+
+    states: tuple[str, ...]
+    runs: int
 
 
 class StateStudiedOut(Out):
     """How runs ended in which a state lay on the table. `touches`: median and 90th percentile.
 
-    `position_error` (mm): median, of those that were identified.
+    `position_error` (mm): median, of those that were identified. `drawn`: share of runs that draw it, on
+    average, None if that is not known.
     """
 
     object: str
@@ -70,12 +99,17 @@ class StateStudiedOut(Out):
     identified: int
     touches: tuple[Rounded, Rounded]
     position_error: Rounded | None
+    indistinguishable: int = 0
+    unresolved: int = 0
+    accuracy: AccuracyOut | None = None
+    drawn: Rounded | None = None
 
 
 class PairStudiedOut(Out):
     """A state that lay there, and another that was taken for possible after touches, in so many runs.
 
-    `touches`: after which it was still possible, on average over these. `left`: runs that ended with it.
+    `touches`, `grips`: after which it was still possible, on average over these; grips that touched nothing
+    do not count. `left`: runs that ended with it.
     """
 
     object: str
@@ -85,6 +119,7 @@ class PairStudiedOut(Out):
     runs: int
     touches: Rounded
     left: int
+    grips: Rounded = 0.0
 
 
 class VerdictCountOut(Out):
@@ -123,7 +158,11 @@ class ComparedOut(Out):
     """Runs as they are beside the same ones varied: pairs of values, mm and rad.
 
     `touches`: means; `saved_touches`: mean difference, with its standard error. `identified`: how many.
-    `position_bound`, `orientation_bound`: medians of runs that were identified both ways.
+    `position_bound`, `orientation_bound`: medians of runs that were identified both ways, `pairs` of these.
+    `fewer_touches`: mean difference of these pairs, positive if varied runs take fewer, `fewer_interval`: its
+    confidence interval. `shown`: what differs by more than chance, among "identified", "touches" and
+    "bounds"; with 95 % confidence, for all comparisons of a list together. `runs_wanted`: with about so many
+    a difference of half a touch would be shown; None if something is, or if no run differs.
     """
 
     runs: int
@@ -133,10 +172,15 @@ class ComparedOut(Out):
     identified: tuple[int, int]
     position_bound: tuple[Rounded, Rounded] | None
     orientation_bound: tuple[Rounded, Rounded] | None
+    pairs: int = 0
+    fewer_touches: Rounded | None = None
+    fewer_interval: tuple[Rounded, Rounded] | None = None
+    shown: tuple[Literal["identified", "touches", "bounds"], ...] = ()
+    runs_wanted: int | None = None
 
 
 class NoiseCostOut(ComparedOut):
-    """What an error costs: the same runs with half of it, or with half the reach."""
+    """What an error costs: the same runs with half of it, with half the reach, or with the part held."""
 
     source: ErrorSource
 
@@ -170,10 +214,17 @@ class StudyOut(Out):
 
     `lost`: runs that do not end with the truth still possible. `sticking_out`: runs whose part stuck out
     of the workspace; some of both may be among them. `seconds`: taken now, without runs that were kept
-    before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the most
+    before. `grips`, `position_error`, `moved` (mm), `grip_seconds` (None for parts that lie still): median
+    and 90th percentile, the smallest value that 90 % of runs do not exceed. `verdicts`: the most
     frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how many
     they took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors
     cost, from a part of the runs. `heights`: those that fingers may be at.
+    `placed_within` (mm): parts' centres of area lie within it round the middle of the workspace.
+    `by_probability`: objects whose states are drawn by their probabilities, those of others are drawn
+    evenly. `goal`: the rig file's, mm and rad. `max_grips`: its limit of grips, at which `stopped` unresolved
+    runs ended. `accuracy`: what answers guarantee. `true_error` (mm), known to the simulator only: of
+    identified runs, median, 90th percentile and largest. `twins`: what runs called indistinguishable ended
+    with, the most frequent first.
     """
 
     format: Literal["palpate/study@1"] = "palpate/study@1"
@@ -203,3 +254,13 @@ class StudyOut(Out):
     best_heights: BestHeightsOut | None
     noise_budget: tuple[NoiseCostOut, ...]
     wrong_runs: tuple[StudyRunOut, ...]
+    placed_within: Rounded | None = None
+    by_probability: int = 0
+    goal: tuple[Rounded, Rounded] | None = None
+    max_grips: int | None = None
+    stopped: int = 0
+    grips_max: int = 0
+    accuracy: AccuracyOut | None = None
+    true_error: tuple[Rounded, Rounded, Rounded] | None = None
+    twins: tuple[TwinsOut, ...] = ()
+    grip_seconds: tuple[Rounded, Rounded] | None = None

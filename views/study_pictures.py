@@ -15,11 +15,11 @@ from palpate.config.study_result import (
     StateStudiedOut,
 )
 from palpate.geometry import ObjectModel, State
+from palpate.views.study_words import SOURCE_WORDS
 from palpate.views.svg import element, number, path_data, shorten_middle, text, text_width
 
 __all__ = [
     "MATRIX_STATES",
-    "SOURCE_WORDS",
     "budget_picture",
     "confusion_picture",
     "heights_picture",
@@ -29,6 +29,7 @@ __all__ += ["states_picture", "touches_picture"]
 
 _WIDTH, _SIZE, _ROW = 760.0, 11.0, 18.0
 _ONE, _OTHER, _FAINT, _GREY, _LINE = "#0072b2", "#d55e00", "#eaeef2", "#5b6b78", "#c3ccd3"
+_CHANCE = "#a9b8c2"
 _NAME = 250.0
 _STATES, _PAIRS, _COLUMNS, _HEIGHTS = 24, 6, 3, 24
 _CELL, _LONGEST = 30.0, 180.0
@@ -62,7 +63,7 @@ def touches_picture(touches_of: Mapping[int, int]) -> str:
         x = 30 + k * pitch
         parts.append(element("rect", x=x + 1, y=20 + height - tall, width=pitch - 2, height=tall, fill=_ONE))
         if runs and pitch > 24:
-            share = f"{100 * runs / total:.0f} %" if runs / total >= 0.01 else str(runs)
+            share = f"{100 * runs / total:.0f} %" if runs / total >= 0.01 else "< 1 %"
             parts.append(text(share, x + pitch / 2, 15 + height - tall, size=10, anchor="middle", fill=_GREY))
         if pitch > 16 or count % 5 == 0:
             parts.append(text(str(count), x + pitch / 2, 34 + height, size=_SIZE, anchor="middle"))
@@ -135,7 +136,7 @@ def heights_picture(heights: Sequence[HeightOut], now_mm: Sequence[float], best_
         parts.append(_label(f"{low:.1f} to {high:.1f} mm", y))
         width = max(room * item.alike / most, 1.0)
         parts.append(element("rect", x=_NAME, y=y + 3, width=width, height=_ROW - 6, fill=_ONE))
-        words = f"{item.alike} alike" + (f", {item.unmet} not met" if item.unmet else "")
+        words = f"{item.alike} not distinguished" + (f", {item.unmet} not met" if item.unmet else "")
         parts.append(text(words, _NAME + width + 6, y + 13, size=_SIZE))
         marks = [
             (words, colour)
@@ -148,36 +149,36 @@ def heights_picture(heights: Sequence[HeightOut], now_mm: Sequence[float], best_
 
 
 def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
-    """A bar for every error: touches that half of it would save, with two standard errors either way."""
-    most = max(0.5, *(abs(item.saved_touches) + 2 * item.standard_error for item in costs))
-    room = (_WIDTH - _NAME - 80) / 2
+    """A bar for every change: touches that it saves, with their confidence interval; grey: may be chance.
+
+    Of those with an interval; the empty string without any.
+    """
+    drawn = [
+        (SOURCE_WORDS[item.source], item.fewer_touches, item.fewer_interval, "touches" in item.shown)
+        for item in costs
+        if item.fewer_touches is not None and item.fewer_interval is not None
+    ]
+    if not drawn:
+        return ""
+    most = max(0.5, *(abs(end) for _, _, interval, _ in drawn for end in interval))
+    room = (_WIDTH - _NAME - 90) / 2
     middle, parts = _NAME + room, []
-    for k, item in enumerate(costs):
-        y, width = k * 26.0, room * item.saved_touches / most
-        parts.append(_label(f"half the {SOURCE_WORDS[item.source.value]}", y + 4))
-        colour = _ONE if width >= 0 else _OTHER
+    for k, (words, fewer, (low, high), is_shown) in enumerate(drawn):
+        y, at = k * 26.0, middle + room * fewer / most
+        parts.append(_label(words, y + 4))
+        colour = _CHANCE if not is_shown else _ONE if fewer >= 0 else _OTHER
         parts.append(
-            element("rect", x=min(middle, middle + width), y=y + 6, width=abs(width), height=12, fill=colour)
+            element("rect", x=min(middle, at), y=y + 6, width=abs(at - middle), height=12, fill=colour)
         )
-        error = 2 * room * item.standard_error / most
-        at = middle + width
-        parts.append(element("line", x1=at - error, x2=at + error, y1=y + 12, y2=y + 12, stroke="#1f2933"))
-        edge = max(middle, at + error) + 8
-        words = f"{item.saved_touches:+.2f}".replace("-", "−")
-        parts.append(text(words, edge, y + 16, size=_SIZE))
-    height = len(costs) * 26.0
+        ends = [middle + room * end / most for end in (low, high)]
+        parts.append(element("line", x1=ends[0], x2=ends[1], y1=y + 12, y2=y + 12, stroke="#1f2933"))
+        shown = f"{fewer:+.1f}".replace("-", "−") + ("" if is_shown else " ?")
+        parts.append(text(shown, max(middle, *ends) + 8, y + 16, size=_SIZE))
+    height = len(drawn) * 26.0
     parts.append(element("line", x1=middle, x2=middle, y1=0, y2=height, stroke=_LINE))
-    parts.append(text("touches saved", middle, height + 14, size=_SIZE, fill=_GREY, anchor="middle"))
+    parts.append(text("touches fewer", middle + 6, height + 14, size=_SIZE, fill=_GREY))
+    parts.append(text("touches more", middle - 6, height + 14, size=_SIZE, fill=_GREY, anchor="end"))
     return _svg(parts, height + 22)
-
-
-SOURCE_WORDS = {
-    "position": "bound of contacts",
-    "normal": "range of normals",
-    "tolerance": "tolerance of parts",
-    "reach": "reach of fingers",
-}
-"""What each source of error is called."""
 
 
 def _label(words: str, y: float) -> str:

@@ -1,52 +1,66 @@
 """A study's result for a terminal."""
 
-import math
 from collections.abc import Sequence
 
-from palpate.config.study_result import BestHeightsOut, ComparedOut, NoiseCostOut, PairStudiedOut, StudyOut
+from palpate.config.study_result import PairStudiedOut, StudyOut
 from palpate.errors import counted
+from palpate.views.study_words import (
+    SOURCE_WORDS,
+    VARIED_SHARE,
+    accuracy_words,
+    best_heights_words,
+    comparison_words,
+    drawn_words,
+    goal_words,
+    more_runs_words,
+    no_budget_words,
+    pairs_lasting,
+    placed_words,
+    verdict_words,
+    wrong_words,
+)
 from palpate.vocabulary import PartMotion
 
-__all__ = ["best_heights_words", "pair_words", "study_lines"]
+__all__ = ["study_lines"]
 
 _SHOWN = 8
 
 
 def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
-    """Verdicts and costs first, then the states and pairs that are hardest; fingers are at `heights_mm`."""
-    lines = [
-        f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {_states_words(out)}"
-        f"{', parts that move' if out.parts is PartMotion.MOVING else ''}:"
-    ]
-    lines += [
-        f"  {item.verdict.value:18s} {item.runs:6d}  {100 * item.runs / out.runs:5.1f} %"
-        for item in out.verdicts
-    ]
-    lines.append(f"  {'wrong answers':18s} {out.wrong:6d}")
-    if out.lost > out.wrong:
-        lines.append(f"  {'truth not left':18s} {out.lost:6d}")
-    if out.sticking_out:
-        words = "of the workspace: answers are for parts inside"
-        lines.append(f"  {'parts sticking out':18s} {out.sticking_out:6d}  {words}")
-    touches, grips = out.touches, out.grips
-    lines.append(
-        f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; "
-        f"grips {grips[0]:g} in the median, up to {grips[1]:g}"
-    )
-    if out.position_error is not None:
-        lines.append(
-            f"position error {out.position_error[0]:.2f} mm, in 90 % up to {out.position_error[1]:.2f} mm"
-        )
+    """Verdicts, accuracy and costs first, then the hardest states and pairs; fingers are at `heights_mm`."""
+    lines = [*_verdict_lines(out), *_accuracy_lines(out), *_cost_lines(out)]
     hard = [state for state in out.states if state.identified < state.runs][:_SHOWN]
     if hard:
         lines += ["", "identified least often"]
         for state in hard:
             share = f"{state.identified} of {state.runs}"
-            lines.append(f"  {state.object}, {state.state}: {share}, {state.touches[0]:g} touches")
-    lines += _pair_lines(out.hardest)
+            words = f"{state.object}, {state.state}: {share}, {state.touches[0]:g} touches in the median"
+            lines.append(f"  {words}")
+    lines += _pair_lines(pairs_lasting(out.hardest))
     if out.best_heights is not None:
-        lines += ["", best_heights_words(out.best_heights, heights_mm)]
-    return lines + _budget_lines(out.noise_budget)
+        lines += ["", best_heights_words(out.best_heights, heights_mm, others=bool(out.heights))]
+    return lines + _budget_lines(out)
+
+
+def _verdict_lines(out: StudyOut) -> list[str]:
+    moving = ", parts that move" if out.parts is PartMotion.MOVING else ""
+    lines = [f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {_states_words(out)}{moving}:"]
+    lines += [
+        f"  {item.verdict.value:20s} {item.runs:6d}  {100 * item.runs / out.runs:5.1f} %  "
+        f"{verdict_words(out, item.verdict)}".rstrip()
+        for item in out.verdicts
+    ]
+    lines.append(f"  {'wrong answers':20s} {out.wrong:6d}")
+    if out.lost > out.wrong:
+        lines.append(f"  {'true part ruled out':20s} {out.lost:6d}")
+    if out.sticking_out:
+        words = "of the workspace: answers are for parts inside"
+        lines.append(f"  {'parts sticking out':20s} {out.sticking_out:6d}  {words}")
+    if not out.wrong:
+        lines.append(wrong_words(out))
+    if out.placed_within is not None:
+        lines.append(f"parts lie {placed_words(out)}; {drawn_words(out)}")
+    return lines
 
 
 def _states_words(out: StudyOut) -> str:
@@ -57,53 +71,56 @@ def _states_words(out: StudyOut) -> str:
     return f"{drawn} of {counted(all_states, 'state', 'states')} drawn"
 
 
-def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float]) -> str:
-    """Where fingers should be."""
-    now = ", ".join(f"{height:g}" for height in sorted(set(heights_mm)))
-    alike = (
-        counted(best.alike_now, "pair of states is", "pairs of states are")
-        if best.alike_now
-        else "no pair is"
-    )
-    if best.alike >= best.alike_now:
-        there = f"fingers at {now} mm: {alike} alike there"
-        return f"{there}, and no other heights would do better" if best.alike_now else there
-    wanted = ", ".join(f"{height:g}" for height in best.heights)
-    words = f"fingers at {now} mm: {alike} alike there; at {wanted} mm, {best.alike or 'none'}"
-    return words if best.compared is None else f"{words}: {_compared_words(best.compared)}"
+def _accuracy_lines(out: StudyOut) -> list[str]:
+    lines = []
+    if out.accuracy is not None and out.goal is not None:
+        lines = [
+            "",
+            f"identified: {accuracy_words(out.accuracy)}",
+            f"  {goal_words(out.accuracy, out.goal)}",
+        ]
+    if out.true_error is not None:
+        median, p90, worst = out.true_error
+        words = f"{median:.2f} mm in the median, at most {p90:.2f} mm in 90 %, {worst:.2f} mm at worst"
+        lines.append(f"  true error, which only the simulator knows: {words}")
+    return lines
 
 
-def _compared_words(item: ComparedOut) -> str:
-    """What runs there came to, beside the same ones as it is."""
-    now, there = item.identified
-    saved = f"{abs(item.saved_touches):.1f} touches {'fewer' if item.saved_touches > 0 else 'more'}"
-    return f"of {counted(item.runs, 'run', 'runs')} {there} identified there, {now} as it is, with {saved}"
+def _cost_lines(out: StudyOut) -> list[str]:
+    touches, grips = out.touches, out.grips
+    lines = [
+        f"touches {touches.mean:.1f} on average, in 90 % of runs at most {touches.p90:g}, "
+        f"{touches.max} at worst",
+        f"grips {grips[0]:g} in the median, in 90 % of runs at most {grips[1]:g}, {out.grips_max} at worst",
+    ]
+    if out.grip_seconds is not None:
+        median, p90 = out.grip_seconds
+        lines.append(f"rig time in grips {median:.0f} s in the median, in 90 % of runs at most {p90:.0f} s")
+    return lines
 
 
-def _budget_lines(costs: Sequence[NoiseCostOut]) -> list[str]:
+def _budget_lines(out: StudyOut) -> list[str]:
+    costs = out.noise_budget
     if not costs:
-        return []
-    head = f"half of an error saves, in {counted(costs[0].runs, 'run', 'runs')}"
-    return ["", head, *(f"  {_budget_words(item)}" for item in costs)]
-
-
-def _budget_words(item: NoiseCostOut) -> str:
-    saved = f"{item.saved_touches:+.2f}".replace("-", "−")
-    words = f"{item.source.value:10s} {saved} ± {item.standard_error:.2f} touches"
-    if item.position_bound is None or item.orientation_bound is None:
-        return words
-    (now, then), (turn, then_turn) = item.position_bound, item.orientation_bound
-    turns = f"± {math.degrees(turn):.2f}° → {math.degrees(then_turn):.2f}°"
-    return f"{words}, bounds ± {now:.2f} → {then:.2f} mm, {turns}"
+        return ["", no_budget_words(out)] if out.runs < VARIED_SHARE else []
+    width = max(len(SOURCE_WORDS[item.source]) for item in costs)
+    head = f"the first {counted(costs[0].runs, 'run', 'runs')} again, with one thing changed"
+    lines = [
+        "",
+        head,
+        *(f"  {SOURCE_WORDS[item.source]:{width}s}  {comparison_words(item)}" for item in costs),
+    ]
+    more = more_runs_words(costs, out.runs)
+    return [*lines, f"  ({more})"] if more else lines
 
 
 def _pair_lines(pairs: Sequence[PairStudiedOut]) -> list[str]:
     if not pairs:
         return []
-    return ["", "hardest to tell apart", *(f"  {pair_words(pair)}" for pair in pairs[:_SHOWN])]
+    return ["", "hardest to tell apart", *(f"  {_pair_words(pair)}" for pair in pairs[:_SHOWN])]
 
 
-def pair_words(pair: PairStudiedOut) -> str:
+def _pair_words(pair: PairStudiedOut) -> str:
     """Both, and what came of it."""
     end = f", at the end of {counted(pair.left, 'run', 'runs')}" if pair.left else ""
     return (

@@ -85,11 +85,12 @@ class PartMotion(StrEnum):
 class ErrorSource(StrEnum):
     """What limits how well a rig tells parts apart.
 
-    How far off contacts are, how wide their ranges of normals, how far parts are from their models, and from
-    which sides fingers reach them.
+    How far off contacts are, how wide their ranges of normals, how far parts are from their models, from
+    which sides fingers reach them, and that parts move when they are touched.
     """
 
     POSITION = "position"
     NORMAL = "normal"
     TOLERANCE = "tolerance"
     REACH = "reach"
+    MOTION = "motion"

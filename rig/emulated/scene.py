@@ -19,7 +19,16 @@ from palpate.geometry import ObjectModel, Section, State
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.ball_outline import outline_beside_ball
 
-__all__ = ["Placement", "draw_placement", "moved", "outline_at", "placement_of", "rings_of", "shape_of"]
+__all__ = [
+    "Placement",
+    "draw_placement",
+    "moved",
+    "outline_at",
+    "placement_of",
+    "put_down",
+    "rings_of",
+    "shape_of",
+]
 
 _PUT_DOWN = 50  # times, until a part lies inside the workspace
 _SAME_PLACE_MM = 1e-9
@@ -66,16 +75,27 @@ def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
 def draw_placement(
     objects: ObjectsFile, radius_mm: float, rng: np.random.Generator, workspace_mm: float = math.inf
 ) -> Placement:
-    """Any object in any state with its centre of area anywhere within `radius_mm` of the middle.
+    """Any object in any state, put down as `put_down` does it."""
+    model = objects.objects[int(rng.integers(len(objects.objects)))]
+    state = model.states[int(rng.integers(len(model.states)))]
+    return put_down(model, state, radius_mm, rng, workspace_mm)
+
+
+def put_down(
+    model: ObjectModel,
+    state: State,
+    radius_mm: float,
+    rng: np.random.Generator,
+    workspace_mm: float = math.inf,
+) -> Placement:
+    """A state with its centre of area anywhere within `radius_mm` of the middle.
 
     One that would stick out of a circle of `workspace_mm` is put down again; if it never fits, it lies as
     it was put first.
     """
-    model = objects.objects[int(rng.integers(len(objects.objects)))]
-    state = model.states[int(rng.integers(len(model.states)))]
     first = None
     for _ in range(_PUT_DOWN):
-        lies = _put_down(model, state, radius_mm, rng)
+        lies = _lies_anywhere(model, state, radius_mm, rng)
         first = first or lies
         if all(_furthest_mm(lies, section) <= workspace_mm for section in state.sections):
             return lies
@@ -83,7 +103,7 @@ def draw_placement(
     return first
 
 
-def _put_down(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
+def _lies_anywhere(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
     theta = float(rng.uniform(-math.pi, math.pi))
     away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     centre = affinity.rotate(_shape(state.sections[0]), theta, origin=(0, 0), use_radians=True).centroid

@@ -170,7 +170,8 @@ class RunsFile:
 def _digest(simulation: Simulation) -> str:
     """Of all that decides the runs."""
     rig = simulation.rig.model_dump_json()
-    words = (rig, file_text(simulation.objects), simulation.strategy.value, str(simulation.seed))
+    placed = f"{simulation.within_mm:g}"
+    words = (rig, file_text(simulation.objects), simulation.strategy.value, str(simulation.seed), placed)
     return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
 

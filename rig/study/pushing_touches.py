@@ -49,6 +49,7 @@ class PushingTouches:
         resolution: Resolution | None = None,
     ) -> None:
         """`part`: as placed; `noise`: of each finger's array. Tips and gains are drawn in their bounds."""
+        self.seconds = 0.0  # rig time in grips; turning to the next aims is not in it
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
         self._shapes = PlacedShapes(placement)
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
@@ -87,6 +88,7 @@ class PushingTouches:
         under_way.touch()
         contacts = [self._contact(finger) for finger in fingers]
         under_way.retract()
+        self.seconds += under_way.seconds
         return [
             Touch(
                 finger.approach.finger_index,
@@ -129,6 +131,11 @@ class _Grip:
         self._closing, self._fingers, self._tips = rig.closing, fingers, tips
         self._period_s = 1 / rig.closing.sample_rate_hz
         self._now = self._next_frame_s = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Rig time since the grip began."""
+        return self._now
 
     def touch(self) -> None:
         """Search, back off, touch slowly, rest and be measured."""

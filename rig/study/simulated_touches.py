@@ -44,6 +44,7 @@ class SimulatedTouches:
 
     def __init__(self, placement: Placement, resolution: Resolution, rng: np.random.Generator) -> None:
         self.placement = placement
+        self.seconds: float | None = None  # no time passes
         self._shapes, self._errors = PlacedShapes(placement), FingerErrors(resolution, rng)
 
     def __call__(

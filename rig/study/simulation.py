@@ -17,13 +17,14 @@ from palpate.rig.conversion import finger_of, resolution_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.array_noise import ArrayNoise, noise_of
 from palpate.rig.emulated.part_truth import draw_part, part_of
-from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.scene_reachability import sticks_out_mm
 from palpate.rig.identification.loop import PushTables, search
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
 from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.study.draws import draw_for_study, placed_within_mm
 from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
 from palpate.vocabulary import ErrorSource, PartMotion, Strategy
@@ -31,9 +32,6 @@ from palpate.vocabulary import ErrorSource, PartMotion, Strategy
 __all__ = ["Simulation", "motion_of", "with_motion"]
 
 _RIVALS_KEPT = 5  # of a run: those that lasted longest
-_PLACED_SHARE = (
-    0.16  # of the workspace's radius, where a rig file does not say how far from the middle parts lie
-)
 _DRAWS = 10  # of a part's feet, on which it may not be able to stand
 
 
@@ -85,13 +83,22 @@ def _with_part(rig: RigFile, part: EmulatedPartConfig | None) -> RigFile:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What all runs of a study share. `halved`: an error (or the reach) that is half of what it is."""
+    """What all runs of a study share. `halved`: an error (or the reach) that is half of what it is.
+
+    `placed_within_mm`: how far from the middle of the workspace parts are put, None: as the rig file says.
+    """
 
     rig: RigFile
     objects: ObjectsFile
     strategy: Strategy
     seed: int
     halved: ErrorSource | None = None
+    placed_within_mm: float | None = None
+
+    @property
+    def within_mm(self) -> float:
+        """How far from the middle of the workspace a part's centre of area lies at most."""
+        return placed_within_mm(self.rig) if self.placed_within_mm is None else self.placed_within_mm
 
     @cached_property
     def _catalogue(self) -> Catalogue:
@@ -128,7 +135,7 @@ class Simulation:
     def run(self, number: int, variation: str = "") -> StudyRunOut:
         """Draw a part and where it lies, and identify it. `variation`: how this simulation is called."""
         rng = np.random.default_rng([self.seed, number])
-        placement = draw_placement(self.objects, self._placed_within_mm(), rng, self.rig.workspace.radius_mm)
+        placement = draw_for_study(self.objects, self.within_mm, rng, self.rig.workspace.radius_mm)
         watch = _Watch((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
         result = search(
@@ -165,6 +172,7 @@ class Simulation:
             left=tuple(sorted({(item.state.object_name, item.state.state.name) for item in hypotheses})),
             rivals=watch.rivals(),
             sticks_out=sticks_out_mm(self.rig, placement) > 0,
+            grip_seconds=touches.seconds,
         )
 
     def _touches(self, placement: Placement, rng: np.random.Generator) -> SimulatedTouches | PushingTouches:
@@ -173,11 +181,6 @@ class Simulation:
             return SimulatedTouches(placement, self._resolution, rng)
         part, tip_friction = _part(emulation.part, placement, rng)
         return PushingTouches(self.rig, placement, part, tip_friction, self._noise, rng, self._resolution)
-
-    def _placed_within_mm(self) -> float:
-        emulation = self.rig.emulation
-        radius = self.rig.workspace.radius_mm
-        return _PLACED_SHARE * radius if emulation is None else emulation.placement_radius_mm
 
 
 def _part(
@@ -206,26 +209,31 @@ def _middle_half(reach: Reach) -> Reach:
 
 
 class _Watch:
-    """After how many touches each other state was ruled out."""
+    """After how many touches and grips each other state was ruled out."""
 
     def __init__(self, truth: tuple[str, str]) -> None:
         self._truth = truth
-        self._touches = 0
-        self._last: dict[tuple[str, str], int] = {}
+        self._touches = self._grips = 0
+        self._last: dict[tuple[str, str], tuple[int, int]] = {}
 
     def __call__(self, event: Event) -> None:
         match event:
             case TouchEvent():
-                self._touches += sum(touch.contact.touched for touch in event.touches)
+                touched = sum(touch.contact.touched for touch in event.touches)
+                self._touches += touched
+                self._grips += touched > 0
             case RecognitionEvent(_, recognition):
                 for name in _names(recognition):
-                    self._last[name] = self._touches
+                    self._last[name] = self._touches, self._grips
 
     def rivals(self) -> tuple[RivalOut, ...]:
         """Those that lasted longest, with the touches after which they were still possible."""
-        others = [(touches, name) for name, touches in self._last.items() if name != self._truth]
-        longest: Sequence[tuple[int, tuple[str, str]]] = sorted(others, reverse=True)[:_RIVALS_KEPT]
-        return tuple(RivalOut(object=name[0], state=name[1], touches=touches) for touches, name in longest)
+        others = [(*lasted, name) for name, lasted in self._last.items() if name != self._truth]
+        longest: Sequence[tuple[int, int, tuple[str, str]]] = sorted(others, reverse=True)[:_RIVALS_KEPT]
+        return tuple(
+            RivalOut(object=name[0], state=name[1], touches=touches, grips=grips)
+            for touches, grips, name in longest
+        )
 
 
 def _names(recognition: Recognition) -> set[tuple[str, str]]:

@@ -1,30 +1,48 @@
-"""Variations of a study: the same runs with one error halved, or with fingers at other heights.
+"""Variations of a study: the same runs with one error halved, the part held, or fingers at other heights.
 
-Part, place and draws of a run stay what they are, so that differences are of the variation.
+Part and place of a run stay what they are, so that differences are of the variation.
 """
 
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from palpate.config import RigFile
 from palpate.config.study_result import ComparedOut, NoiseCostOut, StudyRunOut
-from palpate.rig.study.simulation import Simulation
-from palpate.vocabulary import ErrorSource, IdentificationVerdict
+from palpate.rig.study.paired_runs import PairedRuns
+from palpate.rig.study.simulation import Simulation, motion_of, with_motion
+from palpate.vocabulary import ErrorSource, PartMotion
 
-__all__ = ["AS_IT_IS", "at_heights", "compared", "halved", "heights_name", "noise_budget"]
+__all__ = ["AS_IT_IS", "at_heights", "compared", "heights_name", "noise_budget", "without_errors"]
 
 AS_IT_IS = ""
 """Name of what is no variation."""
 
 
-def halved(simulation: Simulation) -> dict[str, Simulation]:
-    """A simulation for each error that can be halved, by name; none for tolerances of 0."""
+def without_errors(simulation: Simulation) -> dict[str, Simulation]:
+    """By name, a simulation for each error that can be halved, and one with parts held if they may move.
+
+    None for tolerances of 0.
+    """
     has_tolerance = any(item.tolerance_mm for item in simulation.objects.objects)
-    sources = [item for item in ErrorSource if item is not ErrorSource.TOLERANCE or has_tolerance]
-    return {_half(source): replace(simulation, halved=source) for source in sources}
+    moves = motion_of(simulation.rig) is PartMotion.MOVING
+    left_out = {
+        *(() if has_tolerance else (ErrorSource.TOLERANCE,)),
+        *(() if moves else (ErrorSource.MOTION,)),
+    }
+    return {_name(item): _without(simulation, item) for item in ErrorSource if item not in left_out}
+
+
+def _without(simulation: Simulation, source: ErrorSource) -> Simulation:
+    if source is not ErrorSource.MOTION:
+        return replace(simulation, halved=source)
+    rig, objects = with_motion(simulation.rig, simulation.objects, PartMotion.STILL)
+    return replace(simulation, rig=rig, objects=objects)
+
+
+def _name(source: ErrorSource) -> str:
+    return "held" if source is ErrorSource.MOTION else f"half {source.value}"
 
 
 def at_heights(rig: RigFile, heights_mm: Sequence[float]) -> RigFile:
@@ -42,45 +60,40 @@ def heights_name(heights_mm: Sequence[float]) -> str:
 
 
 def noise_budget(runs: Mapping[str, Sequence[StudyRunOut]]) -> tuple[NoiseCostOut, ...]:
-    """What each error costs; the most touches first."""
+    """What each error costs; what gains most identified runs first, then what saves most touches."""
+    varied = {source: some for source in ErrorSource if (some := runs.get(_name(source)))}
     found = [
-        NoiseCostOut(source=source, **dict(compared(runs[AS_IT_IS], runs[_half(source)])))
-        for source in ErrorSource
-        if runs.get(_half(source))
+        NoiseCostOut(source=source, **dict(compared(runs[AS_IT_IS], some, comparisons=len(varied))))
+        for source, some in varied.items()
     ]
-    return tuple(sorted(found, key=lambda item: -item.saved_touches))
+    return tuple(sorted(found, key=lambda item: (_lost(item), -(item.fewer_touches or 0.0))))
 
 
-def compared(as_is: Sequence[StudyRunOut], varied: Sequence[StudyRunOut]) -> ComparedOut:
-    """A variation beside the same runs as they are."""
-    pairs = list(zip(as_is, varied, strict=False))
-    saved = np.array([one.touches - other.touches for one, other in pairs], dtype=float)
-    both = [pair for pair in pairs if all(map(_is_identified, pair))]
+def _lost(item: ComparedOut) -> int:
+    as_is, varied = item.identified
+    return as_is - varied
 
-    def medians(value: Callable[[StudyRunOut], float | None]) -> tuple[float, float] | None:
-        found = np.array([[value(one), value(other)] for one, other in both], dtype=float)
-        return tuple(np.median(found, axis=0).tolist()) if len(found) else None
 
+def compared(
+    as_is: Sequence[StudyRunOut], varied: Sequence[StudyRunOut], *, comparisons: int = 1
+) -> ComparedOut:
+    """A variation beside the same runs as they are, one of so many `comparisons`."""
+    runs = PairedRuns.of(as_is, varied, comparisons)
+    saved = runs.saved_touches
     return ComparedOut(
-        runs=len(pairs),
-        touches=(_mean(one.touches for one, _ in pairs), _mean(other.touches for _, other in pairs)),
+        runs=len(runs.all),
+        touches=(_mean(one.touches for one, _ in runs.all), _mean(other.touches for _, other in runs.all)),
         saved_touches=float(saved.mean()),
-        standard_error=float(saved.std(ddof=1) / math.sqrt(len(saved))) if len(saved) > 1 else 0.0,
-        identified=(
-            sum(_is_identified(one) for one, _ in pairs),
-            sum(_is_identified(one) for _, one in pairs),
-        ),
-        position_bound=medians(lambda run: run.position_bound),
-        orientation_bound=medians(lambda run: run.orientation_bound),
+        standard_error=float(saved.std(ddof=1) / np.sqrt(len(saved))) if len(saved) > 1 else 0.0,
+        identified=runs.identified,
+        position_bound=runs.medians(lambda run: run.position_bound),
+        orientation_bound=runs.medians(lambda run: run.orientation_bound),
+        pairs=len(runs.both),
+        fewer_touches=float(runs.fewer_touches.mean()) if runs.both else None,
+        fewer_interval=runs.fewer_interval(),
+        shown=runs.shown(),
+        runs_wanted=runs.wanted(),
     )
-
-
-def _half(source: ErrorSource) -> str:
-    return f"half {source.value}"
-
-
-def _is_identified(run: StudyRunOut) -> bool:
-    return run.verdict is IdentificationVerdict.IDENTIFIED
 
 
 def _mean(values: Iterable[int]) -> float:

@@ -1,16 +1,16 @@
 """Report of a study: verdicts, touches, pairs that are hard to tell apart, heights, and what errors cost."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
+from typing import TypeVar
 
-from palpate.config.study_result import ComparedOut, StudyOut
+from palpate.config.study_result import ComparedOut, StateStudiedOut, StudyOut
 from palpate.errors import counted
 from palpate.geometry import ObjectModel
 from palpate.views.report.page import heading, page, paragraph, picture, section, table
 from palpate.views.study_pictures import (
     MATRIX_STATES,
-    SOURCE_WORDS,
     budget_picture,
     confusion_picture,
     heights_picture,
@@ -18,13 +18,28 @@ from palpate.views.study_pictures import (
     states_picture,
     touches_picture,
 )
-from palpate.views.study_text import best_heights_words
+from palpate.views.study_words import (
+    SOURCE_WORDS,
+    VARIED_SHARE,
+    best_heights_words,
+    bounds_words,
+    drawn_words,
+    goal_words,
+    more_runs_words,
+    no_budget_words,
+    pairs_lasting,
+    placed_words,
+    signed,
+    up,
+    verdict_words,
+    wrong_words,
+)
 from palpate.vocabulary import PartMotion
 
 __all__ = ["study_report"]
 
 _PAIRS = 40
-_DOUBT = 0.05
+_Value = TypeVar("_Value", int, float)
 _SIMULATED = {
     PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, "
     "mismeasured within the rig's bounds. What devices do beyond that, and parts that move, are not in it.",
@@ -36,68 +51,96 @@ _SIMULATED = {
 
 def study_report(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence[float]) -> str:
     """The page; `heights_mm`: of the rig's fingers."""
-    title = (
-        f"{counted(out.wrong, 'wrong answer', 'wrong answers')} in {out.runs} runs"
-        if out.wrong
-        else f"No wrong answer in {counted(out.runs, 'run', 'runs')}"
-    )
     parts = [
         heading(
-            title,
+            _headline(out),
             f"catalogue {out.objects}, rig {out.rig}, strategy {out.strategy.value}, seed {out.seed}, "
             f"parts {'move' if out.parts is PartMotion.MOVING else 'lie still'}",
         ),
+        *(() if out.wrong else (paragraph(_sentence(wrong_words(out))),)),
         _verdicts(out),
+        *_accuracy(out),
         section("Touches needed", _costs(out), picture(touches_picture(out.touches_of))),
         *_confusion(out),
         *_hardest(out, objects, heights_mm),
         *_heights(out, heights_mm),
         *_budget(out),
         _states(out),
-        section(
-            "What was simulated", paragraph(_SIMULATED[out.parts]), paragraph(f"palpate {version('palpate')}")
-        ),
+        _simulated(out),
     ]
     return page(f"Study of {out.objects} on rig {out.rig}", parts)
 
 
+def _headline(out: StudyOut) -> str:
+    """Wrong answers, if there are any; else how many are identified, what stays alike, the worst bounds."""
+    if out.wrong:
+        return wrong_words(out)
+    identified = sum(item.identified for item in out.states)
+    parts = [f"{100 * identified / out.runs:.0f} % of {counted(out.runs, 'run', 'runs')} identified"]
+    if out.accuracy is not None:
+        worst = bounds_words(out.accuracy.position[-1], out.accuracy.orientation[-1])
+        parts.append(f"known to {worst} at worst")
+    if out.twins:
+        parts.append(f"{counted(len(out.twins), 'set', 'sets')} of states no touch tells apart")
+    return "; ".join(parts)
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}."
+
+
 def _verdicts(out: StudyOut) -> str:
-    rows = [
-        (item.verdict.value, str(item.runs), f"{100 * item.runs / out.runs:.1f} %") for item in out.verdicts
-    ]
-    rows.append(("wrong answers", str(out.wrong), f"{100 * out.wrong / out.runs:.1f} %"))
+    def row(name: str, runs: int, words: str = "") -> tuple[str, ...]:
+        return name, str(runs), f"{100 * runs / out.runs:.1f} %", words
+
+    rows = [row(item.verdict.value, item.runs, verdict_words(out, item.verdict)) for item in out.verdicts]
+    rows.append(row("wrong answers", out.wrong))
     if out.lost > out.wrong:
-        rows.append(("truth not left", str(out.lost), f"{100 * out.lost / out.runs:.1f} %"))
+        rows.append(row("true part ruled out", out.lost))
     if out.sticking_out:
-        share = f"{100 * out.sticking_out / out.runs:.1f} %"
-        rows.append(("part sticking out of the workspace", str(out.sticking_out), share))
-    parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
-    if not out.wrong:
-        most = 100 * (1 - _DOUBT ** (1 / out.runs))
-        words = f"None was wrong: with 95 % confidence, fewer than {most:.2g} % of all such runs are."
-        parts.append(paragraph(words))
-    return section("Verdicts", *parts)
+        rows.append(row("part sticking out of the workspace", out.sticking_out))
+    return section("Verdicts", table(("verdict", "runs", "share", ""), rows, numbers=("runs", "share")))
+
+
+def _accuracy(out: StudyOut) -> Iterator[str]:
+    if out.accuracy is None or out.goal is None:
+        return
+    rows = [
+        ("guaranteed position, ± mm", *(up(value) for value in out.accuracy.position)),
+        ("guaranteed orientation, ± °", *(up(math.degrees(value)) for value in out.accuracy.orientation)),
+    ]
+    if out.true_error is not None:
+        rows.append(("true error of position, mm", *(f"{value:.2f}" for value in out.true_error)))
+    numbers = ("median", "90 %", "worst")
+    yield section(
+        "Accuracy",
+        table(("", *numbers), rows, numbers=numbers),
+        paragraph(_sentence(goal_words(out.accuracy, out.goal))),
+        paragraph(
+            f"Of the {counted(out.accuracy.runs, 'run', 'runs')} that identified a part. Guaranteed is what "
+            "answers give as bounds; the true error is known to the simulator only."
+        ),
+    )
 
 
 def _costs(out: StudyOut) -> str:
-    rows = [
-        ("touches", f"{out.touches.mean:.2f}", f"{out.touches.median:g}", f"{out.touches.p90:g}"),
-        ("grips", "", f"{out.grips[0]:g}", f"{out.grips[1]:g}"),
+    touches = out.touches
+    rows: list[tuple[str, ...]] = [
+        ("touches", f"{touches.mean:.2f}", f"{touches.median:g}", f"{touches.p90:g}", str(touches.max)),
+        ("grips", "", f"{out.grips[0]:g}", f"{out.grips[1]:g}", str(out.grips_max)),
     ]
-    if out.position_error is not None:
-        rows.append(
-            ("position error, mm", "", f"{out.position_error[0]:.2f}", f"{out.position_error[1]:.2f}")
-        )
+    if out.grip_seconds is not None:
+        rows.append(("rig time in grips, s", "", *(f"{value:.0f}" for value in out.grip_seconds), ""))
     if out.parts is PartMotion.MOVING:
-        rows.append(("part moved by, mm", "", f"{out.moved[0]:.2f}", f"{out.moved[1]:.2f}"))
-    numbers = ("mean", "median", "90 %")
+        rows.append(("part moved by, mm", "", *(f"{value:.2f}" for value in out.moved), ""))
+    numbers = ("mean", "median", "90 %", "worst")
     return table(("", *numbers), rows, numbers=numbers)
 
 
 def _confusion(out: StudyOut) -> Iterator[str]:
     parts = [paragraph("No run ended with another state than the true one still possible.")]
     if out.confusion:
-        words = "Percent of the runs with the row's part that ended with the column's still possible."
+        words = "Percent of the runs with the row's part that ended with the column's part still possible."
         parts = [paragraph(words), picture(confusion_picture(out.confusion))]
         count = len({name for item in out.confusion for name in (item.a, item.b)})
         if count > MATRIX_STATES:
@@ -106,17 +149,18 @@ def _confusion(out: StudyOut) -> Iterator[str]:
     if any(item.identified < item.runs for item in out.states):
         parts.append(
             paragraph(
-                "A run that ends with several places of the true state alone has not identified it either, "
-                "and is not in here."
+                "Runs in which only the true state is left, but in several places, are not identified; "
+                "they are not shown here."
             )
         )
     yield section("Confusion", *parts, kind="sections")
 
 
 def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence[float]) -> Iterator[str]:
-    if not out.hardest:
+    pairs = pairs_lasting(out.hardest)
+    if not pairs:
         return
-    names = ("lay there", "still possible", "after touches", "runs", "at the end")
+    names = ("one", "other", "still possible after touches", "in runs", "at the end of")
     rows = [
         (
             f"{item.object}, {item.state}",
@@ -125,24 +169,26 @@ def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence
             str(item.runs),
             str(item.left),
         )
-        for item in out.hardest[:_PAIRS]
+        for item in pairs[:_PAIRS]
     ]
     yield section(
         "Hardest to tell apart",
-        paragraph(f"Outlines at {min(heights_mm):g} mm, laid on each other."),
-        picture(pair_pictures(out.hardest, objects, min(heights_mm))),
+        paragraph(
+            "One lay on the table, the other was still possible. Outlines, laid on each other, at "
+            f"{min(heights_mm):g} mm."
+        ),
+        picture(pair_pictures(pairs, objects, min(heights_mm))),
         table(names, rows, numbers=names[2:]),
         kind="sections",
     )
 
 
 def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
-    if out.best_heights is None or not out.heights:
+    if out.best_heights is None:
         return
-    words = best_heights_words(out.best_heights, heights_mm)
-    parts = [paragraph(f"{words[:1].upper()}{words[1:]}.")]
+    parts = [paragraph(_sentence(best_heights_words(out.best_heights, heights_mm, others=bool(out.heights))))]
     if out.best_heights.compared is not None:
-        parts.append(_compared([("there", out.best_heights.compared)]))
+        parts.append(_compared([("fingers at these heights", out.best_heights.compared)]))
     if len(out.heights) > 1:
         parts.append(picture(heights_picture(out.heights, heights_mm, out.best_heights.heights)))
     rows = [
@@ -155,34 +201,39 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
 
 
 def _budget(out: StudyOut) -> Iterator[str]:
-    if not out.noise_budget:
+    costs = out.noise_budget
+    if not costs:
+        if out.runs < VARIED_SHARE:
+            yield section("What errors cost", paragraph(_sentence(no_budget_words(out))))
         return
-    runs = out.noise_budget[0].runs
-    words = (
-        f"The first {counted(runs, 'run', 'runs')} again, with half of one error, or with the middle half of "
-        "the aims only: what better measurement would save, and what less reach would cost. Lines are two "
-        "standard errors long, either way."
-    )
-    rows = [(f"half the {SOURCE_WORDS[item.source.value]}", item) for item in out.noise_budget]
+    drawn, more = budget_picture(costs), more_runs_words(costs, out.runs)
     yield section(
-        "What errors cost", paragraph(words), picture(budget_picture(out.noise_budget)), _compared(rows)
+        "What errors cost",
+        paragraph(
+            f"The first {counted(costs[0].runs, 'run', 'runs')} again with one thing changed: the same parts "
+            "at the same places. Touches and bounds are of runs that were identified both ways. What "
+            "is marked ? may be chance, the rest is not, with 95 % confidence for all lines together."
+        ),
+        *((picture(drawn),) if drawn else ()),
+        _compared([(SOURCE_WORDS[item.source], item) for item in costs]),
+        *((paragraph(_sentence(more)),) if more else ()),
     )
 
 
 def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
     """Values as they are and as they become."""
-    names = ("touches", "saved", "± s.e.", "identified", "position ± mm", "orientation ± °")
+    names = ("runs", "identified", "both ways", "touches fewer", "position ± mm", "orientation ± °")
     return table(
         ("", *names),
         [
             (
                 words,
-                _change(item.touches, "{:.2f}"),
-                f"{item.saved_touches:+.2f}".replace("-", "−"),
-                f"{item.standard_error:.2f}",
-                _change(item.identified, "{:d}"),
-                _change(item.position_bound, "{:.2f}"),
-                _change(item.orientation_bound, "{:.2f}", 180 / math.pi),
+                str(item.runs),
+                _change(item.identified, str) + _chance(item, "identified"),
+                str(item.pairs),
+                _fewer(item),
+                _change(item.position_bound, up) + _chance(item, "bounds"),
+                _change(item.orientation_bound, _degrees) + _chance(item, "bounds"),
             )
             for words, item in rows
         ],
@@ -190,28 +241,81 @@ def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
     )
 
 
-def _change(values: tuple[float, float] | None, form: str, scale: float = 1) -> str:
-    return "" if values is None else " → ".join(form.format(scale * value) for value in values)
+def _fewer(item: ComparedOut) -> str:
+    if item.fewer_touches is None or item.fewer_interval is None:
+        return "too few"
+    low, high = (signed(value, ".1f") for value in item.fewer_interval)
+    return f"{signed(item.fewer_touches, '.1f')} ({low} to {high}){_chance(item, 'touches')}"
+
+
+def _chance(item: ComparedOut, what: str) -> str:
+    return "" if what in item.shown else " ?"
+
+
+def _change(values: tuple[_Value, _Value] | None, words: Callable[[_Value], str]) -> str:
+    return "" if values is None else " → ".join(map(words, values))
+
+
+def _degrees(value: float) -> str:
+    return up(math.degrees(value))
 
 
 def _states(out: StudyOut) -> str:
-    names = ("object", "state", "runs", "identified", "touches", "90 %", "error, mm")
+    names = (
+        "runs",
+        "identified",
+        "no touch tells",
+        "unresolved",
+        "touches",
+        "90 %",
+        "± mm",
+        "± °",
+        "in goal",
+    )
     rows = [
         (
-            item.object,
-            item.state,
+            f"{item.object}, {item.state}",
             str(item.runs),
             f"{100 * item.identified / item.runs:.0f} %",
+            str(item.indistinguishable),
+            str(item.unresolved),
             f"{item.touches[0]:g}",
             f"{item.touches[1]:g}",
-            "" if item.position_error is None else f"{item.position_error:.2f}",
+            *_state_accuracy(item),
         )
         for item in out.states
     ]
     hard = [item for item in out.states if item.identified < item.runs]
     shown = (
-        [paragraph("Share identified, of those that were not always."), picture(states_picture(hard))]
+        [
+            paragraph("Share of runs identified, of the states that were not identified in every run."),
+            picture(states_picture(hard)),
+        ]
         if hard
         else []
     )
-    return section("States", *shown, table(names, rows, numbers=names[2:]), kind="sections")
+    words = (
+        "Touches: median and 90 %. Bounds: the worst of identified runs; in goal: how many of these are "
+        "placed within the rig file's goals."
+    )
+    return section(
+        "States", *shown, table(("state", *names), rows, numbers=names), paragraph(words), kind="sections"
+    )
+
+
+def _state_accuracy(item: StateStudiedOut) -> tuple[str, str, str]:
+    found = item.accuracy
+    if found is None:
+        return "", "", ""
+    return (
+        up(found.position[-1]),
+        up(math.degrees(found.orientation[-1])),
+        f"{found.within_goal} of {found.runs}",
+    )
+
+
+def _simulated(out: StudyOut) -> str:
+    parts = [paragraph(_SIMULATED[out.parts])]
+    if out.placed_within is not None:
+        parts.append(paragraph(f"Parts lie {placed_words(out)}; {drawn_words(out)}."))
+    return section("What was simulated", *parts, paragraph(f"palpate {version('palpate')}"))

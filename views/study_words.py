@@ -1,0 +1,223 @@
+"""Sentences about a study's result, for its page and for a terminal."""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+
+from palpate.config.study_result import (
+    AccuracyOut,
+    BestHeightsOut,
+    ComparedOut,
+    NoiseCostOut,
+    PairStudiedOut,
+    StudyOut,
+)
+from palpate.errors import counted
+from palpate.vocabulary import ErrorSource, IdentificationVerdict
+
+__all__ = [
+    "SOURCE_WORDS",
+    "VARIED_SHARE",
+    "accuracy_words",
+    "best_heights_words",
+    "bounds_words",
+    "chance_words",
+    "comparison_words",
+    "drawn_words",
+    "goal_words",
+    "more_runs_words",
+    "no_budget_words",
+    "pairs_lasting",
+    "placed_words",
+    "signed",
+    "up",
+    "verdict_words",
+    "wrong_words",
+]
+
+_DOUBT = 0.05
+_SETS = 3
+VARIED_SHARE = 10
+"""A tenth of the runs is repeated with each error changed, if nothing else is asked for."""
+_NOT_COMPARED = "were compared: at none are sections of all parts known"
+SOURCE_WORDS = {
+    ErrorSource.POSITION: "half the bound of contacts",
+    ErrorSource.NORMAL: "half the range of normals",
+    ErrorSource.TOLERANCE: "half the tolerance of parts",
+    ErrorSource.REACH: "half the aims of fingers",
+    ErrorSource.MOTION: "part held firmly",
+}
+"""What is changed for each source of error."""
+
+
+def up(value: float, decimals: int = 2) -> str:
+    """A bound, rounded outward."""
+    scale = 10**decimals
+    return f"{math.ceil(round(value * scale, 4)) / scale:.{decimals}f}"
+
+
+def bounds_words(position_mm: float, orientation_rad: float) -> str:
+    """Half widths of both."""
+    return f"± {up(position_mm)} mm, ± {up(math.degrees(orientation_rad))}°"
+
+
+def signed(value: float, form: str) -> str:
+    """With a sign, and a minus that is one."""
+    return f"{value:+{form}}".replace("-", "−")
+
+
+def placed_words(out: StudyOut) -> str:
+    """Where parts are put."""
+    return f"within {out.placed_within:g} mm of the middle of the workspace"
+
+
+def drawn_words(out: StudyOut) -> str:
+    """How states are drawn, as the end of a sentence."""
+    if not out.by_probability:
+        return "objects and their states are drawn evenly"
+    some = counted(out.by_probability, "object", "objects")
+    return f"objects are drawn evenly, states of {some} by their probabilities, others evenly"
+
+
+def wrong_words(out: StudyOut) -> str:
+    """How many answers were wrong, or may be after so many runs of which none was."""
+    if out.wrong:
+        return f"{counted(out.wrong, 'wrong answer', 'wrong answers')} in {out.runs} runs"
+    most = 100 * (1 - _DOUBT ** (1 / out.runs))
+    runs = counted(out.runs, "run", "runs")
+    return f"no wrong answer in {runs} (fewer than {up(most, 1)} % with 95 % confidence)"
+
+
+def verdict_words(out: StudyOut, verdict: IdentificationVerdict) -> str:
+    """What came of runs that ended so, beyond their number; empty if there is no more to say."""
+    match verdict:
+        case IdentificationVerdict.INDISTINGUISHABLE:
+            return _twins_words(out)
+        case IdentificationVerdict.UNRESOLVED:
+            return _unresolved_words(out)
+        case _:
+            return ""
+
+
+def _twins_words(out: StudyOut) -> str:
+    named = [
+        f"{' ~ '.join(item.states) if len(item.states) > 1 else f'places of {item.states[0]}'} ({item.runs})"
+        for item in out.twins
+    ]
+    more = f"; {len(named) - _SETS} more" if len(named) > _SETS else ""
+    return f"no touch within reach tells apart {'; '.join(named[:_SETS])}{more}" if named else ""
+
+
+def _unresolved_words(out: StudyOut) -> str:
+    states = sorted((item for item in out.states if item.unresolved), key=lambda item: -item.unresolved)
+    named = [f"{item.object}, {item.state} ({item.unresolved})" for item in states]
+    more = f"; {len(named) - _SETS} more" if len(named) > _SETS else ""
+    unresolved = sum(item.unresolved for item in out.states)
+    some = "" if out.stopped == unresolved else f"{out.stopped} of them "
+    stopped = f"{some}stopped at max_grips, {out.max_grips}: " if out.stopped else ""
+    return f"{stopped}{'; '.join(named[:_SETS])}{more}"
+
+
+def accuracy_words(item: AccuracyOut) -> str:
+    """What answers guarantee: median, 90 % and the worst."""
+    median, p90, worst = (
+        bounds_words(mm, rad) for mm, rad in zip(item.position, item.orientation, strict=True)
+    )
+    return f"known to {median} in the median, {p90} in 90 %, {worst} at worst"
+
+
+def goal_words(item: AccuracyOut, goal: tuple[float, float]) -> str:
+    """How many are placed as finely as is asked."""
+    asked = f"± {goal[0]:g} mm, ± {math.degrees(goal[1]):.4g}°"
+    return f"placed within the goal ({asked}): {item.within_goal} of {item.runs}"
+
+
+def pairs_lasting(pairs: Sequence[PairStudiedOut]) -> list[PairStudiedOut]:
+    """Both directions of each pair as one, without pairs that the second grip told apart in every run."""
+    both: dict[frozenset[tuple[str, str]], list[PairStudiedOut]] = defaultdict(list)
+    for pair in pairs:
+        both[frozenset(((pair.object, pair.state), (pair.other_object, pair.other_state)))].append(pair)
+    found = [_merged(some) for some in both.values()]
+    lasting = (pair for pair in found if pair.left or pair.grips > 1)
+    return sorted(lasting, key=lambda item: (-item.left, -item.touches, -item.runs))
+
+
+def _merged(pairs: Sequence[PairStudiedOut]) -> PairStudiedOut:
+    runs = sum(pair.runs for pair in pairs)
+    return pairs[0].model_copy(
+        update={
+            "runs": runs,
+            "left": sum(pair.left for pair in pairs),
+            "touches": sum(pair.touches * pair.runs for pair in pairs) / runs,
+            "grips": sum(pair.grips * pair.runs for pair in pairs) / runs,
+        }
+    )
+
+
+def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float], *, others: bool = True) -> str:
+    """Where fingers should be; `others`: whether there were other heights to compare."""
+    fingers = f"fingers at {_listed(heights_mm)}"
+    if not best.alike_now:
+        return f"{fingers} distinguish all pairs of states"
+    now = counted(best.alike_now, "pair of states is", "pairs of states are")
+    words = f"{fingers}: {now} never, or perhaps not, distinguished"
+    if best.alike >= best.alike_now:
+        return f"{words}; no other heights {'would do better' if others else _NOT_COMPARED}"
+    words = f"{words}; {best.alike or 'none'} with fingers at {_listed(best.heights)}"
+    return words if best.compared is None else f"{words}, {comparison_words(best.compared)}"
+
+
+def _listed(heights_mm: Sequence[float]) -> str:
+    return f"{', '.join(f'{height:g}' for height in sorted(set(heights_mm)))} mm"
+
+
+def comparison_words(item: ComparedOut) -> str:
+    """What a change gains in the same runs, and what of it may be chance."""
+    if not item.shown:
+        runs = counted(item.runs, "run", "runs")
+        return f"the same in {runs}" if _is_same(item) else f"no effect can be shown with {runs}"
+    gained = item.identified[1] - item.identified[0]
+    parts = [
+        f"{signed(gained, 'd')} of {item.runs} identified{chance_words(item, 'identified') if gained else ''}"
+    ]
+    if item.fewer_touches is not None and item.fewer_interval is not None:
+        kind = "fewer" if item.fewer_touches >= 0 else "more"
+        parts.append(f"{abs(item.fewer_touches):.1f} touches {kind}{chance_words(item, 'touches')}")
+        parts.append(_bounds_change(item))
+    else:
+        parts.append(f"only {item.pairs} identified both ways")
+    return ", ".join(parts)
+
+
+def _is_same(item: ComparedOut) -> bool:
+    place = item.position_bound
+    same_touches = item.saved_touches == 0 == item.standard_error
+    return same_touches and item.identified[0] == item.identified[1] and (not place or place[0] == place[1])
+
+
+def chance_words(item: ComparedOut, what: str) -> str:
+    """That a difference is not shown."""
+    return "" if what in item.shown else " (may be chance)"
+
+
+def _bounds_change(item: ComparedOut) -> str:
+    assert item.position_bound is not None
+    assert item.orientation_bound is not None
+    (now, then), (turn, turn_then) = item.position_bound, item.orientation_bound
+    words = f"± {up(now)} → {up(then)} mm, ± {up(math.degrees(turn))}° → {up(math.degrees(turn_then))}°"
+    return f"{words}{chance_words(item, 'bounds')}"
+
+
+def more_runs_words(costs: Sequence[NoiseCostOut], runs: int) -> str:
+    """With which option effects would be shown that are not; empty where all are."""
+    wanted = max((item.runs_wanted or 0 for item in costs), default=0)
+    if not wanted:
+        return ""
+    option = f"--budget {wanted}" if wanted <= runs else f"--runs {wanted} --budget {wanted}"
+    return f"with {option} a difference of half a touch would show"
+
+
+def no_budget_words(out: StudyOut) -> str:
+    """Why errors are not compared."""
+    runs = counted(out.runs, "run", "runs")
+    return f"what errors cost is not compared: a tenth of {runs} is none; --budget N repeats N of them"
