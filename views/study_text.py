@@ -45,11 +45,10 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
 def _verdict_lines(out: StudyOut) -> list[str]:
     moving = ", parts that move" if out.parts is PartMotion.MOVING else ""
     lines = [f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {_states_words(out)}{moving}:"]
-    lines += [
-        f"  {item.verdict.value:20s} {item.runs:6d}  {100 * item.runs / out.runs:5.1f} %  "
-        f"{verdict_words(out, item.verdict)}".rstrip()
-        for item in out.verdicts
-    ]
+    for item in out.verdicts:
+        lines.append(f"  {item.verdict.value:20s} {item.runs:6d}  {100 * item.runs / out.runs:5.1f} %")
+        if words := verdict_words(out, item.verdict):
+            lines.append(f"    {words}")
     lines.append(f"  {'wrong answers':20s} {out.wrong:6d}")
     if out.lost > out.wrong:
         lines.append(f"  {'true part ruled out':20s} {out.lost:6d}")

@@ -21,10 +21,10 @@ __all__ = [
     "accuracy_words",
     "best_heights_words",
     "bounds_words",
-    "chance_words",
     "comparison_words",
     "drawn_words",
     "goal_words",
+    "may_be_chance",
     "more_runs_words",
     "no_budget_words",
     "pairs_lasting",
@@ -76,7 +76,7 @@ def drawn_words(out: StudyOut) -> str:
     if not out.by_probability:
         return "objects and their states are drawn evenly"
     some = counted(out.by_probability, "object", "objects")
-    return f"objects are drawn evenly, states of {some} by their probabilities, others evenly"
+    return f"objects are drawn evenly, states of {some} by their probabilities"
 
 
 def wrong_words(out: StudyOut) -> str:
@@ -123,7 +123,7 @@ def accuracy_words(item: AccuracyOut) -> str:
     median, p90, worst = (
         bounds_words(mm, rad) for mm, rad in zip(item.position, item.orientation, strict=True)
     )
-    return f"known to {median} in the median, {p90} in 90 %, {worst} at worst"
+    return f"known to {median} in the median; {p90} in 90 %; {worst} at worst"
 
 
 def goal_words(item: AccuracyOut, goal: tuple[float, float]) -> str:
@@ -177,12 +177,10 @@ def comparison_words(item: ComparedOut) -> str:
         runs = counted(item.runs, "run", "runs")
         return f"the same in {runs}" if _is_same(item) else f"no effect can be shown with {runs}"
     gained = item.identified[1] - item.identified[0]
-    parts = [
-        f"{signed(gained, 'd')} of {item.runs} identified{chance_words(item, 'identified') if gained else ''}"
-    ]
+    parts = [f"{signed(gained, 'd')} of {item.runs} identified{_chance_words(item, 'identified')}"]
     if item.fewer_touches is not None and item.fewer_interval is not None:
         kind = "fewer" if item.fewer_touches >= 0 else "more"
-        parts.append(f"{abs(item.fewer_touches):.1f} touches {kind}{chance_words(item, 'touches')}")
+        parts.append(f"{abs(item.fewer_touches):.1f} touches {kind}{_chance_words(item, 'touches')}")
         parts.append(_bounds_change(item))
     else:
         parts.append(f"only {item.pairs} identified both ways")
@@ -195,9 +193,19 @@ def _is_same(item: ComparedOut) -> bool:
     return same_touches and item.identified[0] == item.identified[1] and (not place or place[0] == place[1])
 
 
-def chance_words(item: ComparedOut, what: str) -> str:
-    """That a difference is not shown."""
-    return "" if what in item.shown else " (may be chance)"
+def may_be_chance(item: ComparedOut, what: str) -> bool:
+    """Whether there is a difference of identified runs, touches or bounds that is not shown."""
+    place = item.position_bound
+    differs = {
+        "identified": item.identified[0] != item.identified[1],
+        "touches": bool(item.fewer_touches),
+        "bounds": place is not None and place[0] != place[1],
+    }
+    return differs[what] and what not in item.shown
+
+
+def _chance_words(item: ComparedOut, what: str) -> str:
+    return " (may be chance)" if may_be_chance(item, what) else ""
 
 
 def _bounds_change(item: ComparedOut) -> str:
@@ -205,7 +213,7 @@ def _bounds_change(item: ComparedOut) -> str:
     assert item.orientation_bound is not None
     (now, then), (turn, turn_then) = item.position_bound, item.orientation_bound
     words = f"± {up(now)} → {up(then)} mm, ± {up(math.degrees(turn))}° → {up(math.degrees(turn_then))}°"
-    return f"{words}{chance_words(item, 'bounds')}"
+    return f"{words}{_chance_words(item, 'bounds')}"
 
 
 def more_runs_words(costs: Sequence[NoiseCostOut], runs: int) -> str:

@@ -19,6 +19,7 @@ from palpate.files import read_bytes
 from palpate.files.limits import LOG_BYTES
 from palpate.rig.catalogue.processes import in_processes
 from palpate.rig.study.simulation import Simulation
+from palpate.rig.study.variations import AS_IT_IS
 
 __all__ = ["Chunk", "Executor", "RunsFile", "carry_out", "runs_of", "simulate_here"]
 
@@ -77,12 +78,14 @@ def carry_out(
         for name, (item, count) in simulations.items()
         for chunk in _chunks(name, item, [k for k in range(count) if (name, k) not in done], file.study, size)
     ]
-    progress(f"runs: {len(done)} of {len(wanted)}")
+    asked = simulations[AS_IT_IS][1]
+    repeated = f" ({asked}, and {len(wanted) - asked} again with one thing changed)" * (len(wanted) > asked)
+    progress(f"runs: {len(done)} of {len(wanted)}{repeated}")
     for some in execute(chunks):
         new = [run for run in some if _key(run) not in done]
         file.add(new)
         done |= {_key(run): run for run in new}
-        progress(f"runs: {len(done)} of {len(wanted)}")
+        progress(f"runs: {len(done)} of {len(wanted)}{repeated}")
     return {name: [done[name, number] for number in range(count)] for name, (_, count) in simulations.items()}
 
 

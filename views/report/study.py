@@ -25,6 +25,7 @@ from palpate.views.study_words import (
     bounds_words,
     drawn_words,
     goal_words,
+    may_be_chance,
     more_runs_words,
     no_budget_words,
     pairs_lasting,
@@ -192,7 +193,7 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
     if len(out.heights) > 1:
         parts.append(picture(heights_picture(out.heights, heights_mm, out.best_heights.heights)))
     rows = [
-        (item.a, item.b, ", ".join(f"{low:g}–{high:g} mm" for low, high in item.heights) or "no one height")
+        (item.a, item.b, ", ".join(f"{low:g}–{high:g} mm" for low, high in item.heights) or "none known")
         for item in out.separating
     ]
     if rows:
@@ -249,7 +250,7 @@ def _fewer(item: ComparedOut) -> str:
 
 
 def _chance(item: ComparedOut, what: str) -> str:
-    return "" if what in item.shown else " ?"
+    return " ?" if may_be_chance(item, what) else ""
 
 
 def _change(values: tuple[_Value, _Value] | None, words: Callable[[_Value], str]) -> str:
@@ -264,7 +265,7 @@ def _states(out: StudyOut) -> str:
     names = (
         "runs",
         "identified",
-        "no touch tells",
+        "indistinguishable",
         "unresolved",
         "touches",
         "90 %",

@@ -13,7 +13,7 @@ from palpate.api.study import study
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import StudyRunOut
 from palpate.rig.study.simulation import Simulation, with_motion
-from palpate.rig.study.variations import AS_IT_IS, compared, halved, noise_budget
+from palpate.rig.study.variations import AS_IT_IS, compared, noise_budget, without_errors
 from palpate.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
@@ -26,7 +26,7 @@ def rows() -> dict[str, list[StudyRunOut]]:
     rig, objects = STILL
     off = replace(objects, objects=tuple(replace(item, tolerance_mm=0.2) for item in objects.objects))
     as_is = Simulation(rig, off, Strategy.PLANNED, 1)
-    simulations = {AS_IT_IS: as_is} | halved(as_is)
+    simulations = {AS_IT_IS: as_is} | without_errors(as_is)
     return {name: [item.run(k, name) for k in range(12)] for name, item in simulations.items()}
 
 
@@ -51,7 +51,7 @@ def test_what_is_measured_better_gives_finer_bounds(rows: dict[str, list[StudyRu
 
 def test_parts_that_are_exact_have_no_tolerance_to_halve() -> None:
     exact = replace(SIX, objects=tuple(replace(item, tolerance_mm=0.0) for item in SIX.objects))
-    assert "half tolerance" not in halved(Simulation(RIG, exact, Strategy.PLANNED, 1))
+    assert "half tolerance" not in without_errors(Simulation(RIG, exact, Strategy.PLANNED, 1))
 
 
 def test_a_comparison_is_of_pairs_of_runs() -> None:
