@@ -37,9 +37,18 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
             words = f"{state.object}, {state.state}: {share}, {state.touches[0]:g} touches in the median"
             lines.append(f"  {words}")
     lines += _pair_lines(pairs_lasting(out.hardest))
-    if out.best_heights is not None:
-        lines += ["", best_heights_words(out.best_heights, heights_mm, others=bool(out.heights))]
-    return lines + _budget_lines(out)
+    return lines + _heights_lines(out, heights_mm) + _budget_lines(out)
+
+
+def _heights_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
+    best = out.best_heights
+    if best is None:
+        return []
+    lines = ["", best_heights_words(best, heights_mm, others=bool(out.heights))]
+    if best.compared is not None:
+        runs = counted(best.compared.runs, "run", "runs")
+        lines.append(f"  the first {runs} again with fingers there: {comparison_words(best.compared)}")
+    return lines
 
 
 def _verdict_lines(out: StudyOut) -> list[str]:

@@ -163,8 +163,7 @@ def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float], *, oth
     words = f"{fingers}: {now} never, or perhaps not, distinguished"
     if best.alike >= best.alike_now:
         return f"{words}; no other heights {'would do better' if others else _NOT_COMPARED}"
-    words = f"{words}; {best.alike or 'none'} with fingers at {_listed(best.heights)}"
-    return words if best.compared is None else f"{words}, {comparison_words(best.compared)}"
+    return f"{words}; {best.alike or 'none'} with fingers at {_listed(best.heights)}"
 
 
 def _listed(heights_mm: Sequence[float]) -> str:
@@ -177,7 +176,8 @@ def comparison_words(item: ComparedOut) -> str:
         runs = counted(item.runs, "run", "runs")
         return f"the same in {runs}" if _is_same(item) else f"no effect can be shown with {runs}"
     gained = item.identified[1] - item.identified[0]
-    parts = [f"{signed(gained, 'd')} of {item.runs} identified{_chance_words(item, 'identified')}"]
+    change = signed(gained, "d") if gained else "as many"
+    parts = [f"{change} of {item.runs} identified{_chance_words(item, 'identified')}"]
     if item.fewer_touches is not None and item.fewer_interval is not None:
         kind = "fewer" if item.fewer_touches >= 0 else "more"
         parts.append(f"{abs(item.fewer_touches):.1f} touches {kind}{_chance_words(item, 'touches')}")
