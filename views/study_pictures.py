@@ -15,7 +15,7 @@ from palpate.config.study_result import (
     StateStudiedOut,
 )
 from palpate.geometry import ObjectModel, State
-from palpate.views.study_words import SOURCE_WORDS
+from palpate.views.study_words import SOURCE_WORDS, may_be_chance
 from palpate.views.svg import element, number, path_data, shorten_middle, text, text_width
 
 __all__ = [
@@ -154,7 +154,7 @@ def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
     Of those with an interval; the empty string without any.
     """
     drawn = [
-        (SOURCE_WORDS[item.source], item.fewer_touches, item.fewer_interval, "touches" in item.shown)
+        (SOURCE_WORDS[item.source], item.fewer_touches, item.fewer_interval, may_be_chance(item, "touches"))
         for item in costs
         if item.fewer_touches is not None and item.fewer_interval is not None
     ]
@@ -163,16 +163,16 @@ def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
     most = max(0.5, *(abs(end) for _, _, interval, _ in drawn for end in interval))
     room = (_WIDTH - _NAME - 90) / 2
     middle, parts = _NAME + room, []
-    for k, (words, fewer, (low, high), is_shown) in enumerate(drawn):
+    for k, (words, fewer, (low, high), is_chance) in enumerate(drawn):
         y, at = k * 26.0, middle + room * fewer / most
         parts.append(_label(words, y + 4))
-        colour = _CHANCE if not is_shown else _ONE if fewer >= 0 else _OTHER
+        colour = _CHANCE if is_chance else _ONE if fewer >= 0 else _OTHER
         parts.append(
             element("rect", x=min(middle, at), y=y + 6, width=abs(at - middle), height=12, fill=colour)
         )
         ends = [middle + room * end / most for end in (low, high)]
         parts.append(element("line", x1=ends[0], x2=ends[1], y1=y + 12, y2=y + 12, stroke="#1f2933"))
-        shown = f"{fewer:+.1f}".replace("-", "−") + ("" if is_shown else " ?")
+        shown = f"{fewer:+.1f}".replace("-", "−") + " ?" * is_chance
         parts.append(text(shown, max(middle, *ends) + 8, y + 16, size=_SIZE))
     height = len(drawn) * 26.0
     parts.append(element("line", x1=middle, x2=middle, y1=0, y2=height, stroke=_LINE))

@@ -114,7 +114,7 @@ def _unresolved_words(out: StudyOut) -> str:
     more = f"; {len(named) - _SETS} more" if len(named) > _SETS else ""
     unresolved = sum(item.unresolved for item in out.states)
     some = "" if out.stopped == unresolved else f"{out.stopped} of them "
-    stopped = f"{some}stopped at max_grips, {out.max_grips}: " if out.stopped else ""
+    stopped = f"{some}stopped at max_grips ({out.max_grips}): " if out.stopped else ""
     return f"{stopped}{'; '.join(named[:_SETS])}{more}"
 
 
