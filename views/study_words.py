@@ -62,8 +62,9 @@ def bounds_words(position_mm: float, orientation_rad: float) -> str:
 
 
 def signed(value: float, form: str) -> str:
-    """With a sign, and a minus that is one."""
-    return f"{value:+{form}}".replace("-", "−")
+    """With a sign, and a minus that is one; a zero has none."""
+    words = f"{value:+{form}}"
+    return words.replace("-", "−") if float(words) else words[1:]
 
 
 def placed_words(out: StudyOut) -> str:
