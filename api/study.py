@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,8 +28,9 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import Executor, RunsFile, carry_out, simulate_here
+from palpate.rig.study.campaign import Executor, carry_out, simulate_here
 from palpate.rig.study.cluster import on_cluster
+from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import Advice, confusion_of, study_out
 from palpate.rig.study.variations import AS_IT_IS, at_heights, compared, halved, heights_name, noise_budget
@@ -75,8 +75,8 @@ def study(
     motion, chosen = motion_of(rig) if parts is None else _motion_named(parts), strategy_named(strategy)
     simulation = Simulation(*with_motion(rig, objects, motion), chosen, seed)
     states, fingers = state_sections(objects), rig_fingers(rig)
-    with _runs_file(keep) as path, _executor(scheduler) as execute:
-        file = RunsFile(path, simulation, version("palpate"))
+    with _runs_file(keep) as path, _executor(scheduler, keep) as execute:
+        file = RunsFile(path, simulation)
         # Kept, it is there for the processes that carry out runs.
         prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress)
         progress("comparing heights")
@@ -122,8 +122,9 @@ def _simulations(
     return simulations
 
 
-def _executor(scheduler: str | None) -> AbstractContextManager[Executor]:
-    return nullcontext(simulate_here) if scheduler is None else on_cluster(scheduler)
+def _executor(scheduler: str | None, keep: PathLike | None) -> AbstractContextManager[Executor]:
+    kept = None if keep is None else str(keep)
+    return nullcontext(simulate_here) if scheduler is None else on_cluster(scheduler, kept)
 
 
 @contextmanager
