@@ -47,6 +47,10 @@ def study(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use a dask cluster's workers.")
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Say how well a rig tells a catalogue apart: verdicts, touches needed, hardest states and pairs.
@@ -81,6 +85,7 @@ def study(
             budget=budget,
             keep=keep,
             scheduler=scheduler,
+            workers=workers,
             name=name,
             progress=doing.now,
         )

@@ -47,9 +47,9 @@ Executor = Callable[[Sequence[Chunk]], Iterator[Sequence[StudyRunOut]]]
 """Carries out chunks, in any order; each chunk's runs come once."""
 
 
-def simulate_here(chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
-    """On all cores of this machine."""
-    for _, runs in in_processes(runs_of, [(chunk,) for chunk in chunks]) if chunks else ():
+def simulate_here(chunks: Sequence[Chunk], workers: int | None = None) -> Iterator[Sequence[StudyRunOut]]:
+    """On so many cores of this machine, or all."""
+    for _, runs in in_processes(runs_of, [(chunk,) for chunk in chunks], workers) if chunks else ():
         yield runs
 
 
