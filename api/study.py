@@ -29,6 +29,7 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
+from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.study.campaign import Executor, carry_out, simulate_here
 from palpate.rig.study.cluster import on_cluster
 from palpate.rig.study.runs_file import RunsFile
@@ -59,6 +60,7 @@ def study(
     scheduler: str | None = None,
     workers: int | None = None,
     name: str = "the catalogue",
+    rig_name: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyOut:
     """Simulate identifications of parts of a catalogue, on all cores or a cluster.
@@ -67,8 +69,10 @@ def study(
     rig's bounds. `parts`: "moving" or "still", None: as the rig file's `[emulation.part]` says.
     `budget`: so many runs are done again with each error halved, None: a tenth of them. `keep`: a file of
     runs (JSON Lines), by which a study that was ended goes on. `scheduler`: address of a dask scheduler.
-    `workers`: so many processes at once, None: as there are cores.
-    Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
+    `workers`: so many processes at once, None: as there are cores. `name`, `rig_name`: of the files of
+    objects and rig, in messages.
+    Raises InputError for a catalogue that the rig cannot identify, a rig of which too little is known, as
+    `Rig.identify` does, or a file of another study.
     """
     if not 1 <= runs <= MOST_RUNS:
         raise InputError(f"{runs} runs: it must be from 1 to {MOST_RUNS}")
@@ -76,6 +80,7 @@ def study(
         raise InputError(f"{workers} workers: it must be at least 1")
     if workers is not None and scheduler is not None:
         raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
+    check_known_well(rig, rig_name)
     varied = min(runs // _VARIED_SHARE, _MOST_VARIED) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()

@@ -87,6 +87,7 @@ def study(
             scheduler=scheduler,
             workers=workers,
             name=name,
+            rig_name=None if rig is None else str(rig),
             progress=doing.now,
         )
     heights = [finger.height_mm for finger in bench.fingers]

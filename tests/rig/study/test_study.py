@@ -10,6 +10,7 @@ from command import run
 from json_schema import violations
 from quick_rig import small_parts
 from report_page import Page
+from repository import EXAMPLES
 from sampling import sample
 
 from palpate.api.study import study
@@ -128,6 +129,16 @@ def test_what_is_wrong_with_a_file_of_runs_is_said_and_costs_no_run(tmp_path: Pa
     keep.write_bytes(b"".join([head, lines[0], lines[2]]))
     again = study(RIG, SIX, runs=3, **given)
     assert again.model_copy(update={"seconds": whole.seconds}) == whole
+
+
+def test_a_rig_of_which_too_little_is_known_is_refused_as_identify_does(tmp_path: Path) -> None:
+    fresh = EXAMPLES / "fresh-rig.toml"
+    told = run("study", "--rig", fresh, "--runs", 2, "--keep", "runs.jsonl", cwd=tmp_path)
+    identified = run("identify", "--rig", fresh, cwd=tmp_path)
+    assert (told.code, told.out, told.err) == (2, "", identified.err)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match=r'^rig "fresh": by its bounds, .* `palpate calibrate --rig FILE`'):
+        study(load_rig(fresh), SIX, runs=2)
 
 
 def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> None:
