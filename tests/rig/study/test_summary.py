@@ -13,8 +13,8 @@ from palpate.api.study import study
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import PairStudiedOut, RivalOut, StudyOut, StudyRunOut
 from palpate.errors import InputError
-from palpate.rig.study.campaign import RunsFile
 from palpate.rig.study.draws import draw_for_study, shares_drawn
+from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import Limits, study_out
 from palpate.views.study_words import pairs_lasting
@@ -148,8 +148,7 @@ def test_where_parts_are_put_is_asked_for_and_belongs_to_the_file_of_runs(tmp_pa
     assert by_rig.within_mm == RIG.emulation.placement_radius_mm
     asked = Simulation(*held, Strategy.PLANNED, 0, placed_within_mm=by_rig.within_mm)
     digests = [
-        RunsFile(tmp_path / f"{k}.jsonl", item, "1").study
-        for k, item in enumerate((near, far, by_rig, asked))
+        RunsFile(tmp_path / f"{k}.jsonl", item).study for k, item in enumerate((near, far, by_rig, asked))
     ]
     assert len(set(digests)) == 3
     assert digests[2] == digests[3]
