@@ -156,7 +156,7 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     assert page.addresses == []
     assert page.headings[0].startswith("100 % of 6 runs identified")
     assert "No wrong answer in 6 runs (fewer than 39.4 % with 95 % confidence)." in page.words
-    assert {state["object"] for state in told.json["states"]} <= set(page.words)
+    assert {f"{state['object']}, {state['state']}" for state in told.json["states"]} <= set(page.words)
     shown = run(*words, "--report", "study.html", cwd=tmp_path)
     assert (shown.code, shown.err) == (0, "")
     first, *_, last = shown.out.splitlines()
