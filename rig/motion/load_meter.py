@@ -246,14 +246,21 @@ class LoadMeter:
         return result
 
     def _retreats(self, times: Floats, travels: Floats) -> Floats:
-        """How far the tip can have gone back before each frame (n,); of one that stands, reads may jump."""
+        """How far the tip can have gone back before each frame (n,).
+
+        After the order to stop it goes on and turns where it is seen furthest; of one that stands, reads may
+        jump.
+        """
         result = np.maximum(-np.diff(travels, prepend=travels[0]), 0.0)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
             rows = np.flatnonzero((times > stopped) & (times < min(begun, default=math.inf)))
             if len(rows):
-                reached = np.maximum.accumulate(-travels[np.concatenate([[max(rows[0] - 1, 0)], rows])])
-                result[rows] = np.diff(reached)
+                rows = rows[int(np.argmax(travels[rows])) :]
+                back = np.diff(np.maximum.accumulate(-travels[rows]))
+                if back.any():  # so much less is seen of it than it has gone
+                    back[np.argmax(back > 0)] += self._step_mm
+                result[rows[1:]] = back
         return result
 
     def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:

@@ -144,3 +144,25 @@ def test_means_of_counts_are_of_the_newest_quiet_frames() -> None:
         assert found is not None
         assert found[1] == len(frames)
         assert found[0] == pytest.approx(np.mean(frames, axis=0))
+
+
+@pytest.mark.parametrize("late_s", [0.004, 0.01, 0.018])
+def test_all_of_the_way_back_counts_from_where_a_tip_turns_after_the_order_to_stop(late_s: float) -> None:
+    """At 20 mm/s it goes on for up to 0.4 mm, and the part is still pressed while it comes back as far."""
+    step_mm, stop_s = 0.0244, 0.2
+    turn_s = stop_s + late_s
+
+    def travel(t: float) -> float:
+        return 20 * min(t, turn_s) - min(max(95 * (t - turn_s), 0.0) * (t - turn_s) / 2, 3.0)
+
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=20.0, step_mm=step_mm)
+    meter.begin(TouchStage.QUICK, 0.0)
+    for k in range(200):
+        t = k * PERIOD_S
+        if k % 5 == 0:
+            meter.see(round(travel(t) / step_mm) * step_mm, t)
+        meter.feel(0.5 if travel(t) > 3.9 else 0.0, t + PERIOD_S)
+    meter.stopped(stop_s)
+    trace = meter.trace()
+    assert trace is not None
+    assert 3.0 - step_mm / 2 < trace.retreat_mm.sum() < 3.0 + 2 * step_mm
