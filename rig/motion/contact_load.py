@@ -6,22 +6,22 @@ from enum import StrEnum
 
 import numpy as np
 
+from palpate.config import TipConfig
 from palpate.geometry import Floats
 
 __all__ = [
-    "FRICTION_FACTOR",
     "HIDDEN_FACTOR",
     "TIP_FRICTION",
     "ContactLoad",
     "LoadTrace",
     "TouchStage",
     "drag_shares",
+    "friction_factor",
+    "friction_of",
 ]
 
 TIP_FRICTION = 0.7
-"""Largest friction of tips on parts that bounds on motion allow for."""
-FRICTION_FACTOR = math.hypot(1.0, TIP_FRICTION)
-"""Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
+"""Friction of tips on parts that bounds on motion allow for, unless a rig file allows for more."""
 
 HIDDEN_FACTOR = 1.5
 """So many times the noise's limit: three standard deviations more, and a force is noticed."""
@@ -96,12 +96,23 @@ class LoadTrace:
         return bool(self.force_n.any())
 
 
-def drag_shares(ahead_rad: Floats) -> Floats:
+def friction_of(tip: TipConfig) -> float:
+    """Largest friction of a tip on parts that bounds on motion allow for."""
+    return max(TIP_FRICTION, tip.max_friction)
+
+
+def friction_factor(friction: float) -> float:
+    """Arrays measure what presses, not what shears: with friction a force is larger by this at most."""
+    return math.hypot(1.0, friction)
+
+
+def drag_shares(ahead_rad: Floats, friction: float = TIP_FRICTION) -> Floats:
     """What a tip that goes back drags a part with, at most, as a share of what presses on it.
 
     `ahead_rad` (n,): how far from straight ahead that is at most. What presses from ahead only gets lighter;
-    from atan(1/0.7) = 55° on, friction may drag the part by more than that. Infinite behind the tip.
+    from atan(1/friction) on, 55° with 0.7, friction may drag the part by more than that. Infinite behind
+    the tip.
     """
-    shares = TIP_FRICTION * np.sin(ahead_rad) - np.cos(ahead_rad)
+    shares = friction * np.sin(ahead_rad) - np.cos(ahead_rad)
     result: Floats = np.where(ahead_rad > math.pi / 2, math.inf, np.maximum(shares, 0.0))
     return result

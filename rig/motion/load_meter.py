@@ -12,7 +12,14 @@ from palpate.drivers.tactile.column_windows import windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Bools, Floats, Ints
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, ContactLoad, LoadTrace, TouchStage
+from palpate.rig.motion.contact_load import (
+    HIDDEN_FACTOR,
+    TIP_FRICTION,
+    ContactLoad,
+    LoadTrace,
+    TouchStage,
+    friction_factor,
+)
 from palpate.rig.motion.quiet_mean import STEADY_FRAMES, QuietMean
 
 __all__ = ["LIGHT_FACTOR", "LoadMeter"]
@@ -38,16 +45,19 @@ class LoadMeter:
         step_mm: float = 0.0,
         noise_share: Callable[[int], float] = lambda frames: 1 / math.sqrt(frames),
         drags: Floats | None = None,
+        friction: float = TIP_FRICTION,
     ) -> None:
         """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
         `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
         `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames;
-        `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along.
+        `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along;
+        `friction`: of the tip on parts, at most.
         """
+        self._sheared = friction_factor(friction)
         self._drags, self._behind = drags, np.zeros(0, dtype=bool)
         if drags is not None:  # windows at the tip's back are looked at by themselves
             self._behind, columns = windows_within(np.isinf(drags))
-            self._drags = np.where(columns, 0.0, np.minimum(drags, FRICTION_FACTOR))
+            self._drags = np.where(columns, 0.0, np.minimum(drags, self._sheared))
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
         self._late_s = 2 * period_s
@@ -94,7 +104,7 @@ class LoadMeter:
         mean, count = self._quiet_behind.add(readings)
         steady_n = extractor.windows_n(mean, self._behind, count)
         hidden_n = HIDDEN_FACTOR * self._unnoticed_n * self._noise_share(count)
-        return beside_n + FRICTION_FACTOR * (steady_n + hidden_n)
+        return beside_n + self._sheared * (steady_n + hidden_n)
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).
@@ -122,7 +132,7 @@ class LoadMeter:
         the method has it. All of a force that is not light may drag.
         """
         is_light = force_n <= 2 * LIGHT_FACTOR * self._least_n
-        dragging_n = min(dragging_n if is_light else math.inf, FRICTION_FACTOR * force_n)
+        dragging_n = min(dragging_n if is_light else math.inf, self._sheared * force_n)
         self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
     def late_by(self, late_s: float) -> None:
