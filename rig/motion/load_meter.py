@@ -237,11 +237,8 @@ class LoadMeter:
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
         passed = np.diff(times, prepend=times[0])
-        reads = np.array(self._seen_s)
-        gaps = np.diff(reads, prepend=reads[0] - self._period_s)
-        gap = np.maximum(gaps[np.minimum(np.searchsorted(reads, times), len(reads) - 1)], self._period_s)
-        seen = np.diff(travels, prepend=travels[0]) - self._step_mm * passed / gap
-        result: Floats = np.maximum(seen, _FASTER * self._touch_mm_s * passed)
+        result: Floats = _FASTER * self._touch_mm_s * passed
+        result += _beyond(np.diff(travels, prepend=travels[0]) - result, self._step_mm)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
             rows = np.flatnonzero(
@@ -297,6 +294,16 @@ def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
     first, last = np.maximum(first, 0), np.maximum(last, 0)
     steps = np.arange(int((last - first).max(initial=0)) + 1)
     result: Floats = values[np.minimum(first[:, None] + steps, last[:, None])].max(axis=1)
+    return result
+
+
+def _beyond(excess_mm: Floats, step_mm: float) -> Floats:
+    """How much further than usual (n,) a tip has come that is seen by steps: what is in excess of one."""
+    result, pending = np.zeros(len(excess_mm)), 0.0
+    for row, excess in enumerate(excess_mm.tolist()):
+        pending = max(pending + excess, 0.0)
+        if pending > step_mm:
+            result[row], pending = pending - step_mm, step_mm
     return result
 
 

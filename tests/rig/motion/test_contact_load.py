@@ -166,3 +166,22 @@ def test_all_of_the_way_back_counts_from_where_a_tip_turns_after_the_order_to_st
     trace = meter.trace()
     assert trace is not None
     assert 3.0 - step_mm / 2 < trace.retreat_mm.sum() < 3.0 + 2 * step_mm
+
+
+@pytest.mark.parametrize(("step_mm", "every"), [(0.0244, 5), (0.153, 1)])
+@pytest.mark.parametrize("faster", [0.0, 2.0, 5.0])
+def test_a_finger_that_is_faster_than_its_touch_has_gone_as_far_as_it_is_seen(
+    faster: float, step_mm: float, every: int
+) -> None:
+    """Where servos tell places by large steps, each is more than it goes from read to read."""
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=4.0, step_mm=step_mm)
+    meter.begin(TouchStage.QUICK, 0.0)
+    for k in range(250):
+        t = k * PERIOD_S
+        if k % every == 0 or k == 249:
+            meter.see(round(4 * faster * t / step_mm) * step_mm, t)
+        meter.feel(0.5, t + PERIOD_S)
+    trace = meter.trace()
+    assert trace is not None
+    gone_mm = 4 * max(faster, 1.1) * (trace.time_s[-1] - trace.time_s[0])
+    assert -2 * step_mm < trace.advance_mm.sum() - gone_mm < step_mm
