@@ -84,7 +84,8 @@ class ApproachState:
         if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
             self._last_mm, self.moved_s = self.travel_mm, now
         if self.meter is not None:
-            self.meter.see(self.travel_mm, now)
+            is_steered = self.finger.drive.streams
+            self.meter.see(self.travel_mm, now, self.line.aside_mm(self.centre_mm) if is_steered else 0.0)
         if self.finger.drive.streams:
             self.track.append(self.centre_mm)
 

@@ -65,7 +65,7 @@ class LoadMeter:
         self._unnoticed_n = unnoticed_n
         # Plain numbers one after another: a grip has tens of thousands of frames.
         self._forces = array("d")  # by frames: latest_s, force_n, steady_n, doubts_n and dragging_n
-        self._seen_s, self._seen_mm = array("d"), array("d")
+        self._seen_s, self._seen_mm, self._aside_mm = array("d"), array("d"), array("d")
         self._begun: list[tuple[float, TouchStage, float, float]] = []
         self._quiet, self._quiet_behind = QuietMean(), QuietMean()
         self._measured_s = math.nan
@@ -147,10 +147,11 @@ class LoadMeter:
         """Note that the contacts of the grip have been measured."""
         self._measured_s = now
 
-    def see(self, travel_mm: float, now: float) -> None:
-        """Note how far along its line the tip is."""
+    def see(self, travel_mm: float, now: float, aside_mm: float = 0.0) -> None:
+        """Note how far along its line the tip is, and how far beside it."""
         self._seen_s.append(now)
         self._seen_mm.append(travel_mm)
+        self._aside_mm.append(aside_mm)
 
     def loads(self) -> tuple[ContactLoad, ...]:
         """A load for each stage in which something was felt, in order of time."""
@@ -181,7 +182,7 @@ class LoadMeter:
             self._late_s / 2,
             noticed,
             travels,
-            self._advances(times, travels),
+            self._advances(times, travels) + self._sideways(times),
             self._unnoticed_n * self._shares[_frames_together(quiet)],
             _lasting(doubt),
             _lasting(any_doubt),
@@ -250,6 +251,12 @@ class LoadMeter:
                 if rows[0] > 0:  # of that gap the beginning was before the finger stood
                     moving_s = max(stopped + _BRAKING * self._period_s - times[rows[0] - 1], 0.0)
                     result[rows[0]] += _FASTER * self._touch_mm_s * moving_s
+        return result
+
+    def _sideways(self, times: Floats) -> Floats:
+        """How far the tip was seen to go sideways before each frame (n,), either way."""
+        aside = np.interp(times, self._seen_s, self._aside_mm)
+        result: Floats = np.abs(np.diff(aside, prepend=aside[0]))
         return result
 
     def _retreats(self, times: Floats, travels: Floats) -> Floats:

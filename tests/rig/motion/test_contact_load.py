@@ -185,3 +185,17 @@ def test_a_finger_that_is_faster_than_its_touch_has_gone_as_far_as_it_is_seen(
     assert trace is not None
     gone_mm = 4 * max(faster, 1.1) * (trace.time_s[-1] - trace.time_s[0])
     assert -2 * step_mm < trace.advance_mm.sum() - gone_mm < step_mm
+
+
+def test_a_tip_that_is_steered_sideways_drags_the_part_with_all_that_presses() -> None:
+    """An arm wanders by half a step of its joints as it stands and goes back."""
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0, step_mm=0.15)
+    meter.begin(TouchStage.SLOW, 0.0)
+    meter.stopped(0.0)
+    for k in range(100):
+        meter.see(2.0, k * PERIOD_S, 0.1 * math.sin(k / 5))
+        meter.feel(0.5, (k + 1) * PERIOD_S)
+    trace = meter.trace()
+    assert trace is not None
+    true_mm = np.abs(np.diff(0.1 * np.sin(np.arange(100) / 5))).sum()
+    assert trace.advance_mm[5:].sum() == pytest.approx(true_mm, rel=0.1)
