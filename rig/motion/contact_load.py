@@ -69,7 +69,8 @@ class LoadTrace:
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
     `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
-    measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed, infinite if nothing was;
+    measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
+    infinite if nothing was;
     `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what a
     force noticed in a frame by itself may drag the part with then, as much as all of it where the tip's back
     may hook the part; 0 where none was.
