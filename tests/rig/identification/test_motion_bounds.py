@@ -173,7 +173,7 @@ def with_fingers(rig: RigFile, table: str, **values: float) -> RigFile:
 
 
 def test_more_friction_than_usual_counts_if_the_rig_file_allows_for_it() -> None:
-    """Tips that may have 1.4: they drag where they are pressed from 36° on, and push and pull as much more."""
+    """Tips that may have 1.4: they drag where they are pressed from 36° on, and push as much more."""
     trace, rigs = press(1.0, 0.5), (declared(0.3), with_fingers(declared(0.3), "tip", max_friction=1.4))
     (few,), (more,) = (MotionBounds(rig, CATALOGUE)._loads([touched(trace)]) for rig in rigs)
     larger = math.hypot(1, 1.4) / math.hypot(1, 0.7)
