@@ -18,21 +18,18 @@ from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Contact, Motion, Recognition
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.rig.contact_peak import expected_peak_n
-from palpate.rig.conversion import measured_force_share
+from palpate.rig.conversion import SHEAR_SHARE, measured_force_share
 from palpate.rig.identification.slide_bounds import Loads, slides_mm
 from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TIP_FRICTION, LoadTrace
+from palpate.rig.motion.contact_load import HIDDEN_FACTOR, LoadTrace, friction_factor, friction_of
 from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 
-_SHEAR_STIFFNESS_SHARE = 0.7
 _LIFTED = math.hypot(1.0, FRICTION_MOST)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
-_SHEARED = 1 + TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
-"""Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 
@@ -81,7 +78,8 @@ class MotionBounds:
         holds = self.holds_n(states)
         if holds is None:
             return None
-        peak = FRICTION_FACTOR * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak = expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak *= max(friction_factor(friction_of(finger.tip)) for finger in self.rig.fingers)
         leverage = float(self.supports.leverage[states].max())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
@@ -153,7 +151,8 @@ def _row(
     As long as the part has moved by `within_mm` at most.
     """
     gain = 1 / (1 - measured_force_share(finger))
-    tip = finger.tip
+    tip, friction = finger.tip, friction_of(finger.tip)
+    sheared = friction_factor(friction)
     lifted = _LIFTED if tip.is_ball else 1.0
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
@@ -177,13 +176,15 @@ def _row(
     alone = trace.dragging_n > 0
     hooks = alone & (trace.dragging_n >= trace.force_n)
     pulled = np.where(hooks, stiff * np.maximum(swept[:-1], swept[1:]), 0.0)
-    dragging = np.where(alone, trace.dragging_n, FRICTION_FACTOR * np.maximum(trace.force_n, hidden))
-    dragging = lifted * (gain * (dragging + FRICTION_FACTOR * unsure) + FRICTION_FACTOR * pulled)
+    dragging = np.where(alone, trace.dragging_n, sheared * np.maximum(trace.force_n, hidden))
+    dragging = lifted * (gain * (dragging + sheared * unsure) + sheared * pulled)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
-    work = FRICTION_FACTOR * normal * periods.ways_mm(trace.advance_mm)
+    work = sheared * normal * periods.ways_mm(trace.advance_mm)
     work += periods.largest(dragging) * periods.ways_mm(trace.retreat_mm)
-    return FRICTION_FACTOR * at_contact, FRICTION_FACTOR * anywhere, work, _SHEARED * normal**2 / (2 * soft)
+    # Skin is pressed and sheared, and what carries the tip is bent.
+    yields = (1 + friction**2 / SHEAR_SHARE) / soft + finger.bounds.deflection_mm_per_n * sheared**2
+    return sheared * at_contact, sheared * anywhere, work, yields * normal**2 / 2
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,13 @@ from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
 from palpate.rig.emulated.array_noise import ArrayNoise
 from palpate.rig.emulated.driven_tips import DrivenTip
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TouchStage, drag_shares
+from palpate.rig.motion.contact_load import (
+    HIDDEN_FACTOR,
+    TouchStage,
+    drag_shares,
+    friction_factor,
+    friction_of,
+)
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.quiet_mean import STEADY_FRAMES
 from palpate.rig.study.mismeasurement import Mismeasurement
@@ -60,6 +66,7 @@ class SimulatedFinger:
         self._quiet: deque[float] = deque(maxlen=STEADY_FRAMES)
         self._lately_n, self._free_frames = 0.0, 0
         self._frames = 0
+        self._friction = friction_of(spec.tip)
         self.meter = self._metered(rig, spec)
 
     def _metered(self, rig: RigFile, spec: FingerConfig) -> LoadMeter:
@@ -70,6 +77,7 @@ class SimulatedFinger:
             self.slowed_to(rig.closing.search_mm_s),
             travel_step_mm(spec),
             self._noise.share,
+            friction=self._friction,
         )
 
     @property
@@ -89,8 +97,8 @@ class SimulatedFinger:
         x, y = -self.tip.press.load.force_n
         off = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
         hidden_n = HIDDEN_FACTOR * self._noise.least_n * self._noise.share(STEADY_FRAMES)
-        share = float(drag_shares(np.array(off)))
-        return 2 * FRICTION_FACTOR * hidden_n + (share * force_n if force_n > 0 else 0.0)
+        share = float(drag_shares(np.array(off), self._friction))
+        return 2 * friction_factor(self._friction) * hidden_n + (share * force_n if force_n > 0 else 0.0)
 
     def until_event_s(self, now: float) -> float:
         """How long it goes on as it does, if it meets nothing."""

@@ -163,6 +163,41 @@ def test_work_on_the_way_back_depends_on_where_it_presses() -> None:
     assert np.isinf(drag_shares(np.radians([90.1, 120.0, 179.0]))).all()
 
 
+def with_fingers(rig: RigFile, table: str, **values: float) -> RigFile:
+    """The same rig, with other values in a table of each finger."""
+    fingers = [
+        item.model_copy(update={table: getattr(item, table).model_copy(update=values)})
+        for item in rig.fingers
+    ]
+    return rig.model_copy(update={"fingers": tuple(fingers)})
+
+
+def test_more_friction_than_usual_counts_if_the_rig_file_allows_for_it() -> None:
+    """Tips that may have 1.4: they drag where they are pressed from 36° on, and push as much more."""
+    trace, rigs = press(1.0, 0.5), (declared(0.3), with_fingers(declared(0.3), "tip", max_friction=1.4))
+    (few,), (more,) = (MotionBounds(rig, CATALOGUE)._loads([touched(trace)]) for rig in rigs)
+    larger = math.hypot(1, 1.4) / math.hypot(1, 0.7)
+    assert more.work_mj.sum() / few.work_mj.sum() == pytest.approx(larger)
+    assert more.at_contact_n.max() / few.at_contact_n.max() == pytest.approx(larger)
+    angle = math.radians(40.0)
+    assert drag_shares(np.array([angle]), 1.4) == pytest.approx(1.4 * math.sin(angle) - math.cos(angle))
+
+
+def test_what_carries_a_tip_stores_energy_beside_its_skin() -> None:
+    """Skin of stiffness k, sheared with 2 k / 3 at least along its surface, on a carrier that yields."""
+    trace, stiff = press(1.0, 0.0), declared(0.3)
+    soft = with_fingers(stiff, "bounds", deflection_mm_per_n=0.2)
+    stored = [
+        float(MotionBounds(rig, CATALOGUE)._loads([touched(trace)])[-1].stored_mj.max())
+        for rig in (stiff, soft)
+    ]
+    tip, pressed_n = RIG.fingers[0].tip, 1 / 0.7
+    least = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
+    skin_mj = pressed_n**2 / (2 * least) * (1 + TIP_FRICTION**2 / (2 / 3))
+    assert stored[0] >= skin_mj
+    assert stored[1] - stored[0] >= 0.2 * pressed_n**2 * (1 + TIP_FRICTION**2) / 2
+
+
 def test_forces_add_up_where_they_are_at_the_same_time() -> None:
     bounds = MotionBounds(declared(2.0), CATALOGUE)
     most = bounds.supports.leverage.max()
