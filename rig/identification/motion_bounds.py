@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 
 from palpate.config import FingerConfig, RigFile
+from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Contact, Motion, Recognition
 from palpate.recognizer.hypotheses import Hypotheses
@@ -30,6 +31,7 @@ __all__ = ["GripMotion", "MotionBounds"]
 
 _LIFTED = math.hypot(1.0, FRICTION_MOST)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
+_MEASURED_FRAMES = 8  # of a contact
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 
@@ -124,6 +126,9 @@ class MotionBounds:
         known = [trace for trace in traces if trace is not None]
         if len(known) < len(traces) or not known:
             return []
+        unfelt = [_unfelt_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
+        if math.inf in unfelt:
+            return []
         period_s = 1 / self.rig.closing.sample_rate_hz
         begin_s = min(float(trace.time_s[0]) for trace in known)
         count = math.floor((max(float(trace.time_s[-1]) for trace in known) - begin_s) / period_s) + 1
@@ -135,8 +140,8 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, within_mm, of, period_s)
-                for finger, trace, of in zip(fingers, known, periods, strict=True)
+                _row(finger, trace, within_mm, of, period_s, factor)
+                for finger, trace, of, factor in zip(fingers, known, periods, unfelt, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
             found.append(Loads(at_contact, anywhere, work, stored, min(measured, count), within_mm))
@@ -144,13 +149,18 @@ class MotionBounds:
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods", period_s: float
+    finger: FingerConfig,
+    trace: LoadTrace,
+    within_mm: float,
+    periods: "_Periods",
+    period_s: float,
+    unfelt_factor: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Force at the contact and anywhere, work and stored energy (b,) of one finger at most.
 
-    As long as the part has moved by `within_mm` at most.
+    As long as the part has moved by `within_mm` at most, and forces are up to `unfelt_factor` what is read.
     """
-    gain = 1 / (1 - measured_force_share(finger))
+    gain = max(1 / (1 - measured_force_share(finger)), unfelt_factor)
     tip, friction = finger.tip, friction_of(finger.tip)
     sheared = friction_factor(friction)
     lifted = _LIFTED if tip.is_ball else 1.0
@@ -185,6 +195,18 @@ def _row(
     # Skin is pressed and sheared, and what carries the tip is bent.
     yields = (1 + friction**2 / SHEAR_SHARE) / soft + finger.bounds.deflection_mm_per_n * sheared**2
     return sheared * at_contact, sheared * anywhere, work, yields * normal**2 / 2
+
+
+def _unfelt_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
+    """How many times what frames show may press where a finger touches, because taxels are left out there.
+
+    By what the patch may bear at most, and by what frames showed when it was measured.
+    """
+    if patch is None or PatchFlag.DEAD_NEIGHBOUR not in patch.flags:
+        return 1.0
+    measured = int(np.searchsorted(trace.time_s, trace.measured_s))
+    shown_n = float(trace.force_n[max(measured - _MEASURED_FRAMES, 0) : measured].mean())
+    return (patch.force_n + patch.force_bound_n) / shown_n if shown_n > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,11 +277,11 @@ def _leverages(
     hypotheses = recognition.hypotheses
     point, within = _centres(table, hypotheses)
     off = np.hypot(*(table.centre_mm - recognition.catalogue.origins_mm).T)
-    drift_mm = np.zeros(len(off)) if since is None else since.shift_mm + since.turn_rad * off
+    drift_mm = np.zeros(len(off)) if since is None else since.shift_mm + _times(off, since.turn_rad)
     for k, at, unsure_mm in touched:
         furthest = np.full(len(off), -np.inf)
         np.maximum.at(furthest, hypotheses.state, np.hypot(*(at - point).T) + within)
-        near = np.flatnonzero(np.isfinite(furthest + drift_mm))
+        near = np.flatnonzero(np.isfinite(furthest) & np.isfinite(drift_mm))
         result[near, k] = table.leverage_at(near, furthest[near] + unsure_mm + drift_mm[near] + _NUDGED_MM)
     return result
 

@@ -14,6 +14,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, plac
 from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig
+from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
@@ -22,7 +23,7 @@ from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.support import Support, support_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares
+from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
@@ -127,6 +128,36 @@ def press(
         math.inf,
         *np.zeros((2, len(time_s))),
     )
+
+
+def patch_beside_dead_taxels(shown_n: float, most_n: float) -> ContactPatch:
+    return ContactPatch(
+        angle_rad=0.0,
+        angle_half_range_rad=0.2,
+        centroid_rad=0.0,
+        centroid_bound_rad=0.1,
+        position_mm=(5.0, 0.0, 0.0),
+        position_bound_mm=(0.5, 0.5, 2.0),
+        height_mm=0.0,
+        height_bound_mm=2.0,
+        force_n=shown_n,
+        force_bound_n=most_n - shown_n,
+        extent_rad=0.5,
+        area_mm2=10.0,
+        flags=frozenset({PatchFlag.DEAD_NEIGHBOUR}),
+    )
+
+
+def test_where_taxels_are_left_out_forces_count_with_what_the_patch_may_bear() -> None:
+    bounds = MotionBounds(declared(2.0), CATALOGUE)
+    touch = touched(press(0.1, 0.004))
+    plain = bounds.peak_force_n([touch])
+    blind = replace(touch, patch=patch_beside_dead_taxels(0.1, 0.7))
+    assert 1.0 <= bounds.peak_force_n([blind]) / (friction_factor(TIP_FRICTION) * 0.7) < 1.1
+    assert plain < bounds.peak_force_n([blind]) / 3
+    unknown = replace(touch, patch=patch_beside_dead_taxels(0.1, math.inf))
+    assert math.isinf(bounds.peak_force_n([unknown]))
+    assert bounds.of_grip([unknown]).within(np.arange(len(CATALOGUE.states))) is None
 
 
 def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
