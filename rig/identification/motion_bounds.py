@@ -183,10 +183,9 @@ def _row(
     unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
     most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
     swept = np.maximum(advance, np.maximum([*trace.retreat_mm, 0.0], [0.0, *trace.retreat_mm]))
-    alone = trace.dragging_n > 0
-    hooks = alone & (trace.dragging_n >= trace.force_n)
+    hooks = ~trace.quiet & (trace.dragging_n >= trace.force_n)
     pulled = np.where(hooks, stiff * np.maximum(swept[:-1], swept[1:]), 0.0)
-    dragging = np.where(alone, trace.dragging_n, sheared * np.maximum(trace.force_n, hidden))
+    dragging = np.where(trace.quiet, np.maximum(trace.dragging_n, sheared * hidden), trace.dragging_n)
     dragging = lifted * (gain * (dragging + sheared * unsure) + sheared * pulled)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)

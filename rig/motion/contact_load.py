@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from palpate.config import TipConfig
-from palpate.geometry import Floats
+from palpate.geometry import Bools, Floats
 
 __all__ = [
     "HIDDEN_FACTOR",
@@ -71,9 +71,9 @@ class LoadTrace:
     `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
     measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
     infinite if nothing was;
-    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what a
-    force noticed in a frame by itself may drag the part with then, as much as all of it where the tip's back
-    may hook the part; 0 where none was.
+    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what the
+    force that was noticed may drag the part with then, as much as all of it where the tip's back may hook the
+    part; 0 where none was; `quiet` (n,): nothing was noticed in the frame by itself.
     """
 
     time_s: Floats
@@ -90,6 +90,7 @@ class LoadTrace:
     unfelt_mm: float
     retreat_mm: Floats
     dragging_n: Floats
+    quiet: Bools
 
     @property
     def felt(self) -> bool:

@@ -13,7 +13,6 @@ from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Bools, Floats, Ints
 from palpate.rig.motion.contact_load import (
-    HIDDEN_FACTOR,
     TIP_FRICTION,
     ContactLoad,
     LoadTrace,
@@ -54,9 +53,10 @@ class LoadMeter:
         `friction`: of the tip on parts, at most.
         """
         self._sheared = friction_factor(friction)
-        self._drags, self._behind = drags, np.zeros(0, dtype=bool)
+        self._drags, self._behind, self._beside = drags, np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
         if drags is not None:  # windows at the tip's back are looked at by themselves
             self._behind, columns = windows_within(np.isinf(drags))
+            self._beside = ~windows_within(drags == 0)[0]
             self._drags = np.where(columns, 0.0, np.minimum(drags, self._sheared))
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
@@ -102,9 +102,15 @@ class LoadMeter:
             self._quiet_behind = QuietMean()
             return math.inf
         mean, count = self._quiet_behind.add(readings)
-        steady_n = extractor.windows_n(mean, self._behind, count)
-        hidden_n = HIDDEN_FACTOR * self._unnoticed_n * self._noise_share(count)
-        return beside_n + self._sheared * (steady_n + hidden_n)
+        return beside_n + self._sheared * extractor.windows_most_n(mean, self._behind, count)
+
+    def steady_dragging_n(self, extractor: ContactExtractor, mean: Floats, frames: int) -> float:
+        """Likewise, of what is noticed in the mean readings (n,) of so many frames only."""
+        if self._drags is None:
+            return math.inf
+        if not self._beside.any():
+            return 0.0
+        return self._sheared * extractor.windows_most_n(mean, self._beside, frames)
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).
@@ -129,10 +135,10 @@ class LoadMeter:
         """Note the force of a frame, sampled at `latest_s` or before, and what is steady in the newest ones.
 
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free; `dragging_n` as
-        the method has it. All of a force that is not light may drag.
+        the methods have it. All of a force that is not light may drag.
         """
         is_light = force_n <= 2 * LIGHT_FACTOR * self._least_n
-        dragging_n = min(dragging_n if is_light else math.inf, self._sheared * force_n)
+        dragging_n = min(dragging_n if is_light else math.inf, self._sheared * max(force_n, steady_n))
         self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
     def late_by(self, late_s: float) -> None:
@@ -177,6 +183,7 @@ class LoadMeter:
         travels = np.interp(times, self._seen_s, self._seen_mm)
         quiet = forces <= self._unnoticed_n
         noticed = np.where(quiet, _lasting(steady), forces)
+        lasting = np.where(steady > 0, np.minimum(dragging, self._sheared * steady), 0.0)
         return LoadTrace(
             times,
             self._late_s / 2,
@@ -191,7 +198,8 @@ class LoadMeter:
             self._measured_s,
             self._unfelt_mm(times, noticed),
             self._retreats(times, travels),
-            np.where(quiet, 0.0, dragging),
+            np.where(quiet, _lasting(lasting), dragging),
+            quiet,
         )
 
     def _by_frames(self) -> Floats:

@@ -127,6 +127,7 @@ def press(
         begin_s + 0.8 * last_s,
         math.inf,
         *np.zeros((2, len(time_s))),
+        ~pressed,
     )
 
 
@@ -282,6 +283,7 @@ def test_lost_frames_hide_no_work(lost: int) -> None:
         "free_within_mm",
         "retreat_mm",
         "dragging_n",
+        "quiet",
     )
     left = {name: value[kept] for name in names if np.ndim(value := getattr(trace, name)) == 1}
     gappy = replace(trace, **left, advance_mm=trace.advance_mm[kept] * passed)
