@@ -58,6 +58,11 @@ class CalibrationPaths:
         file = calibration_path(rig)
         return cls(file, file.with_suffix(".run.json"), file.with_suffix(".html"))
 
+    @property
+    def all(self) -> tuple[Path, Path, Path]:
+        """Each of them."""
+        return self.calibration, self.record, self.report
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationAnswer:
@@ -118,7 +123,7 @@ def calibrate_rig(
     rig = on_bench.described
     shapes, paths = references_from(references), CalibrationPaths.beside(path)
     check_references(rig, shapes)
-    for place in (paths.calibration, paths.record, paths.report):
+    for place in paths.all:
         check_place(place)
     keeper = RunRecordFile(paths.record)
     if restart:

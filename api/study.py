@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
-from importlib.metadata import version
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,8 +29,10 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import Executor, RunsFile, carry_out, simulate_here
+from palpate.rig.identification.preconditions import check_known_well
+from palpate.rig.study.campaign import Executor, carry_out, simulate_here
 from palpate.rig.study.cluster import on_cluster
+from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import Advice, confusion_of, study_out
 from palpate.rig.study.variations import AS_IT_IS, at_heights, compared, halved, heights_name, noise_budget
@@ -56,7 +58,9 @@ def study(
     budget: int | None = None,
     keep: PathLike | None = None,
     scheduler: str | None = None,
+    workers: int | None = None,
     name: str = "the catalogue",
+    rig_name: str | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyOut:
     """Simulate identifications of parts of a catalogue, on all cores or a cluster.
@@ -65,20 +69,28 @@ def study(
     rig's bounds. `parts`: "moving" or "still", None: as the rig file's `[emulation.part]` says.
     `budget`: so many runs are done again with each error halved, None: a tenth of them. `keep`: a file of
     runs (JSON Lines), by which a study that was ended goes on. `scheduler`: address of a dask scheduler.
-    Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
+    `workers`: so many processes at once, None: as there are cores. `name`, `rig_name`: of the files of
+    objects and rig, in messages.
+    Raises InputError for a catalogue that the rig cannot identify, a rig of which too little is known, as
+    `Rig.identify` does, or a file of another study.
     """
     if not 1 <= runs <= MOST_RUNS:
         raise InputError(f"{runs} runs: it must be from 1 to {MOST_RUNS}")
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers: it must be at least 1")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
+    check_known_well(rig, rig_name)
     varied = min(runs // _VARIED_SHARE, _MOST_VARIED) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
     motion, chosen = motion_of(rig) if parts is None else _motion_named(parts), strategy_named(strategy)
     simulation = Simulation(*with_motion(rig, objects, motion), chosen, seed)
     states, fingers = state_sections(objects), rig_fingers(rig)
-    with _runs_file(keep) as path, _executor(scheduler) as execute:
-        file = RunsFile(path, simulation, version("palpate"))
+    with _runs_file(keep) as path, _executor(scheduler, keep, workers) as execute:
+        file = RunsFile(path, simulation)
         # Kept, it is there for the processes that carry out runs.
-        prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress)
+        prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress, workers=workers)
         progress("comparing heights")
         heights = best_heights(states, fingers)
         simulations = _simulations(simulation, runs, varied, heights)
@@ -122,8 +134,12 @@ def _simulations(
     return simulations
 
 
-def _executor(scheduler: str | None) -> AbstractContextManager[Executor]:
-    return nullcontext(simulate_here) if scheduler is None else on_cluster(scheduler)
+def _executor(
+    scheduler: str | None, keep: PathLike | None, workers: int | None
+) -> AbstractContextManager[Executor]:
+    if scheduler is None:
+        return nullcontext(partial(simulate_here, workers=workers))
+    return on_cluster(scheduler, None if keep is None else str(keep))
 
 
 @contextmanager

@@ -16,7 +16,6 @@ With `--write` the tables go into docs/study.md.
 import argparse
 import json
 import os
-import pickle
 import resource
 import sys
 import time
@@ -24,7 +23,6 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,7 +40,8 @@ from palpate.config.study_result import StudyRunOut
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.study.campaign import Chunk, RunsFile, carry_out, simulate_here
+from palpate.rig.study.campaign import carry_out, chunks_of, simulate_here
+from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.variations import AS_IT_IS
 from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
@@ -115,21 +114,17 @@ def _processor_s() -> float:
 
 def _simulated(simulation: Simulation, count: int) -> list[StudyRunOut]:
     with TemporaryDirectory() as folder:
-        file = RunsFile(Path(folder, "runs.jsonl"), simulation, version("palpate"))
+        file = RunsFile(Path(folder, "runs.jsonl"), simulation)
         return carry_out({AS_IT_IS: (simulation, count)}, file, lambda _: None)[AS_IT_IS]
 
 
 def simulated_like(emulated: Sequence[Ended], simulation: Simulation, each: int, keep: Path) -> list[Ended]:
     """The first runs of a study that have the parts of the emulated ones, `each` of every part."""
-    file = RunsFile(keep, simulation, version("palpate"))
+    file = RunsFile(keep, simulation)
     done = {run.number: run for run in file.runs}
     numbers = _numbers({run.truth for run in emulated}, simulation, each)
     missing = [number for number in numbers if number not in done]
-    chunks = [
-        Chunk(pickle.dumps(simulation), AS_IT_IS, (number,), file.study, version("palpate"))
-        for number in missing
-    ]
-    for runs in simulate_here(chunks):
+    for runs in simulate_here(chunks_of(AS_IT_IS, simulation, missing, file.study, 1)):
         file.add(runs)
         done |= {run.number: run for run in runs}
     return [read_simulated(done[number]) for number in numbers]

@@ -43,8 +43,9 @@ def emulate(
 ) -> None:
     """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
     from palpate.api.rig import open_rig
+    from palpate.cli.output_places import rig_files, scene_files
     from palpate.config import shipped_rig
-    from palpate.files.writing import write_text
+    from palpate.files.writing import check_places, write_text
 
     if pty and tcp_port is not None:
         raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")
@@ -56,6 +57,7 @@ def emulate(
             err=True,
         )
     opened = open_rig(rig, seed=seed, calibration=False)
+    check_places({"--rig-out": rig_out}, {**rig_files(rig), "--objects": objects, **scene_files(scene)})
     served = opened.serve(objects, scene=scene, pty=pty, tcp_port=tcp_port or 0, host=host or _LOOPBACK)
     with served as service:
         if rig_out is not None:

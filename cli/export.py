@@ -27,10 +27,12 @@ def export(
 
     MCAP and bags need the extra `export`.
     """
+    from palpate.cli.output_places import session_files
     from palpate.cli.terminal import Terminal
     from palpate.config.export_result import ExportedOut, ExportOut
     from palpate.config.results import to_json
     from palpate.errors import InputError, counted
+    from palpate.files.writing import check_different
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session
     from palpate.rig.session.samples import open_samples
@@ -41,6 +43,7 @@ def export(
     if mcap is None and csv is None and rosbag is None:
         raise InputError("say what to write: --mcap FILE, --csv FOLDER or --rosbag FOLDER, or several")
     folder = session_of(session)
+    check_different({"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}, session_files(folder))
     samples = open_samples(read_session(folder), folder)
     terminal, written = Terminal(stderr=True, highlight=False, markup=False), []
     for target, write in ((csv, write_csv), (mcap, write_mcap), (rosbag, write_rosbag)):

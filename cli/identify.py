@@ -42,13 +42,14 @@ def identify(
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.api.rig import open_rig
     from palpate.cli.identification_progress import Progress, answer_lines
+    from palpate.cli.output_places import rig_files, scene_files
     from palpate.cli.terminal import Terminal, print_notices
     from palpate.cli.view_process import view_starter
-    from palpate.files.writing import check_place, write_text
+    from palpate.files.writing import check_places, write_text
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
-    if picture is not None:
-        check_place(picture)
+    read = {**rig_files(rig), "--objects": objects, **scene_files(scene)}
+    check_places({"--picture": picture}, read)
     terminal = Terminal(stderr=True, highlight=False, markup=False)
     with Progress(terminal) as progress:
         answer = opened.identify(

@@ -6,11 +6,12 @@ people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or 
 """
 
 import errno
+import inspect
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
 from types import FrameType
@@ -108,6 +109,12 @@ def _root(
         raise typer.Exit
 
 
+def _paragraphs(command: Callable[..., object] | None) -> str:
+    """A command's docstring as its help: a line a paragraph, which terminals break where they end."""
+    text = inspect.getdoc(command) or ""
+    return "\n\n".join(" ".join(part.split()) for part in text.split("\n\n"))
+
+
 _SETTING_UP = "Setting up a rig"
 
 app.command()(identify)
@@ -141,6 +148,10 @@ app.add_typer(objects)
 sessions.callback(invoke_without_command=True)(list_sessions)
 sessions.command("prune")(prune)
 app.add_typer(sessions)
+
+for _group in (app, objects, sessions):
+    for _command in _group.registered_commands:
+        _command.help = _paragraphs(_command.callback)
 
 
 def main() -> None:

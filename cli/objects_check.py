@@ -32,16 +32,16 @@ def check_objects(
     from palpate.api import catalogue
     from palpate.api.files import load_objects
     from palpate.api.rig import open_rig
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.config.results import to_json
-    from palpate.files.writing import check_place, write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.catalogue.check_text import check_lines
     from palpate.views.report.catalogue import catalogue_report
 
     bench, models, name = open_rig(rig, calibration=not no_calibration).file, load_objects(file), str(file)
-    if report is not None:
-        check_place(report)
+    check_places({"--report": report}, {**rig_files(rig), "FILE": file})
     notices = finding_lines(bench, models.objects, name)
     print_notices(notices)
     with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:

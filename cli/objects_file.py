@@ -11,7 +11,7 @@ from palpate.api.files import load_rig
 from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
 from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.errors import InputError
-from palpate.files.writing import check_place, write_text
+from palpate.files.writing import write_text
 from palpate.rig.catalogue.cad_import import ImportOptions
 from palpate.rig.catalogue.objects_text import Height
 
@@ -107,7 +107,6 @@ def load_target(target: Path, *, add: bool, again: bool = False) -> ObjectsFileT
 
     `again`: one that was made by imports alone is brought up to date.
     """
-    check_place(target)
     if not target.exists():
         return None
     refused = f"{target} is there already: add to it with --add, or choose another with --out"

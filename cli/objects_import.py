@@ -121,9 +121,11 @@ def import_objects(
     import time
 
     from palpate.cli.objects_file import ObjectsTarget, check_options, listed, load_target, wanted_heights
+    from palpate.cli.output_places import rig_files, several_files
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
     from palpate.config.results import to_json
+    from palpate.files.writing import check_places
     from palpate.rig.catalogue.cad_import import ImportOptions
     from palpate.rig.catalogue.folder_import import files_in, import_files
     from palpate.views.import_table import files_out, show, show_files
@@ -146,6 +148,7 @@ def import_objects(
     check_options(options, several=several)
     files = files_in(paths)
     target = out or Path(f"{paths[0].stem or paths[0].resolve().name}.objects.json")
+    check_places({"--out": target}, {**rig_files(rig), **several_files(files)})
     there = load_target(target, add=add, again=several)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with Doing(console, "reading") as doing, ObjectsTarget(target, there) as file:

@@ -33,21 +33,24 @@ def show_objects(
     from palpate.api.catalogue import list_objects
     from palpate.api.files import load_objects
     from palpate.api.rig import open_rig
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.results import to_json
-    from palpate.files.writing import check_place, write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.views.catalogue.listing import print_listing
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(file)
     # In the current folder, and named so that no drawing beside the file is written over.
     place = picture or Path(f"{file.stem.removesuffix('.objects')}.objects.svg")
-    check_place(place)
+    read = {**rig_files(rig), "FILE": file}
+    check_places({"--picture": place}, read)
     with Doing(Terminal(stderr=True, soft_wrap=True), "reading") as doing:
         listing = list_objects(bench, models, name=file.name, progress=doing.now)
     places = [
         place if page == 1 else place.with_stem(f"{place.stem}-{page}")
         for page in range(1, len(listing.pages) + 1)
     ]
+    check_places({f"page {page} of the picture": where for page, where in enumerate(places, 1)}, read)
     for where, page in zip(places, listing.pages, strict=True):
         write_text(where, page)
     out = listing.out(bench, str(file), list(map(str, places)), shipped=rig is None)

@@ -34,16 +34,16 @@ def plan(
     """
     from palpate.api.files import load_objects, name_of
     from palpate.api.rig import open_rig
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
-    from palpate.files.writing import check_place, write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.explanation import explain, explanation_lines
     from palpate.views.plan_table import print_plan
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     models = load_objects(objects)
-    if picture is not None:
-        check_place(picture)
+    check_places({"--picture": picture}, {**rig_files(rig), "--objects": objects, "--contacts": contacts})
     with Doing(Terminal(stderr=True, soft_wrap=True), "planning") as doing:
         answer = opened.plan(models, contacts, strategy=strategy.value, progress=doing.now)
     print_notices(finding_lines(opened.file, models.objects, name_of(objects)))

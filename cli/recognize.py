@@ -33,10 +33,11 @@ def recognize(
     """Say which objects, states and configurations agree with a file of contacts."""
     from palpate.api.recognition import recognise
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.recognizer.memo_statistics import memo_counts
     from palpate.views.recognition_text import recognition_lines
 
+    check_places({"--picture": picture}, {"--objects": objects, "--contacts": contacts})
     with Doing(Terminal(stderr=True, soft_wrap=True), "reading") as doing:
         answer = recognise(objects, contacts, max_spurious=max_spurious, budget=budget, progress=doing.now)
     because = None if why is None else answer.why(why)

@@ -21,7 +21,8 @@ def report(
 
     Verdict and bounds, each grip's picture, why each rival fell, timing, devices, calibration, settings.
     """
-    from palpate.files.writing import check_place, write_text
+    from palpate.cli.output_places import session_files
+    from palpate.files.writing import check_places, write_text
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session
     from palpate.rig.session.samples import open_samples
@@ -30,8 +31,8 @@ def report(
 
     folder = session_of(session)
     place = out or folder / "report.html"
+    check_places({"--out": place}, session_files(folder))
     recorded = read_session(folder)
-    check_place(place)
     samples = open_samples(recorded, folder)
     write_text(place, run_report(samples, summary_of(folder), folder))
     typer.echo(str(place))

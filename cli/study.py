@@ -47,6 +47,10 @@ def study(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use a dask cluster's workers.")
     ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", min=1, help="Processes at once; as many as there are cores if left out."),
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Say how well a rig tells a catalogue apart: verdicts, touches needed, hardest states and pairs.
@@ -57,18 +61,17 @@ def study(
     from palpate.api.files import load_objects
     from palpate.api.rig import open_rig
     from palpate.api.study import study as studied
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.config.results import to_json
-    from palpate.files.writing import check_place, write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.report.study import study_report
     from palpate.views.study_text import study_lines
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(objects)
     name = "the shipped objects" if objects is None else str(objects)
-    for place in (report, keep):
-        if place is not None:
-            check_place(place)
+    check_places({"--report": report, "--keep": keep}, {**rig_files(rig), "--objects": objects})
     print_notices(finding_lines(bench, models.objects, name))
     terminal = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with if_interrupted(_after_interruption(keep)), Doing(terminal, "preparing", _WRITTEN_EVERY_S) as doing:
@@ -82,7 +85,9 @@ def study(
             budget=budget,
             keep=keep,
             scheduler=scheduler,
+            workers=workers,
             name=name,
+            rig_name=None if rig is None else str(rig),
             progress=doing.now,
         )
     heights = [finger.height_mm for finger in bench.fingers]

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from palpate.config.mistaken_files import mistaken_for
 from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
 from palpate.errors import InputError
 from palpate.files import read_bytes
@@ -63,13 +64,13 @@ def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
         InputError: anything is wrong with the file; one line, and a note for each further problem.
 
     """
-    text = _read_text(source, JSON_BYTES, _DIVIDE)
+    text = _read_text(source, JSON_BYTES, _DIVIDE, _format_of(model))
     return _load(source, text, model, nouns, _decode_json, "JSON")
 
 
 def load_toml(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
     """Read `source` as TOML into `model`; otherwise as `load_json`."""
-    text = _read_text(source, TOML_BYTES, "give the file that was meant")
+    text = _read_text(source, TOML_BYTES, "give the file that was meant", _format_of(model))
     return _load(source, text, model, nouns, _decode_toml, "TOML")
 
 
@@ -99,7 +100,8 @@ def _load(
     except RecursionError:
         raise InputError(f"{name}: brackets are nested too deeply") from None
     except ValueError as error:
-        raise InputError(f"{name}: not valid {language}: {_syntax(error)}") from None
+        another = mistaken_for(name, text, _format_of(model))
+        raise InputError(f"{name}: {another or f'not valid {language}: {_syntax(error)}'}") from None
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
         raise refuse(name, [wrong_format])
@@ -109,7 +111,7 @@ def _load(
         raise refuse(name, problems_of(error, model, data, nouns)) from None
 
 
-def _read_text(source: Source, most_bytes: int, advice: str) -> str:
+def _read_text(source: Source, most_bytes: int, advice: str, wanted: str) -> str:
     name = source_name(source)
     if isinstance(source, str | os.PathLike):
         raw = read_bytes(source, most_bytes, advice)
@@ -119,9 +121,8 @@ def _read_text(source: Source, most_bytes: int, advice: str) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{name}: line {line} holds byte 0x{raw[error.start]:02x}, which is not UTF-8; save it as UTF-8"
-        ) from None
+        fault = f"line {line} holds byte 0x{raw[error.start]:02x}, which is not UTF-8; save it as UTF-8"
+        raise InputError(f"{name}: {mistaken_for(name, '', wanted) or fault}") from None
 
 
 def _decode_json(text: str) -> object:
@@ -178,7 +179,7 @@ def _syntax(error: ValueError) -> str:
 
 def _format_problem(data: object, model: type[BaseModel]) -> Problem | None:
     """Check the format before anything else: errors against the wrong format mislead."""
-    wanted = model.model_fields["format"].annotation.__args__[0]  # type: ignore[union-attr]
+    wanted = _format_of(model)
     if not isinstance(data, dict):
         return Problem("", f"holds {shown(data)}; it must be a table with the key format = {shown(wanted)}")
     if "format" not in data:
@@ -192,6 +193,11 @@ def _format_problem(data: object, model: type[BaseModel]) -> Problem | None:
             place_in_words(("format",), data, {}), f"is {shown(data['format'])}; needed here: {shown(wanted)}"
         )
     return None
+
+
+def _format_of(model: type[BaseModel]) -> str:
+    """The name of the format that a model's files have."""
+    return str(model.model_fields["format"].annotation.__args__[0])  # type: ignore[union-attr]
 
 
 def _misspelt_format(data: Mapping[str, object]) -> bool:

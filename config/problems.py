@@ -186,10 +186,17 @@ def _reworded(
     if kind == "finger_type":
         place += ("type",)
     shown_place = tuple(step for step in place if not is_tag(step))
+    if kind == "too_short" and context["actual_length"] == 0 and shown_place[-1] in _plurals(nouns):
+        return Problem(place_in_words(shown_place[:-1], data, nouns), f"contains no {shown_place[-1]}")
     words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
     if kind == "finger_type":
         return Problem(words, _other_type(detail, model))
     return Problem(words, _sentence(detail, model, data))
+
+
+def _plurals(nouns: Mapping[str, str]) -> list[str]:
+    """Keys of lists that are the plural of what their entries are called."""
+    return [key for key, noun in nouns.items() if key == f"{noun}s"]
 
 
 def _sentence(  # noqa: PLR0911 - a table with logic

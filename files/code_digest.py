@@ -6,14 +6,16 @@ Other code may compute something else. A version that is raised by hand would be
 import hashlib
 import platform
 import sys
+from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 
 import numpy
 import scipy
 import shapely
 
-__all__ = ["code_digest"]
+__all__ = ["code_digest", "source_digest"]
 
 
 @cache
@@ -27,3 +29,26 @@ def code_digest(*packages: str) -> str:
             if file.name.endswith(".py"):
                 digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
+
+
+@cache
+def source_digest(*packages: str, compiled: bool) -> str:
+    """16 hexadecimal digits that change with every line of packages and those within them, nothing else.
+
+    `compiled`: also with what has been compiled for them.
+    """
+    digest, suffixes = hashlib.sha256(), (".py", ".so") if compiled else (".py",)
+    for package in packages:
+        for place, file in _files(files(package), package):
+            if place.endswith(suffixes):
+                digest.update(place.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _files(folder: Traversable, place: str) -> Iterator[tuple[str, Traversable]]:
+    for item in sorted(folder.iterdir(), key=lambda item: item.name):
+        inside = f"{place}/{item.name}"
+        if item.is_dir():
+            yield from _files(item, inside)
+        else:
+            yield inside, item

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from palpate.errors import InputError
 
-__all__ = ["check_file", "read_bytes", "size_in_words"]
+__all__ = ["check_file", "kind_in_words", "read_bytes", "size_in_words"]
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -38,10 +38,14 @@ def check_file(path: str | os.PathLike[str], most_bytes: int, advice: str) -> No
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from None
     if not stat.S_ISREG(found.st_mode):
-        kind = next((words for test, words in _KINDS if test(found.st_mode)), "something else")
-        raise InputError(f"{os.fspath(path)}: is {kind}, not a file")
+        raise InputError(f"{os.fspath(path)}: is {kind_in_words(found.st_mode)}, not a file")
     if found.st_size > most_bytes:
         raise _too_large(path, size_in_words(found.st_size), most_bytes, advice)
+
+
+def kind_in_words(mode: int) -> str:
+    """What has this `st_mode`, if it is no regular file: "a folder"."""
+    return next((words for test, words in _KINDS if test(mode)), "something else")
 
 
 def size_in_words(count: int) -> str:

@@ -57,12 +57,17 @@ def calibrate(
     from palpate.cli.terminal import Terminal
     from palpate.cli.view_process import view_starter
     from palpate.config.results import to_json
+    from palpate.files.writing import check_places
     from palpate.rig.commissioning.calibration import STEPS, steps_of
 
     begin = time.perf_counter()
     opened, shapes = open_rig(rig, seed=seed, calibration=False), load_references(references)
     steps = steps_of(opened.file, STEPS if what is _What.ALL else (what.value,))
     check_references(opened.file, shapes)
+    check_places(
+        {f"the calibration's {place.suffix} file": place for place in CalibrationPaths.beside(rig).all},
+        {"--references": references},
+    )
     if not (dry_run or yes):
         check_can_ask_to_move()
     console = Terminal(stderr=True, highlight=False, soft_wrap=True)

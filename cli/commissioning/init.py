@@ -41,7 +41,7 @@ def init(
     from palpate.config.shipped import SHIPPED_RIGS, shipped_rig
     from palpate.drivers.dynamixel.specifications import supply_warnings
     from palpate.errors import DeviceError, InputError, counted
-    from palpate.files.writing import check_place
+    from palpate.files.writing import check_places
     from palpate.rig.commissioning.new_rig import FoundArray, describe_array, rig_text
 
     if (port is None) == (bench is None):
@@ -52,8 +52,8 @@ def init(
         raise InputError(f"--bench {bench}: palpate ships {', '.join(SHIPPED_RIGS)}")
     if out.exists():
         raise InputError(f"{out} is there already: choose another with --out, or remove it")
-    check_place(out)
     schema = out.with_name("rig.schema.json")
+    check_places({"--out": out, "the schema beside it": schema}, {})
     if bench is not None:
         text = shipped_rig(bench).read_text(encoding="utf-8").replace(_SHIPPED_SCHEMA, f"./{schema.name}")
         _write(out, text, schema)

@@ -53,8 +53,9 @@ def check(
     from palpate.api.rig import open_rig
     from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.views.check_table import show
     from palpate.views.rig_drawing import draw_rig
 
@@ -65,6 +66,7 @@ def check(
         if (touch or hold) and not yes:
             check_can_ask_to_move()
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
+        check_places({"--picture": picture}, {**rig_files(rig), "--references": references})
         err = Terminal(stderr=True, soft_wrap=True)
         if picture is not None:
             write_text(picture, draw_rig(opened.file))

@@ -41,14 +41,16 @@ def doctor(
     """
     from palpate.api.rig import open_rig
     from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
+    from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import write_text
+    from palpate.files.writing import check_places, write_text
     from palpate.views.doctor_text import show
 
     with if_interrupted("torque is off" if move else "torque was left as it was"), ExitStack() as looking:
         if move and not yes:
             check_can_ask_to_move()
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
+        check_places({"--report": report}, rig_files(rig))
         err = Terminal(stderr=True, soft_wrap=True)
         doing = looking.enter_context(Doing(err, "looking at the ports"))
 

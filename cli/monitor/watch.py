@@ -53,7 +53,9 @@ def watch(
     from palpate.cli.monitor.display import forget_stdout, how_to_show, write_picture
     from palpate.cli.monitor.keys import Keys
     from palpate.cli.monitor.updates import show_updates
+    from palpate.cli.output_places import rig_files, session_files
     from palpate.cli.view_process import view_starter
+    from palpate.files.writing import check_places
 
     own = rig is None and rate is None and tare and not no_calibration
     if session is None and speed is not None:
@@ -67,6 +69,7 @@ def watch(
     for name, value in (("--rate", rate), ("--for", seconds), ("--speed", speed)):
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"{name} {value:g}: must be above 0 and below a million")
+    check_places({"--picture": picture}, rig_files(rig) | session_files(session))
     how, fingers = how_to_show(json=json), finger or []
     with ExitStack() as ways_out:
         if session is not None:

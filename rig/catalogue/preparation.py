@@ -45,18 +45,19 @@ def prepared_catalogue(
     cache: Cache | None = None,
     *,
     alone_s: float = _ALONE_S,
+    workers: int | None = None,
 ) -> Catalogue:
     """A catalogue of objects that is prepared for some fingers; for others it will be when they come.
 
     `progress` is told how far that is. `cache`: None for the user's own. `alone_s`: after so long other
-    processes help. Raises InputError for objects that are wrong.
+    processes help, so many `workers`, None: on all cores. Raises InputError for objects that are wrong.
     """
     if sum(map(_vertices, objects)) < _FEW_VERTICES:
         return Catalogue(objects)
     cache = user_cache() if cache is None else cache
     single = [replace(item, states=(state,)) for item in objects for state in item.states]
     digests = [state_digest(item, item.states[0]) for item in single]
-    keeper = _Keeper(cache, digests, progress, alone_s)
+    keeper = _Keeper(cache, digests, progress, alone_s, workers)
     states = _prepared_states(single, keeper).states(objects)
     catalogue = Catalogue(objects, states=states)
     wanted = sorted({finger.face_point for finger in fingers})
@@ -132,6 +133,7 @@ class _Keeper:
     digests: Sequence[bytes]
     progress: Callable[[str], None]
     alone_s: float
+    workers: int | None
     what: str = ""
 
     def prepared(self, kind: _Kind[_P]) -> _P:
@@ -187,7 +189,7 @@ class _Keeper:
     ) -> Iterator[_T]:
         """Call a function with each of the arguments, of which the first are states; results in order."""
         total, done, begun = sum(len(states) for states, *_ in arguments), 0, time.monotonic()
-        alone = parent_process() is not None or (os.cpu_count() or 1) == 1
+        alone = parent_process() is not None or (self.workers or os.cpu_count() or 1) == 1
         at = 0
         while at < len(arguments) and (alone or time.monotonic() - begun < self.alone_s):
             self._tell(done, total)
@@ -197,7 +199,7 @@ class _Keeper:
         if at == len(arguments):
             return
         rest, found = arguments[at:], dict[int, _T]()
-        for number, result in in_processes(function, rest):
+        for number, result in in_processes(function, rest, self.workers):
             found[number] = result
             done += len(rest[number][0])
             self._tell(done, total)

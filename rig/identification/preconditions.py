@@ -11,14 +11,15 @@ from palpate.rig.pads import has_pads
 __all__ = ["check_known_well"]
 
 
-def check_known_well(rig: RigFile, name: str) -> None:
+def check_known_well(rig: RigFile, file: str | None) -> None:
     """Refuse a rig whose contacts may be further off than a tip's radius, or half a pad's width.
 
-    `name`: of its file.
+    `file`: where it is described, None: only its name is known.
 
     Nearly everything of a catalogue fits such contacts: the search would take minutes and find no answer.
     Raises InputError that says what to do.
     """
+    name = f'rig "{rig.name}"' if file is None else file
     for finger in rig.fingers:
         kinematics = kinematics_of(finger)
         x, y = finger.base_mm
@@ -29,7 +30,8 @@ def check_known_well(rig: RigFile, name: str) -> None:
             remedy = (
                 "measure it more finely (docs/rig-file.md, Measuring a rig with pads), and narrow its bounds"
                 if has_pads(rig)
-                else f"measure it with `palpate calibrate --rig {name}`, or narrow its bounds if they hold"
+                else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
+                "if they hold"
             )
             raise InputError(
                 f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "

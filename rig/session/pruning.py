@@ -10,14 +10,16 @@ from palpate.config.sessions_result import SessionOut
 from palpate.errors import InputError, OutputError
 from palpate.rig.session.log_file import is_written_now, log_path
 
-__all__ = ["Pruned", "discard_session", "remove_sessions", "to_prune"]
+__all__ = ["Pruned", "discard_session", "recorded_files", "remove_sessions", "to_prune"]
+
+_REPORT = "report.html"
 
 _WRITTEN = frozenset(
     {
         "contacts.json",
         "objects.json",
         "picture.svg",
-        "report.html",
+        _REPORT,
         "result.json",
         "rig.calibration.toml",
         "rig.toml",
@@ -67,6 +69,11 @@ def remove_sessions(sessions: Sequence[SessionOut]) -> Pruned:
         except OSError as error:
             raise OutputError(f"session {folder} cannot be removed: {error.strerror}") from error
     return Pruned(tuple(sessions), tuple(kept))
+
+
+def recorded_files(folder: Path) -> list[Path]:
+    """What a run has written into its session's folder: all but a report, which was made of it."""
+    return [folder / name for name in sorted(_WRITTEN - {_REPORT}) if (folder / name).is_file()]
 
 
 def discard_session(folder: Path, *, is_ours: bool) -> None:

@@ -25,15 +25,17 @@ _MOST_KILLED = 5  # times that a chunk is asked for again: then it is the chunk 
 
 
 @contextmanager
-def on_cluster(address: str) -> Iterator[Executor]:
+def on_cluster(address: str, kept: str | None = None) -> Iterator[Executor]:
     """An executor on the workers of the scheduler at an address, such as tcp://192.168.1.5:8786.
+
+    `kept`: the file in which runs are kept, if there is one, to be said where the scheduler is lost.
 
     Raises InputError if `distributed` is not installed, if no scheduler answers there, or one without
     workers; what it carries out, for a chunk that every worker dies of, and for workers without palpate.
     """
     distributed = needed("distributed", "cluster", "a study on a cluster")
     with _own_words_only(), _client(distributed, address) as client:
-        yield lambda chunks: _results(distributed, client, chunks)
+        yield lambda chunks: _results(distributed, client, chunks, kept)
 
 
 @contextmanager
@@ -73,7 +75,9 @@ def _client(distributed: Any, address: str) -> Any:
     return client
 
 
-def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
+def _results(
+    distributed: Any, client: Any, chunks: Sequence[Chunk], kept: str | None
+) -> Iterator[Sequence[StudyRunOut]]:
     if not chunks:
         return
     left, killed, chunk_of = list(reversed(chunks)), dict.fromkeys(chunks, 0), {}
@@ -107,9 +111,12 @@ def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator
                 f"{chunk.palpate} where its workers run"
             ) from error
         except distributed.client.FutureCancelledError as error:
-            raise InputError(
-                "the scheduler was lost; runs that were done are kept, if a file was named for them"
-            ) from error
+            rest = (
+                "and with it the runs that were done: no file was named in which to keep them (--keep)"
+                if kept is None
+                else f"runs that were done are in {kept}; the same command goes on from there"
+            )
+            raise InputError(f"the scheduler was lost; {rest}") from error
         yield runs
         future.release()
         if left:

@@ -144,7 +144,7 @@ CASES: list[tuple[object, str]] = [
     ),
     (catalogue(name="\ud800"), 'object "\\ud800", name: is "\\ud800"; it must be a text of valid characters'),
     (catalogue() | {"units": "inch"}, 'units: is "inch"; allowed: "mm"'),
-    (catalogue() | {"objects": []}, "objects: has 0 values; it must have at least 1"),
+    (catalogue() | {"objects": []}, "contains no objects"),
     (catalogue() | {"objects": [3]}, "object 0: is 3; it must be a table of keys and values"),
     (
         catalogue() | {"objects": catalogue()["objects"] * 2},
@@ -177,6 +177,9 @@ CASES: list[tuple[object, str]] = [
     ('{"a": 1, "a": 2}', 'the key "a" is given twice in one table'),
     ("[" * 100_000, "brackets are nested too deeply"),
     ("", "not valid JSON: line 1, column 1: "),
+    ('format = "palpate/rig@1"\n', 'format: is "palpate/rig@1"; needed here: "palpate/objects@1"'),
+    ('{"format":"palpate/study-runs@1"}\n{}\n', 'format: is "palpate/study-runs@1"; needed here'),
+    ('{"format": "palpate/objects@1",\n}', "not valid JSON: line 2, column 1: "),
 ]
 
 

@@ -89,8 +89,10 @@ def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(bench: P
         on.scheduler.kill()
         _, err = process.communicate(timeout=120)
     assert process.returncode == 2
-    words = "error: the scheduler was lost; runs that were done are kept, if a file was named for them\n"
-    assert without_progress(err) == words
+    words = (
+        "the scheduler was lost; runs that were done are in runs.jsonl; the same command goes on from there"
+    )
+    assert without_progress(err) == f"error: {words}\n"
     assert 3 < keep.read_text().count("\n") < RUNS
 
 

@@ -10,6 +10,7 @@ from command import run
 from json_schema import violations
 from quick_rig import small_parts
 from report_page import Page
+from repository import EXAMPLES
 from sampling import sample
 
 from palpate.api.study import study
@@ -89,9 +90,55 @@ def test_runs_of_another_study_are_refused(change: dict[str, object], tmp_path: 
     given = {"objects": SIX, "seed": 5} | change
     with pytest.raises(InputError, match="holds runs of another study"):
         study(RIG, given.pop("objects"), runs=2, keep=keep, **given)  # type: ignore[arg-type]
-    keep.write_bytes(before + b'{"number": 3}\n')
-    with pytest.raises(InputError, match="line 3 is no run"):
+    keep.write_bytes(before.replace(b'"code":"', b'"code":"0'))
+    with pytest.raises(
+        InputError, match=r"another study \(by code of palpate that has been upgraded or changed"
+    ):
         study(RIG, SIX, runs=2, seed=5, keep=keep)
+
+
+def test_what_is_wrong_with_a_file_of_runs_is_said_and_costs_no_run(tmp_path: Path) -> None:
+    keep = tmp_path / "runs.jsonl"
+    given: dict[str, Any] = {"parts": "still", "budget": 0, "keep": keep}
+    keep.touch()
+    whole = study(RIG, SIX, runs=3, **given)
+    head, *lines = keep.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 3
+    for beginning in (b"", head[:20], head[:-1]):
+        keep.write_bytes(beginning)
+        again = study(RIG, SIX, runs=3, **given)
+        assert again.model_copy(update={"seconds": whole.seconds}) == whole
+        assert keep.read_bytes().startswith(head)
+    for other in (
+        b'{\n  "format": "palpate/objects@1"\n}\n',
+        b"\x00\xff",
+        b'{"format":"palpate/runs@1"}',
+        b"\n",
+    ):
+        keep.write_bytes(other)
+        with pytest.raises(
+            InputError, match=r"is not a file of runs: its first line is .*; choose another file"
+        ):
+            study(RIG, SIX, runs=3, **given)
+        assert keep.read_bytes() == other
+    damaged = b"".join([head, lines[0], b'{"number": 1}\n', lines[2]])
+    keep.write_bytes(damaged)
+    with pytest.raises(InputError, match="line 3 is damaged; delete that line, and its run is done again"):
+        study(RIG, SIX, runs=3, **given)
+    assert keep.read_bytes() == damaged
+    keep.write_bytes(b"".join([head, lines[0], lines[2]]))
+    again = study(RIG, SIX, runs=3, **given)
+    assert again.model_copy(update={"seconds": whole.seconds}) == whole
+
+
+def test_a_rig_of_which_too_little_is_known_is_refused_as_identify_does(tmp_path: Path) -> None:
+    fresh = EXAMPLES / "fresh-rig.toml"
+    told = run("study", "--rig", fresh, "--runs", 2, "--keep", "runs.jsonl", cwd=tmp_path)
+    identified = run("identify", "--rig", fresh, cwd=tmp_path)
+    assert (told.code, told.out, told.err) == (2, "", identified.err)
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(InputError, match=r'^rig "fresh": by its bounds, .* `palpate calibrate --rig FILE`'):
+        study(load_rig(fresh), SIX, runs=2)
 
 
 def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> None:
