@@ -40,6 +40,11 @@ class Line:
         x, y = point_mm[0] - self.start_mm[0], point_mm[1] - self.start_mm[1]
         return x * math.cos(self.direction_rad) + y * math.sin(self.direction_rad)
 
+    def aside_mm(self, point_mm: tuple[float, float]) -> float:
+        """How far to the left of the line a point is."""
+        x, y = point_mm[0] - self.start_mm[0], point_mm[1] - self.start_mm[1]
+        return y * math.cos(self.direction_rad) - x * math.sin(self.direction_rad)
+
 
 @dataclass(frozen=True, eq=False)
 class Body:

@@ -53,10 +53,7 @@ def _is_same(one: Path, other: Path) -> bool:
 
 def check_place(path: Path) -> None:
     """Raise InputError if `path` cannot be written: to be known before fingers move, not after."""
-    with suppress(OSError):
-        mode = path.stat().st_mode
-        if not stat.S_ISREG(mode):
-            raise InputError(f"{path} cannot be written: it is {kind_in_words(mode)}; choose another place")
+    _check_kind(path)
     partial = _partial(path)
     try:
         partial.touch()
@@ -71,6 +68,7 @@ def write_text(path: Path, text: str) -> None:
     Raises InputError for a place that cannot be written, OutputError for a disk that is full or fails.
     Whatever ends it before the move, such as an interrupt, leaves nothing behind.
     """
+    _check_kind(path)
     partial = _partial(path)
     try:
         partial.write_text(text, encoding="utf-8")
@@ -85,6 +83,14 @@ def write_text(path: Path, text: str) -> None:
         if isinstance(error, OSError):
             raise InputError(f"{path} cannot be written: {error.strerror}; choose another place") from error
         raise
+
+
+def _check_kind(path: Path) -> None:
+    """Raise InputError for what is there and no file: a device would be replaced by a file."""
+    with suppress(OSError):
+        mode = path.stat().st_mode
+        if not stat.S_ISREG(mode):
+            raise InputError(f"{path} cannot be written: it is {kind_in_words(mode)}; choose another place")
 
 
 def _partial(path: Path) -> Path:

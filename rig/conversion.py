@@ -28,6 +28,7 @@ from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Re
 from palpate.vocabulary import TipShape
 
 __all__ = [
+    "SHEAR_SHARE",
     "arm_kinematics",
     "array_bound_rad",
     "deflection_mm",
@@ -54,10 +55,12 @@ __all__ = [
 ]
 
 
+SHEAR_SHARE = 2 / 3
+"""Of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5."""
+
 _NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
 _STOP_S = 0.010  # from the goal that stops a servo to its standing still
 _LARGEST_SHARE = 0.9
-_SHEAR_SHARE = 2 / 3  # of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
@@ -231,10 +234,10 @@ def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
 def shear_rad(tip: TipConfig, pressing_n: float) -> float:
     """How far round the tip friction may have carried the skin at most, while `pressing_n` presses on it.
 
-    Skin sticks up to friction times that force, and its stiffness along the surface is `_SHEAR_SHARE` of that
+    Skin sticks up to friction times that force, and its stiffness along the surface is `SHEAR_SHARE` of that
     across it or more (Mindlin 1949; Johnson, Contact Mechanics, ch. 7).
     """
-    softest = _SHEAR_SHARE * softest_n_per_mm(tip)
+    softest = SHEAR_SHARE * softest_n_per_mm(tip)
     return tip.max_friction * pressing_n / softest / (tip.radius_mm - tip.radius_bound_mm)
 
 

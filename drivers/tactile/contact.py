@@ -184,6 +184,14 @@ class ContactExtractor:
         """
         return self._matched_n(np.where(windows, readings, -math.inf), frames)
 
+    def windows_most_n(self, readings: Floats, windows: Bools, frames: int) -> float:
+        """Largest force (N) that may press on one of some windows (windows,), likewise, at most.
+
+        As read, and four standard deviations of its noise; what zeros may be off by comes on top.
+        """
+        noise = SIGMAS * self.noise_share(frames) * self._window_noise
+        return max(float((readings - self._zeros_n.upper + noise)[windows].max()), 0.0)
+
     def steady_force_n(self, readings: Floats, frames: int) -> float:
         """Force (N) that is above the noise in the mean of the readings (n,) of some frames: likewise."""
         if self._cylinder is not None:

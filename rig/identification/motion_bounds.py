@@ -14,25 +14,24 @@ from typing import Self
 import numpy as np
 
 from palpate.config import FingerConfig, RigFile
+from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Contact, Motion, Recognition
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.rig.contact_peak import expected_peak_n
-from palpate.rig.conversion import measured_force_share
+from palpate.rig.conversion import SHEAR_SHARE, measured_force_share
 from palpate.rig.identification.slide_bounds import Loads, slides_mm
 from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TIP_FRICTION, LoadTrace
+from palpate.rig.motion.contact_load import HIDDEN_FACTOR, LoadTrace, friction_factor, friction_of
 from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 
-_SHEAR_STIFFNESS_SHARE = 0.7
 _LIFTED = math.hypot(1.0, FRICTION_MOST)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
-_SHEARED = 1 + TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
-"""Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
+_MEASURED_FRAMES = 8  # of a contact
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 
@@ -81,7 +80,8 @@ class MotionBounds:
         holds = self.holds_n(states)
         if holds is None:
             return None
-        peak = FRICTION_FACTOR * expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak = expected_peak_n(self.rig, self.rig.closing.search_mm_s)
+        peak *= max(friction_factor(friction_of(finger.tip)) for finger in self.rig.fingers)
         leverage = float(self.supports.leverage[states].max())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
@@ -126,6 +126,9 @@ class MotionBounds:
         known = [trace for trace in traces if trace is not None]
         if len(known) < len(traces) or not known:
             return []
+        unfelt = [_unfelt_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
+        if math.inf in unfelt:
+            return []
         period_s = 1 / self.rig.closing.sample_rate_hz
         begin_s = min(float(trace.time_s[0]) for trace in known)
         count = math.floor((max(float(trace.time_s[-1]) for trace in known) - begin_s) / period_s) + 1
@@ -137,8 +140,8 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, within_mm, of, period_s)
-                for finger, trace, of in zip(fingers, known, periods, strict=True)
+                _row(finger, trace, within_mm, of, period_s, factor)
+                for finger, trace, of, factor in zip(fingers, known, periods, unfelt, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
             found.append(Loads(at_contact, anywhere, work, stored, min(measured, count), within_mm))
@@ -146,14 +149,20 @@ class MotionBounds:
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, within_mm: float, periods: "_Periods", period_s: float
+    finger: FingerConfig,
+    trace: LoadTrace,
+    within_mm: float,
+    periods: "_Periods",
+    period_s: float,
+    unfelt_factor: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Force at the contact and anywhere, work and stored energy (b,) of one finger at most.
 
-    As long as the part has moved by `within_mm` at most.
+    As long as the part has moved by `within_mm` at most, and forces are up to `unfelt_factor` what is read.
     """
-    gain = 1 / (1 - measured_force_share(finger))
-    tip = finger.tip
+    gain = max(1 / (1 - measured_force_share(finger)), unfelt_factor)
+    tip, friction = finger.tip, friction_of(finger.tip)
+    sheared = friction_factor(friction)
     lifted = _LIFTED if tip.is_ball else 1.0
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
@@ -174,16 +183,29 @@ def _row(
     unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
     most = lifted * (gain * (np.maximum(trace.force_n, hidden) + unsure) + grown)
     swept = np.maximum(advance, np.maximum([*trace.retreat_mm, 0.0], [0.0, *trace.retreat_mm]))
-    alone = trace.dragging_n > 0
-    hooks = alone & (trace.dragging_n >= trace.force_n)
+    hooks = ~trace.quiet & (trace.dragging_n >= trace.force_n)
     pulled = np.where(hooks, stiff * np.maximum(swept[:-1], swept[1:]), 0.0)
-    dragging = np.where(alone, trace.dragging_n, FRICTION_FACTOR * np.maximum(trace.force_n, hidden))
-    dragging = lifted * (gain * (dragging + FRICTION_FACTOR * unsure) + FRICTION_FACTOR * pulled)
+    dragging = np.where(trace.quiet, np.maximum(trace.dragging_n, sheared * hidden), trace.dragging_n)
+    dragging = lifted * (gain * (dragging + sheared * unsure) + sheared * pulled)
     at_contact, anywhere = (periods.largest(np.where(at, most, 0.0)) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
-    work = FRICTION_FACTOR * normal * periods.ways_mm(trace.advance_mm)
+    work = sheared * normal * periods.ways_mm(trace.advance_mm)
     work += periods.largest(dragging) * periods.ways_mm(trace.retreat_mm)
-    return FRICTION_FACTOR * at_contact, FRICTION_FACTOR * anywhere, work, _SHEARED * normal**2 / (2 * soft)
+    # Skin is pressed and sheared, and what carries the tip is bent.
+    yields = (1 + friction**2 / SHEAR_SHARE) / soft + finger.bounds.deflection_mm_per_n * sheared**2
+    return sheared * at_contact, sheared * anywhere, work, yields * normal**2 / 2
+
+
+def _unfelt_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
+    """How many times what frames show may press where a finger touches, because taxels are left out there.
+
+    By what the patch may bear at most, and by what frames showed when it was measured.
+    """
+    if patch is None or PatchFlag.DEAD_NEIGHBOUR not in patch.flags:
+        return 1.0
+    measured = int(np.searchsorted(trace.time_s, trace.measured_s))
+    shown_n = float(trace.force_n[max(measured - _MEASURED_FRAMES, 0) : measured].mean())
+    return (patch.force_n + patch.force_bound_n) / shown_n if shown_n > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +276,11 @@ def _leverages(
     hypotheses = recognition.hypotheses
     point, within = _centres(table, hypotheses)
     off = np.hypot(*(table.centre_mm - recognition.catalogue.origins_mm).T)
-    drift_mm = np.zeros(len(off)) if since is None else since.shift_mm + since.turn_rad * off
+    drift_mm = np.zeros(len(off)) if since is None else since.shift_mm + _times(off, since.turn_rad)
     for k, at, unsure_mm in touched:
         furthest = np.full(len(off), -np.inf)
         np.maximum.at(furthest, hypotheses.state, np.hypot(*(at - point).T) + within)
-        near = np.flatnonzero(np.isfinite(furthest + drift_mm))
+        near = np.flatnonzero(np.isfinite(furthest) & np.isfinite(drift_mm))
         result[near, k] = table.leverage_at(near, furthest[near] + unsure_mm + drift_mm[near] + _NUDGED_MM)
     return result
 

@@ -12,9 +12,9 @@ from palpate.drivers.tactile.messages import Shape
 from palpate.geometry import Floats
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
-from palpate.rig.conversion import array_bound_rad, line_of, shear_rad
+from palpate.rig.conversion import array_bound_rad, line_of, measured_force_share, shear_rad
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, drag_shares
+from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, drag_shares, friction_factor, friction_of
 from palpate.rig.motion.load_meter import LoadMeter
 
 __all__ = ["ApproachState"]
@@ -84,7 +84,8 @@ class ApproachState:
         if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
             self._last_mm, self.moved_s = self.travel_mm, now
         if self.meter is not None:
-            self.meter.see(self.travel_mm, now)
+            is_steered = self.finger.drive.streams
+            self.meter.see(self.travel_mm, now, self.line.aside_mm(self.centre_mm) if is_steered else 0.0)
         if self.finger.drive.streams:
             self.track.append(self.centre_mm)
 
@@ -101,10 +102,10 @@ class ApproachState:
     def drags(self, light_n: float) -> Floats | None:
         """What a force on each column (cols,) of the array drags the part with as the tip goes back, at most.
 
-        As a share of what presses there, anywhere on the way, if that is `light_n` at most, so that friction
-        has carried the skin round the tip by little. Infinite at the tip's back, by which it hooks the part.
-        None, for all that presses, of a ball, which is touched higher or lower, too, and of an array that is
-        not bent round its tip.
+        As a share of what presses there, anywhere on the way, if `light_n` is measured at most: then friction
+        carries the skin round the tip by little, and what carries the array turns it by little. Infinite at
+        the tip's back, by which it hooks the part. None, for all that presses, of a ball, which is touched
+        higher or lower, too, and of an array that is not bent round its tip.
         """
         finger, spec = self.finger, self.finger.spec
         if spec.tip.is_ball or finger.array.description.shape is not Shape.CYLINDER:
@@ -115,9 +116,12 @@ class ApproachState:
         servos = [kinematics.servos_rad(self.line, way) for way in ways.tolist()]
         facing = np.array([kinematics.facing_rad(item) for item in servos if not math.isnan(sum(item))])
         ahead = facing[:, None] + math.radians(spec.array.heading_deg) + columns - self.line.direction_rad
-        off = float(np.diff(columns).max(initial=0.0)) / 2 + shear_rad(spec.tip, light_n)
+        pressing_n = light_n / (1 - measured_force_share(spec))
+        off = float(np.diff(columns).max(initial=0.0)) / 2 + shear_rad(spec.tip, pressing_n)
         off += kinematics.direction_bound_rad + array_bound_rad(spec)
-        return drag_shares(np.abs(wrap_angle(ahead)).max(axis=0) + off)
+        friction = friction_of(spec.tip)
+        off += math.radians(spec.bounds.deflection_deg_per_n) * pressing_n * friction_factor(friction)
+        return drag_shares(np.abs(wrap_angle(ahead)).max(axis=0) + off, friction)
 
     @property
     def loads(self) -> tuple[ContactLoad, ...]:

@@ -117,6 +117,7 @@ class ArrayGuard:
                 steady = dragging = 0.0
                 if quiet := meter.quiet_mean(readings, force):
                     steady = extractor.steady_force_n(*quiet)
+                    dragging = meter.steady_dragging_n(extractor, *quiet) if steady else 0.0
                 else:
                     dragging = meter.dragging_n(extractor, frame, readings)
                 meter.feel(force, at, steady, extractor.zero_doubt_n, dragging)

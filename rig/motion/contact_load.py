@@ -6,22 +6,22 @@ from enum import StrEnum
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.config import TipConfig
+from palpate.geometry import Bools, Floats
 
 __all__ = [
-    "FRICTION_FACTOR",
     "HIDDEN_FACTOR",
     "TIP_FRICTION",
     "ContactLoad",
     "LoadTrace",
     "TouchStage",
     "drag_shares",
+    "friction_factor",
+    "friction_of",
 ]
 
 TIP_FRICTION = 0.7
-"""Largest friction of tips on parts that bounds on motion allow for."""
-FRICTION_FACTOR = math.hypot(1.0, TIP_FRICTION)
-"""Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
+"""Friction of tips on parts that bounds on motion allow for, unless a rig file allows for more."""
 
 HIDDEN_FACTOR = 1.5
 """So many times the noise's limit: three standard deviations more, and a force is noticed."""
@@ -67,12 +67,13 @@ class LoadTrace:
     a steady push; `zero_doubt_n` (n,): what the doubt of the zero may hide of any force beside, and
     `any_zero_doubt_n` (n,) if no way was free; `free_within_mm` (n,): the way there is free of a part that
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
-    on its way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how
-    fast at most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if
-    never; `unfelt_mm`: so far the tip had come at least before anything was noticed, infinite if nothing was;
-    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what a
-    force noticed in a frame by itself may drag the part with then, as much as all of it where the tip's back
-    may hook the part; 0 where none was.
+    on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
+    `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
+    measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
+    infinite if nothing was;
+    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what the
+    force that was noticed may drag the part with then, as much as all of it where the tip's back may hook the
+    part; 0 where none was; `quiet` (n,): nothing was noticed in the frame by itself.
     """
 
     time_s: Floats
@@ -89,6 +90,7 @@ class LoadTrace:
     unfelt_mm: float
     retreat_mm: Floats
     dragging_n: Floats
+    quiet: Bools
 
     @property
     def felt(self) -> bool:
@@ -96,12 +98,23 @@ class LoadTrace:
         return bool(self.force_n.any())
 
 
-def drag_shares(ahead_rad: Floats) -> Floats:
+def friction_of(tip: TipConfig) -> float:
+    """Largest friction of a tip on parts that bounds on motion allow for."""
+    return max(TIP_FRICTION, tip.max_friction)
+
+
+def friction_factor(friction: float) -> float:
+    """Arrays measure what presses, not what shears: with friction a force is larger by this at most."""
+    return math.hypot(1.0, friction)
+
+
+def drag_shares(ahead_rad: Floats, friction: float = TIP_FRICTION) -> Floats:
     """What a tip that goes back drags a part with, at most, as a share of what presses on it.
 
     `ahead_rad` (n,): how far from straight ahead that is at most. What presses from ahead only gets lighter;
-    from atan(1/0.7) = 55° on, friction may drag the part by more than that. Infinite behind the tip.
+    from atan(1/friction) on, 55° with 0.7, friction may drag the part by more than that. Infinite behind
+    the tip.
     """
-    shares = TIP_FRICTION * np.sin(ahead_rad) - np.cos(ahead_rad)
+    shares = friction * np.sin(ahead_rad) - np.cos(ahead_rad)
     result: Floats = np.where(ahead_rad > math.pi / 2, math.inf, np.maximum(shares, 0.0))
     return result

@@ -23,7 +23,7 @@ from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, conclude
-from palpate.rig.motion.contact_load import TouchStage
+from palpate.rig.motion.contact_load import TouchStage, friction_of
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
 from palpate.rig.motion.load_meter import LIGHT_FACTOR, LoadMeter
@@ -158,6 +158,7 @@ def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None
             travel_step_mm(run.finger.spec),
             run.finger.extractor.noise_share,
             run.drags(LIGHT_FACTOR * closing.contact_force_n),
+            friction_of(run.finger.spec.tip),
         )
         run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm, FREE_MARGIN_MM)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})

@@ -12,7 +12,13 @@ from palpate.drivers.tactile.column_windows import windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Bools, Floats, Ints
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, ContactLoad, LoadTrace, TouchStage
+from palpate.rig.motion.contact_load import (
+    TIP_FRICTION,
+    ContactLoad,
+    LoadTrace,
+    TouchStage,
+    friction_factor,
+)
 from palpate.rig.motion.quiet_mean import STEADY_FRAMES, QuietMean
 
 __all__ = ["LIGHT_FACTOR", "LoadMeter"]
@@ -38,16 +44,20 @@ class LoadMeter:
         step_mm: float = 0.0,
         noise_share: Callable[[int], float] = lambda frames: 1 / math.sqrt(frames),
         drags: Floats | None = None,
+        friction: float = TIP_FRICTION,
     ) -> None:
         """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
         `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
         `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames;
-        `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along.
+        `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along;
+        `friction`: of the tip on parts, at most.
         """
-        self._drags, self._behind = drags, np.zeros(0, dtype=bool)
+        self._sheared = friction_factor(friction)
+        self._drags, self._behind, self._beside = drags, np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
         if drags is not None:  # windows at the tip's back are looked at by themselves
             self._behind, columns = windows_within(np.isinf(drags))
-            self._drags = np.where(columns, 0.0, np.minimum(drags, FRICTION_FACTOR))
+            self._beside = ~windows_within(drags == 0)[0]
+            self._drags = np.where(columns, 0.0, np.minimum(drags, self._sheared))
         self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
         self._stopped: list[float] = []
         self._late_s = 2 * period_s
@@ -55,7 +65,7 @@ class LoadMeter:
         self._unnoticed_n = unnoticed_n
         # Plain numbers one after another: a grip has tens of thousands of frames.
         self._forces = array("d")  # by frames: latest_s, force_n, steady_n, doubts_n and dragging_n
-        self._seen_s, self._seen_mm = array("d"), array("d")
+        self._seen_s, self._seen_mm, self._aside_mm = array("d"), array("d"), array("d")
         self._begun: list[tuple[float, TouchStage, float, float]] = []
         self._quiet, self._quiet_behind = QuietMean(), QuietMean()
         self._measured_s = math.nan
@@ -92,9 +102,15 @@ class LoadMeter:
             self._quiet_behind = QuietMean()
             return math.inf
         mean, count = self._quiet_behind.add(readings)
-        steady_n = extractor.windows_n(mean, self._behind, count)
-        hidden_n = HIDDEN_FACTOR * self._unnoticed_n * self._noise_share(count)
-        return beside_n + FRICTION_FACTOR * (steady_n + hidden_n)
+        return beside_n + self._sheared * extractor.windows_most_n(mean, self._behind, count)
+
+    def steady_dragging_n(self, extractor: ContactExtractor, mean: Floats, frames: int) -> float:
+        """Likewise, of what is noticed in the mean readings (n,) of so many frames only."""
+        if self._drags is None:
+            return math.inf
+        if not self._beside.any():
+            return 0.0
+        return self._sheared * extractor.windows_most_n(mean, self._beside, frames)
 
     def may_touch(self, since_s: float) -> bool:
         """Whether the tip may have been at the part since an instant (s).
@@ -119,10 +135,10 @@ class LoadMeter:
         """Note the force of a frame, sampled at `latest_s` or before, and what is steady in the newest ones.
 
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free; `dragging_n` as
-        the method has it. All of a force that is not light may drag.
+        the methods have it. All of a force that is not light may drag.
         """
         is_light = force_n <= 2 * LIGHT_FACTOR * self._least_n
-        dragging_n = min(dragging_n if is_light else math.inf, FRICTION_FACTOR * force_n)
+        dragging_n = min(dragging_n if is_light else math.inf, self._sheared * max(force_n, steady_n))
         self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
     def late_by(self, late_s: float) -> None:
@@ -137,10 +153,11 @@ class LoadMeter:
         """Note that the contacts of the grip have been measured."""
         self._measured_s = now
 
-    def see(self, travel_mm: float, now: float) -> None:
-        """Note how far along its line the tip is."""
+    def see(self, travel_mm: float, now: float, aside_mm: float = 0.0) -> None:
+        """Note how far along its line the tip is, and how far beside it."""
         self._seen_s.append(now)
         self._seen_mm.append(travel_mm)
+        self._aside_mm.append(aside_mm)
 
     def loads(self) -> tuple[ContactLoad, ...]:
         """A load for each stage in which something was felt, in order of time."""
@@ -166,12 +183,13 @@ class LoadMeter:
         travels = np.interp(times, self._seen_s, self._seen_mm)
         quiet = forces <= self._unnoticed_n
         noticed = np.where(quiet, _lasting(steady), forces)
+        lasting = np.where(steady > 0, np.minimum(dragging, self._sheared * steady), 0.0)
         return LoadTrace(
             times,
             self._late_s / 2,
             noticed,
             travels,
-            self._advances(times, travels),
+            self._advances(times, travels) + self._sideways(times),
             self._unnoticed_n * self._shares[_frames_together(quiet)],
             _lasting(doubt),
             _lasting(any_doubt),
@@ -180,7 +198,8 @@ class LoadMeter:
             self._measured_s,
             self._unfelt_mm(times, noticed),
             self._retreats(times, travels),
-            np.where(quiet, 0.0, dragging),
+            np.where(quiet, _lasting(lasting), dragging),
+            quiet,
         )
 
     def _by_frames(self) -> Floats:
@@ -227,11 +246,8 @@ class LoadMeter:
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
         passed = np.diff(times, prepend=times[0])
-        reads = np.array(self._seen_s)
-        gaps = np.diff(reads, prepend=reads[0] - self._period_s)
-        gap = np.maximum(gaps[np.minimum(np.searchsorted(reads, times), len(reads) - 1)], self._period_s)
-        seen = np.diff(travels, prepend=travels[0]) - self._step_mm * passed / gap
-        result: Floats = np.maximum(seen, _FASTER * self._touch_mm_s * passed)
+        result: Floats = _FASTER * self._touch_mm_s * passed
+        result += _beyond(np.diff(travels, prepend=travels[0]) - result, self._step_mm)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
             rows = np.flatnonzero(
@@ -245,15 +261,28 @@ class LoadMeter:
                     result[rows[0]] += _FASTER * self._touch_mm_s * moving_s
         return result
 
+    def _sideways(self, times: Floats) -> Floats:
+        """How far the tip was seen to go sideways before each frame (n,), either way."""
+        aside = np.interp(times, self._seen_s, self._aside_mm)
+        result: Floats = np.abs(np.diff(aside, prepend=aside[0]))
+        return result
+
     def _retreats(self, times: Floats, travels: Floats) -> Floats:
-        """How far the tip can have gone back before each frame (n,); of one that stands, reads may jump."""
+        """How far the tip can have gone back before each frame (n,).
+
+        After the order to stop it goes on and turns where it is seen furthest; of one that stands, reads may
+        jump.
+        """
         result = np.maximum(-np.diff(travels, prepend=travels[0]), 0.0)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
             rows = np.flatnonzero((times > stopped) & (times < min(begun, default=math.inf)))
             if len(rows):
-                reached = np.maximum.accumulate(-travels[np.concatenate([[max(rows[0] - 1, 0)], rows])])
-                result[rows] = np.diff(reached)
+                rows = rows[int(np.argmax(travels[rows])) :]
+                back = np.diff(np.maximum.accumulate(-travels[rows]))
+                if back.any():  # so much less is seen of it than it has gone
+                    back[np.argmax(back > 0)] += self._step_mm
+                result[rows[1:]] = back
         return result
 
     def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:
@@ -280,6 +309,16 @@ def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
     first, last = np.maximum(first, 0), np.maximum(last, 0)
     steps = np.arange(int((last - first).max(initial=0)) + 1)
     result: Floats = values[np.minimum(first[:, None] + steps, last[:, None])].max(axis=1)
+    return result
+
+
+def _beyond(excess_mm: Floats, step_mm: float) -> Floats:
+    """How much further than usual (n,) a tip has come that is seen by steps: what is in excess of one."""
+    result, pending = np.zeros(len(excess_mm)), 0.0
+    for row, excess in enumerate(excess_mm.tolist()):
+        pending = max(pending + excess, 0.0)
+        if pending > step_mm:
+            result[row], pending = pending - step_mm, step_mm
     return result
 
 

@@ -12,7 +12,12 @@ from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
 from palpate.rig.emulated.array_noise import ArrayNoise
 from palpate.rig.emulated.driven_tips import DrivenTip
-from palpate.rig.motion.contact_load import FRICTION_FACTOR, HIDDEN_FACTOR, TouchStage, drag_shares
+from palpate.rig.motion.contact_load import (
+    TouchStage,
+    drag_shares,
+    friction_factor,
+    friction_of,
+)
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.quiet_mean import STEADY_FRAMES
 from palpate.rig.study.mismeasurement import Mismeasurement
@@ -25,6 +30,9 @@ TURN_S = 0.09
 
 _SEEN_EVERY = 5  # samples between looks at the servos
 _PITCH_RAD = 0.2  # of an array's columns
+# Standard deviations of a window's noise: what is noticed; what the loudest window at the tip's back may
+# hide, and what columns at its sides may, times what they would drag with, as on the shipped bench.
+_LEAST_SIGMAS, _BACK_SIGMAS, _BESIDE_SIGMAS = 6.0, 5.5, 2.3
 _ROUNDING_S = 1e-9
 
 
@@ -60,6 +68,7 @@ class SimulatedFinger:
         self._quiet: deque[float] = deque(maxlen=STEADY_FRAMES)
         self._lately_n, self._free_frames = 0.0, 0
         self._frames = 0
+        self._friction, self._off_rad = friction_of(spec.tip), math.pi
         self.meter = self._metered(rig, spec)
 
     def _metered(self, rig: RigFile, spec: FingerConfig) -> LoadMeter:
@@ -70,6 +79,7 @@ class SimulatedFinger:
             self.slowed_to(rig.closing.search_mm_s),
             travel_step_mm(spec),
             self._noise.share,
+            friction=self._friction,
         )
 
     @property
@@ -82,15 +92,19 @@ class SimulatedFinger:
         """Whether it has not arrived."""
         return self.travel_mm != self.goal_mm
 
-    def _dragging_n(self, force_n: float) -> float:
+    def _dragging_n(self, force_n: float, steady_n: float) -> float:
         """What it may drag the part with as it goes back, and what noise may hide beside that."""
-        if self.tip.press is None:
-            return math.inf
-        x, y = -self.tip.press.load.force_n
-        off = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
-        hidden_n = HIDDEN_FACTOR * self._noise.least_n * self._noise.share(STEADY_FRAMES)
-        share = float(drag_shares(np.array(off)))
-        return 2 * FRICTION_FACTOR * hidden_n + (share * force_n if force_n > 0 else 0.0)
+        if self.tip.press is not None:
+            x, y = -self.tip.press.load.force_n
+            self._off_rad = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
+        sigma_n, sheared = self._noise.least_n / _LEAST_SIGMAS, friction_factor(self._friction)
+        if force_n <= 0.0:  # columns are not looked at one by one then
+            is_ahead = not drag_shares(np.array(self._off_rad + _PITCH_RAD), self._friction)
+            hidden_n = _BACK_SIGMAS * sigma_n * self._noise.share(max(len(self._quiet), 1))
+            return sheared * (hidden_n + (0.0 if is_ahead else steady_n))
+        share = float(drag_shares(np.array(self._off_rad), self._friction))
+        hidden_n = _BACK_SIGMAS * sigma_n * self._noise.share(STEADY_FRAMES)
+        return share * force_n + _BESIDE_SIGMAS * sigma_n + sheared * hidden_n
 
     def until_event_s(self, now: float) -> float:
         """How long it goes on as it does, if it meets nothing."""
@@ -138,7 +152,7 @@ class SimulatedFinger:
             self._free_frames += 1
             return False
         force, steady = self._read_n()
-        self.meter.feel(force, at_s + self._period_s, steady, dragging_n=self._dragging_n(force))
+        self.meter.feel(force, at_s + self._period_s, steady, dragging_n=self._dragging_n(force, steady))
         if not self.sensing or force <= self._contact_n:
             return False
         self.sensing, self.touched, self.searching = False, True, False

@@ -18,7 +18,7 @@ from palpate.cli.output_places import rig_files
 from palpate.config import shipped_objects, shipped_rig
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
-from palpate.files.writing import check_place, check_places
+from palpate.files.writing import check_place, check_places, write_text
 
 OUTPUTS = {"report", "keep", "picture", "out", "mcap", "csv", "rosbag", "rig_out"}
 INPUTS = {
@@ -153,6 +153,8 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=f"cannot be written: it is {words}; choose another place"):
             check_place(Path(place))
+        with pytest.raises(InputError, match=words):
+            write_text(Path(place), "")
 
 
 @pytest.mark.parametrize(

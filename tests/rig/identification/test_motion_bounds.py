@@ -14,6 +14,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, plac
 from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig
+from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
@@ -22,7 +23,7 @@ from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.support import Support, support_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares
+from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
@@ -126,7 +127,38 @@ def press(
         begin_s + 0.8 * last_s,
         math.inf,
         *np.zeros((2, len(time_s))),
+        ~pressed,
     )
+
+
+def patch_beside_dead_taxels(shown_n: float, most_n: float) -> ContactPatch:
+    return ContactPatch(
+        angle_rad=0.0,
+        angle_half_range_rad=0.2,
+        centroid_rad=0.0,
+        centroid_bound_rad=0.1,
+        position_mm=(5.0, 0.0, 0.0),
+        position_bound_mm=(0.5, 0.5, 2.0),
+        height_mm=0.0,
+        height_bound_mm=2.0,
+        force_n=shown_n,
+        force_bound_n=most_n - shown_n,
+        extent_rad=0.5,
+        area_mm2=10.0,
+        flags=frozenset({PatchFlag.DEAD_NEIGHBOUR}),
+    )
+
+
+def test_where_taxels_are_left_out_forces_count_with_what_the_patch_may_bear() -> None:
+    bounds = MotionBounds(declared(2.0), CATALOGUE)
+    touch = touched(press(0.1, 0.004))
+    plain = bounds.peak_force_n([touch])
+    blind = replace(touch, patch=patch_beside_dead_taxels(0.1, 0.7))
+    assert 1.0 <= bounds.peak_force_n([blind]) / (friction_factor(TIP_FRICTION) * 0.7) < 1.1
+    assert plain < bounds.peak_force_n([blind]) / 3
+    unknown = replace(touch, patch=patch_beside_dead_taxels(0.1, math.inf))
+    assert math.isinf(bounds.peak_force_n([unknown]))
+    assert bounds.of_grip([unknown]).within(np.arange(len(CATALOGUE.states))) is None
 
 
 def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
@@ -161,6 +193,41 @@ def test_work_on_the_way_back_depends_on_where_it_presses() -> None:
     works = [-(normal + mu * along)[:, 0] for mu in np.linspace(-TIP_FRICTION, TIP_FRICTION, 29)]
     assert drag_shares(angles) == pytest.approx(np.maximum(np.max(works, axis=0), 0.0), abs=1e-12)
     assert np.isinf(drag_shares(np.radians([90.1, 120.0, 179.0]))).all()
+
+
+def with_fingers(rig: RigFile, table: str, **values: float) -> RigFile:
+    """The same rig, with other values in a table of each finger."""
+    fingers = [
+        item.model_copy(update={table: getattr(item, table).model_copy(update=values)})
+        for item in rig.fingers
+    ]
+    return rig.model_copy(update={"fingers": tuple(fingers)})
+
+
+def test_more_friction_than_usual_counts_if_the_rig_file_allows_for_it() -> None:
+    """Tips that may have 1.4: they drag where they are pressed from 36° on, and push as much more."""
+    trace, rigs = press(1.0, 0.5), (declared(0.3), with_fingers(declared(0.3), "tip", max_friction=1.4))
+    (few,), (more,) = (MotionBounds(rig, CATALOGUE)._loads([touched(trace)]) for rig in rigs)
+    larger = math.hypot(1, 1.4) / math.hypot(1, 0.7)
+    assert more.work_mj.sum() / few.work_mj.sum() == pytest.approx(larger)
+    assert more.at_contact_n.max() / few.at_contact_n.max() == pytest.approx(larger)
+    angle = math.radians(40.0)
+    assert drag_shares(np.array([angle]), 1.4) == pytest.approx(1.4 * math.sin(angle) - math.cos(angle))
+
+
+def test_what_carries_a_tip_stores_energy_beside_its_skin() -> None:
+    """Skin of stiffness k, sheared with 2 k / 3 at least along its surface, on a carrier that yields."""
+    trace, stiff = press(1.0, 0.0), declared(0.3)
+    soft = with_fingers(stiff, "bounds", deflection_mm_per_n=0.2)
+    stored = [
+        float(MotionBounds(rig, CATALOGUE)._loads([touched(trace)])[-1].stored_mj.max())
+        for rig in (stiff, soft)
+    ]
+    tip, pressed_n = RIG.fingers[0].tip, 1 / 0.7
+    least = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
+    skin_mj = pressed_n**2 / (2 * least) * (1 + TIP_FRICTION**2 / (2 / 3))
+    assert stored[0] >= skin_mj
+    assert stored[1] - stored[0] >= 0.2 * pressed_n**2 * (1 + TIP_FRICTION**2) / 2
 
 
 def test_forces_add_up_where_they_are_at_the_same_time() -> None:
@@ -216,6 +283,7 @@ def test_lost_frames_hide_no_work(lost: int) -> None:
         "free_within_mm",
         "retreat_mm",
         "dragging_n",
+        "quiet",
     )
     left = {name: value[kept] for name in names if np.ndim(value := getattr(trace, name)) == 1}
     gappy = replace(trace, **left, advance_mm=trace.advance_mm[kept] * passed)

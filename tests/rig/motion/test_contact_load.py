@@ -144,3 +144,58 @@ def test_means_of_counts_are_of_the_newest_quiet_frames() -> None:
         assert found is not None
         assert found[1] == len(frames)
         assert found[0] == pytest.approx(np.mean(frames, axis=0))
+
+
+@pytest.mark.parametrize("late_s", [0.004, 0.01, 0.018])
+def test_all_of_the_way_back_counts_from_where_a_tip_turns_after_the_order_to_stop(late_s: float) -> None:
+    """At 20 mm/s it goes on for up to 0.4 mm, and the part is still pressed while it comes back as far."""
+    step_mm, stop_s = 0.0244, 0.2
+    turn_s = stop_s + late_s
+
+    def travel(t: float) -> float:
+        return 20 * min(t, turn_s) - min(max(95 * (t - turn_s), 0.0) * (t - turn_s) / 2, 3.0)
+
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=20.0, step_mm=step_mm)
+    meter.begin(TouchStage.QUICK, 0.0)
+    for k in range(200):
+        t = k * PERIOD_S
+        if k % 5 == 0:
+            meter.see(round(travel(t) / step_mm) * step_mm, t)
+        meter.feel(0.5 if travel(t) > 3.9 else 0.0, t + PERIOD_S)
+    meter.stopped(stop_s)
+    trace = meter.trace()
+    assert trace is not None
+    assert 3.0 - step_mm / 2 < trace.retreat_mm.sum() < 3.0 + 2 * step_mm
+
+
+@pytest.mark.parametrize(("step_mm", "every"), [(0.0244, 5), (0.153, 1)])
+@pytest.mark.parametrize("faster", [0.0, 2.0, 5.0])
+def test_a_finger_that_is_faster_than_its_touch_has_gone_as_far_as_it_is_seen(
+    faster: float, step_mm: float, every: int
+) -> None:
+    """Where servos tell places by large steps, each is more than it goes from read to read."""
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=4.0, step_mm=step_mm)
+    meter.begin(TouchStage.QUICK, 0.0)
+    for k in range(250):
+        t = k * PERIOD_S
+        if k % every == 0 or k == 249:
+            meter.see(round(4 * faster * t / step_mm) * step_mm, t)
+        meter.feel(0.5, t + PERIOD_S)
+    trace = meter.trace()
+    assert trace is not None
+    gone_mm = 4 * max(faster, 1.1) * (trace.time_s[-1] - trace.time_s[0])
+    assert -2 * step_mm < trace.advance_mm.sum() - gone_mm < step_mm
+
+
+def test_a_tip_that_is_steered_sideways_drags_the_part_with_all_that_presses() -> None:
+    """An arm wanders by half a step of its joints as it stands and goes back."""
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0, step_mm=0.15)
+    meter.begin(TouchStage.SLOW, 0.0)
+    meter.stopped(0.0)
+    for k in range(100):
+        meter.see(2.0, k * PERIOD_S, 0.1 * math.sin(k / 5))
+        meter.feel(0.5, (k + 1) * PERIOD_S)
+    trace = meter.trace()
+    assert trace is not None
+    true_mm = np.abs(np.diff(0.1 * np.sin(np.arange(100) / 5))).sum()
+    assert trace.advance_mm[5:].sum() == pytest.approx(true_mm, rel=0.1)

@@ -10,7 +10,7 @@ from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
 from palpate.geometry import Floats
-from palpate.rig.motion.contact_load import FRICTION_FACTOR
+from palpate.rig.motion.contact_load import TIP_FRICTION, friction_factor
 from palpate.rig.motion.load_meter import LoadMeter
 
 COUNTS_PER_N, FORCE_N, NOISE_COUNTS = 1000.0, 0.5, 2.0
@@ -45,7 +45,7 @@ def dragging_n(column: int, drags: Floats | None) -> float:
 
 @pytest.mark.parametrize("column", [6, 7])
 def test_the_back_counts_whole_also_where_it_is_too_narrow_to_be_looked_at_by_itself(column: int) -> None:
-    assert dragging_n(column, LAST_TWO) >= FRICTION_FACTOR * FORCE_N * 0.98
+    assert dragging_n(column, LAST_TWO) >= friction_factor(TIP_FRICTION) * FORCE_N * 0.98
     assert math.isinf(dragging_n(column, LAST_FOUR))
 
 
