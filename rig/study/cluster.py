@@ -112,7 +112,7 @@ def _results(
             ) from error
         except distributed.client.FutureCancelledError as error:
             rest = (
-                "and with it the runs that were done: no file was named in which to keep them (--keep)"
+                "and with it the runs that were done: no file was named in which to keep them"
                 if kept is None
                 else f"runs that were done are in {kept}; the same command goes on from there"
             )
