@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -197,7 +197,7 @@ def _format_problem(data: object, model: type[BaseModel]) -> Problem | None:
 
 def _format_of(model: type[BaseModel]) -> str:
     """The name of the format that a model's files have."""
-    return str(model.model_fields["format"].annotation.__args__[0])  # type: ignore[union-attr]
+    return str(get_args(model.model_fields["format"].annotation)[0])
 
 
 def _misspelt_format(data: Mapping[str, object]) -> bool:

@@ -25,13 +25,13 @@ from palpate.rig.identification.stability import FRICTION_MOST
 from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
 from palpate.rig.motion.contact_load import HIDDEN_FACTOR, LoadTrace, friction_factor, friction_of
+from palpate.rig.motion.guarded_approach import MEASURE_FRAMES
 from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 
 _LIFTED = math.hypot(1.0, FRICTION_MOST)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
-_MEASURED_FRAMES = 8  # of a contact
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 
@@ -204,7 +204,7 @@ def _unfelt_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
     if patch is None or PatchFlag.DEAD_NEIGHBOUR not in patch.flags:
         return 1.0
     measured = int(np.searchsorted(trace.time_s, trace.measured_s))
-    shown_n = float(trace.force_n[max(measured - _MEASURED_FRAMES, 0) : measured].mean())
+    shown_n = float(trace.force_n[max(measured - MEASURE_FRAMES, 0) : measured].mean())
     return (patch.force_n + patch.force_bound_n) / shown_n if shown_n > 0 else math.inf
 
 

@@ -70,10 +70,10 @@ class LoadTrace:
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
     `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
     measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
-    infinite if nothing was;
-    `retreat_mm` (n,): how far it can have gone back since the frame before, and `dragging_n` (n,): what the
-    force that was noticed may drag the part with then, as much as all of it where the tip's back may hook the
-    part; 0 where none was; `quiet` (n,): nothing was noticed in the frame by itself.
+    infinite if nothing was; `retreat_mm` (n,): how far it can have gone back since the frame before;
+    `dragging_n` (n,): what the force that was noticed may drag the part with then, as much as all of it where
+    the tip's back may hook the part, 0 where none was; `quiet` (n,): nothing was noticed in the frame by
+    itself.
     """
 
     time_s: Floats

@@ -29,7 +29,7 @@ from palpate.rig.motion.hand import SPEAK_S, Hand
 from palpate.rig.motion.load_meter import LIGHT_FACTOR, LoadMeter
 from palpate.rig.turning_stage import planned_turn
 
-__all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
+__all__ = ["MEASURE_FRAMES", "GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
 __all__ += ["measure_at_rest", "move_tips", "retract_all", "turn_stage"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
@@ -37,11 +37,13 @@ _FREE_PERIOD_S = 0.02
 _SETTLE_S = 0.08
 _MOST_HALVES = 8  # of that time, until fingers stand
 _STILL_RAD = 1.5 * TICK_RAD  # a servo that stands may be read a step off
-_MEASURE_FRAMES = 8
 _MOST_BACKS = 3
 _NEAR_MM = 0.5  # before its quick contact may a finger meet the part again: what was in between was free
 _FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
+
+MEASURE_FRAMES = 8
+"""Frames of which the mean is a contact's patch."""
 
 Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, ContactPatch | None]]]
 """How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
@@ -303,7 +305,7 @@ def measure_at_rest(
     hand: Hand, runs: Sequence[ApproachState]
 ) -> list[tuple[ApproachState, ContactPatch | None]]:
     """What the arrays feel while fingers rest; None for those that do not touch."""
-    measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
+    measured = hand.collect([run.finger for run in runs], MEASURE_FRAMES)
     return [
         (run, run.finger.extractor.extract(frames) if run.touched else None)
         for run, frames in zip(runs, measured, strict=True)

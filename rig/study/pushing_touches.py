@@ -19,7 +19,7 @@ from palpate.rig.emulated.array_noise import ArrayNoise
 from palpate.rig.emulated.driven_tips import DrivenTip, DrivenTips
 from palpate.rig.emulated.scene import Placement, moved, outline_at
 from palpate.rig.motion.contact_load import TouchStage
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import MEASURE_FRAMES, GripPhase, Touch
 from palpate.rig.study.mismeasurement import FingerErrors
 from palpate.rig.study.simulated_finger import TURN_S, SimulatedFinger
 from palpate.rig.study.simulated_touches import PlacedShapes
@@ -29,7 +29,6 @@ __all__ = ["PushingTouches"]
 _STEP_S = 1e-3
 _STEP_MM = 4e-3  # in contact, a tip goes on by so much at once, if that takes no less than _STEP_S
 _SETTLE_S = 0.08
-_MEASURE_FRAMES = 8
 _NEAR_MM = 0.5
 _LONGEST_S = 0.25
 _ROUNDING_S = 1e-9
@@ -158,7 +157,7 @@ class _Grip:
         if again:
             self._move()
             self._pass(_SETTLE_S)
-        self._pass(_MEASURE_FRAMES * self._period_s)
+        self._pass(MEASURE_FRAMES * self._period_s)
         for finger in fingers:
             finger.meter.measured(self._now)
 

@@ -11,7 +11,9 @@ from palpate.cli.main import app
 
 
 def commands() -> Iterator[tuple[str, ...]]:
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+    root = typer.main.get_command(app)
+    assert isinstance(root, typer.core.TyperGroup)
+    for name, command in root.commands.items():
         yield from [(name, inner) for inner in getattr(command, "commands", ())] or [(name,)]
 
 

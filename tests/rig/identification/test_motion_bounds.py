@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import shapely
+from felt_patch import felt_patch
 from firm_rig import firm_rig
 from sampling import sample
 from scipy.optimize import linprog
@@ -132,21 +133,8 @@ def press(
 
 
 def patch_beside_dead_taxels(shown_n: float, most_n: float) -> ContactPatch:
-    return ContactPatch(
-        angle_rad=0.0,
-        angle_half_range_rad=0.2,
-        centroid_rad=0.0,
-        centroid_bound_rad=0.1,
-        position_mm=(5.0, 0.0, 0.0),
-        position_bound_mm=(0.5, 0.5, 2.0),
-        height_mm=0.0,
-        height_bound_mm=2.0,
-        force_n=shown_n,
-        force_bound_n=most_n - shown_n,
-        extent_rad=0.5,
-        area_mm2=10.0,
-        flags=frozenset({PatchFlag.DEAD_NEIGHBOUR}),
-    )
+    flags = frozenset({PatchFlag.DEAD_NEIGHBOUR})
+    return felt_patch(force_n=shown_n, force_bound_n=most_n - shown_n, flags=flags)
 
 
 def test_where_taxels_are_left_out_forces_count_with_what_the_patch_may_bear() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import Ended, log_lines, run_here, write_log
+from felt_patch import felt_patch
 from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import STAGE, quick_rig
@@ -29,7 +30,7 @@ from palpate.config import (
 )
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
-from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
+from palpate.drivers.tactile.contact import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.loop import Identification, search
@@ -45,22 +46,6 @@ SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)
 SEEDS = range(4)
 BOUND_MM, ERROR_MM = 0.25, 0.02
-
-PATCH = ContactPatch(
-    angle_rad=0.0,
-    angle_half_range_rad=0.1,
-    centroid_rad=0.0,
-    centroid_bound_rad=0.1,
-    position_mm=(5.0, 0.0, 8.0),
-    position_bound_mm=(0.1, 0.1, 0.1),
-    height_mm=8.0,
-    height_bound_mm=0.1,
-    force_n=0.4,
-    force_bound_n=0.04,
-    extent_rad=0.3,
-    area_mm2=6.0,
-    flags=frozenset(),
-)
 
 
 @dataclass
@@ -84,7 +69,7 @@ class Felt:
             position_bound_mm=BOUND_MM,
             path_bound_mm=BOUND_MM + 0.3,
         )
-        return replace(touch, contact=contact, patch=PATCH if contact.touched else None)
+        return replace(touch, contact=contact, patch=felt_patch() if contact.touched else None)
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +141,7 @@ def test_touches_that_do_not_count_are_left_out(file: CalibrationFile, rig: RigF
     """Which way a tip is dented by two edges at once is not known; before a shift, the part lay elsewhere."""
     results = (session(rig, reach, seed) for seed in range(30))
     result = next(item for item in results if len(item.grips) >= 3 and item.touches >= 8)
-    wide = replace(PATCH, flags=frozenset({PatchFlag.WIDE}))
+    wide = felt_patch(flags=frozenset({PatchFlag.WIDE}))
     first = [replace(touch, patch=touch.patch and wide) for touch in result.grips[0]]
     others = replace(result, grips=(tuple(first), *result.grips[1:]))
     later = replace(result, moved_before=(2,))
