@@ -27,9 +27,9 @@ def check_places(written: Mapping[str, Path | None], read: Mapping[str, Path | N
 
 
 def check_different(written: Mapping[str, Path | None], read: Mapping[str, Path | None]) -> None:
-    """The same of files and folders alike, whether they can be written or not.
+    """Raise InputError if what a command writes, files or folders, is what it reads, or another output.
 
-    They are the same by whatever path or link.
+    By whatever path or link. Whether they can be written is not asked.
     """
     outputs, inputs = _named(written), _named(read)
     for (name, place), (other, its) in chain(product(outputs, inputs), combinations(outputs, 2)):
