@@ -130,9 +130,7 @@ def _margin_mm(hull: shapely.Geometry, point: Floats) -> float:
 
 def _grid(base: shapely.Geometry, count: int) -> Floats:
     """About `count` points (n, 2), spread evenly over the base in rows along its length."""
-    box = shapely.minimum_rotated_rectangle(base)
-    corner, along, across = shapely.get_coordinates(box)[[0, 1, 3]]
-    along, across = along - corner, across - corner
+    corner, along, across = _box(base)
     pitch = math.sqrt(base.area / count)
     rows, columns = (max(_FEWEST_ACROSS, round(float(np.hypot(*side)) / pitch)) for side in (across, along))
     while True:
@@ -142,6 +140,22 @@ def _grid(base: shapely.Geometry, count: int) -> Floats:
         if len(points) >= count / 2:
             return points
         rows, columns = 2 * rows, 2 * columns  # thin walls between the rows
+
+
+def _box(base: shapely.Geometry) -> tuple[Floats, Floats, Floats]:
+    """A rectangle round the base, the smallest as a rule: a corner (2,), and two of its sides from there."""
+    box = shapely.minimum_rotated_rectangle(base)
+    if shapely.area(box) >= shapely.area(base):
+        corner, along, across = shapely.get_coordinates(box)[[0, 1, 3]]
+        return corner, along - corner, across - corner
+    # GEOS (3.14.1) gives 1 of some 6,000 placements one without width: take that along its longest side.
+    ring = shapely.get_coordinates(shapely.convex_hull(base))
+    sides = np.diff(ring, axis=0)
+    length = np.hypot(*sides.T)
+    x, y = sides[np.argmax(length)] / length.max()
+    axes = np.array([[x, y], [-y, x]])
+    low, high = (ring @ axes.T).min(axis=0), (ring @ axes.T).max(axis=0)
+    return low @ axes, (high - low)[0] * axes[0], (high - low)[1] * axes[1]
 
 
 def _without_pull(points: Floats, centre: Floats) -> tuple[Floats, Floats]:

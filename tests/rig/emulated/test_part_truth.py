@@ -38,6 +38,19 @@ STEP = stack(((0, 10), box(0, 0, 60, 40)), ((10, 30), box(0, 0, 30, 40)))
 STEP_CENTRE = (22.5, 20.0)  # equal areas times heights, centres at 30 and 15
 
 
+# GEOS 3.14.1 gives it a smallest rectangle without width.
+WITHOUT_RECTANGLE = (
+    (32.481932217931316, -18.966823687124695),
+    (6.363249223168923, 35.049973687572646),
+    (-47.65354815152842, 8.931290692810252),
+    (-41.12387740283782, -4.572908650864083),
+    (-0.6112793718148111, 15.016103595207714),
+    (12.448062125566386, -11.992295092140957),
+    (-28.06453590545662, -31.581307338212753),
+    (-21.53486515676602, -45.08550668188708),
+)
+
+
 def drawn(seed: int, **keys: Any) -> PartTruth:
     part = draw_part(EmulatedPartConfig.model_validate({"engine": "still"} | keys), None, seed)
     assert part is not None
@@ -111,6 +124,15 @@ def test_a_whole_base_is_spread_evenly_under_a_part_of_one_section() -> None:
         many = many[shapely.contains_xy(base, *many.T)]
         mean = np.hypot(*(many - many.mean(axis=0)).T).mean()
         assert support.median_distance_mm == pytest.approx(mean, rel=0.05)
+
+
+def test_a_base_without_a_rectangle_is_covered_like_any_other() -> None:
+    state = State("flat", (Section((0, 20), (Polygon(np.array(WITHOUT_RECTANGLE), ()),)),))
+    lies = Placement(ObjectModel("jagged", (state,)), state, 0.0, 0.0, 0.0)
+    usual = support_of(TRUTH, replace(lies, theta_rad=0.3))
+    support = support_of(TRUTH, lies)
+    assert 0.7 < len(support.share) / len(usual.share) < 1.4
+    assert support.median_distance_mm == pytest.approx(usual.median_distance_mm, rel=0.05)
 
 
 def test_a_part_that_would_fall_over_is_refused() -> None:
