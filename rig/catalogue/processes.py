@@ -5,8 +5,11 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import active_children, connection, parent_process
 from typing import Any, TypeVar
+
+from palpate.errors import InputError
 
 __all__ = ["in_processes"]
 
@@ -19,7 +22,7 @@ def in_processes(
     """Call a function of a module with each of the arguments; their index and the result, as they come.
 
     So many at once, None: as there are cores that this process may use (`taskset` and containers limit them).
-    What the function raises is raised here.
+    What the function raises is raised here; InputError if a process is ended by something else.
     """
     others = set(active_children())
     with ProcessPoolExecutor(min(len(arguments), workers or _cores()), initializer=_begin) as pool:
@@ -27,6 +30,11 @@ def in_processes(
             work = {pool.submit(function, *some): index for index, some in enumerate(arguments)}
             for future in as_completed(work):
                 yield work[future], future.result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "a process that worked on this was ended from outside, as it is without memory enough; free "
+                "some, or let fewer work at once"
+            ) from error
         except BaseException:
             for child in set(active_children()) - others:
                 child.terminate()

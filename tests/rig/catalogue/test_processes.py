@@ -5,14 +5,17 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
 import waiting_work
 
+from palpate.errors import InputError
 from palpate.rig.catalogue.processes import in_processes
 
 
 def test_processes_end_with_one_that_is_killed(tmp_path: Path) -> None:
     script = waiting_work.__file__
     with subprocess.Popen([sys.executable, script, tmp_path], stdout=subprocess.PIPE) as process:
+        # Begun, not processes: the one with short work may take the next before the third is awake.
         while len(list(tmp_path.iterdir())) < 3:
             assert process.poll() is None
             time.sleep(0.05)
@@ -24,4 +27,9 @@ def test_processes_end_with_one_that_is_killed(tmp_path: Path) -> None:
 def test_no_more_processes_than_workers(tmp_path: Path) -> None:
     found = in_processes(waiting_work.wait, [(str(tmp_path), 0.0)] * 5, workers=1)
     assert sorted(index for index, _ in found) == list(range(5))
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len({path.name.split()[0] for path in tmp_path.iterdir()}) == 1
+
+
+def test_a_process_that_the_system_ends_is_said() -> None:
+    with pytest.raises(InputError, match="was ended from outside, as it is without memory enough"):
+        list(in_processes(waiting_work.killed, [()], workers=1))
