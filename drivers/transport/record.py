@@ -92,25 +92,35 @@ class Recorder:
 
     def ask(self, call: str, action: Callable[[], _T]) -> _T:
         """What `action` gives; what it raises, or an interrupt, is recorded as the end of `call`."""
-        self.let_interrupt(call)
-        return self.follow(call, action)
+        # Some thousand times a second of rig time: without a call more than it needs.
+        if sys.exception() is not None:
+            self._note_interrupt()
+        try:
+            self._raise_interrupt()
+            return action()
+        except BaseException as error:
+            self._note_raised(call, error)
+            raise
 
     def let_interrupt(self, call: str) -> None:
         """Let an interrupt come now, in `call`, before anything of it is done."""
-        self.note_interrupt()
-        self.follow(call, self._raise_interrupt)
+        self.ask(call, lambda: None)
 
     def follow(self, call: str, action: Callable[[], _T]) -> _T:
-        """What `action`, which is part of `call`, gives; what it raises is recorded."""
+        """What `action`, which is the rest of `call`, gives; what it raises is recorded."""
         try:
             return action()
         except BaseException as error:
-            if not isinstance(error, Exception):
-                self._noted = error
-            self.note(ErrorRaised(call, error))
+            self._note_raised(call, error)
             raise
 
-    def note_interrupt(self) -> None:
+    def _note_raised(self, call: str, error: BaseException) -> None:
+        """Record what ended a call."""
+        if not isinstance(error, Exception):
+            self._noted = error
+        self.note(ErrorRaised(call, error))
+
+    def _note_interrupt(self) -> None:
         """Record an interrupt that the host is clearing up after: nothing else tells of it in time."""
         error = _interrupt_under_way()
         if error is not None and error is not self._noted:

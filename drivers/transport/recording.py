@@ -113,8 +113,9 @@ class Instants:
         if instant == self._last:
             return "."
         ns = round(instant * _NS)
-        beyond = _bits(instant) - _bits(ns / _NS)
-        text = f"t{ns - self._ns}" + (f"~{beyond}" if beyond else "")
+        text = f"t{ns - self._ns}"
+        if instant != (nearest := ns / _NS):
+            text += f"~{_bits(instant) - _bits(nearest)}"
         self._ns, self._last = ns, instant
         return text
 

@@ -105,7 +105,8 @@ def plain(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one return
         case Path():
             return str(value)
         case np.ndarray():
-            return plain(value.tolist())
+            listed = value.tolist()
+            return listed if value.dtype.kind in "iufb" and np.isfinite(value).all() else plain(listed)
         case Mapping():
             return {str(k): plain(v) for k, v in value.items()}
         case frozenset() | set():
