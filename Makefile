@@ -8,6 +8,9 @@ OTHER  := $(VENV)/other
 PEERS  := $(VENV)/bench
 TORCH  := $(VENV)/bench-torch
 
+# the tests start palpate some hundred times; each would compile all of it
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help demo test lint types layers check firmware docs campaign bench bench-torch clean
 
 help:
@@ -25,7 +28,8 @@ $(STAMP): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-$(DEV): $(STAMP)
+$(DEV): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 # the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
@@ -35,7 +39,7 @@ $(DEV): $(STAMP)
 		--target $(OTHER)/lerobot lerobot==0.4.4 "deepdiff>=8,<9" "orderly-set<6" tqdm dynamixel-sdk==3.8.4
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
 		--target $(OTHER)/orca_core orca-core==0.12.0 pyyaml dynamixel-sdk==3.8.4
-	@touch $@
+	@touch $(STAMP) $@
 
 demo: $(STAMP)
 	$(BIN)/palpate identify --seed 7 --picture demo.svg
@@ -57,10 +61,11 @@ firmware:
 	$(MAKE) -C firmware
 
 # a process a core: more threads for small matrices only stand in each other's way
-test: check firmware
+test: $(DEV)
+	$(MAKE) --jobs 2 check firmware
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
-# one after the other: a client and an emulator share the computer in real time
-	$(BIN)/pytest -m "realtime and not campaign"
+# by themselves, two at a time: a client and an emulator share the computer in real time, and mostly wait
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal -m "realtime and not campaign"
 
 # the site, where every warning is an error
 docs: $(DEV)

@@ -45,6 +45,9 @@ pytestmark = [
     pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}"),
 ]
 BOTH = pytest.mark.parametrize("machine", [MPS2, MICROBIT], ids=lambda machine: machine.core)
+BOTH_AT_LENGTH = pytest.mark.parametrize(  # they take long, and differ in the processor alone
+    "machine", [MPS2, pytest.param(MICROBIT, marks=pytest.mark.campaign)], ids=lambda machine: machine.core
+)
 ICOUNT = 6  # 64 ns an instruction: 16 million a second
 RATE_HZ = 200.0
 
@@ -84,7 +87,7 @@ def assert_right(numbers: NDArray[np.uint32], counts: Counts) -> None:
     np.testing.assert_array_equal(counts, expected_counts(numbers, ROWS, COLUMNS, DEPTH))
 
 
-@BOTH
+@BOTH_AT_LENGTH
 def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: Path) -> None:
     frames = 10_000
     with qemu_board(machine, tmp_path, icount=ICOUNT, is_piped=True) as board, driven(board) as array:
@@ -104,13 +107,13 @@ def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: 
     assert account.longest_us < 1e6 / RATE_HZ
 
 
-@BOTH
+@BOTH_AT_LENGTH
 def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
     machine: Machine, tmp_path: Path
 ) -> None:
     with qemu_board(machine, tmp_path, icount=ICOUNT) as board, driven(board) as array:
         patiently(array.connect)
-        for _ in range(3):
+        for _ in range(2):
             patiently(lambda: array.start(RATE_HZ))
             assert_right(*collect(array, 100))
             board.reset()
@@ -153,7 +156,7 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
     assert account.given_up == 0
 
 
-@BOTH
+@BOTH_AT_LENGTH
 def test_a_host_that_stalls_misses_frames_that_are_counted(machine: Machine, tmp_path: Path) -> None:
     with qemu_board(machine, tmp_path, icount=ICOUNT) as board:
         descriptor = os.open(board.path, os.O_RDWR | os.O_NOCTTY)
