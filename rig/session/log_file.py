@@ -32,7 +32,7 @@ __all__ = [
 LOG_NAME = "session.jsonl.zst"
 _PLAIN_NAME = "session.jsonl"
 _LEVEL = 1
-"""A thousandth of the time in which a run fills the log; level 9 takes seven times as long for a tenth less."""
+"""A thousandth of the time in which a run fills the log; level 9 takes seven times that, for a tenth less."""
 
 _CHUNK = 1 << 20
 _TRIES, _PAUSE_S = 5, 0.01
