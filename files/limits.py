@@ -13,6 +13,7 @@ __all__ = [
     "LOG_BYTES",
     "LOG_LINES",
     "LOG_LINE_BYTES",
+    "LOG_VALUES",
     "MEMBERS",
     "NESTING",
     "OUTLINES",
@@ -32,21 +33,23 @@ TOML_BYTES = 1 * MB
 """A rig, calibration or references file; those of 16 fingers take 0.1 MB."""
 JSON_BYTES = 32 * MB
 """An objects, contacts or scene file, or the record of a calibration; a leaning state takes 0.1 to 1 MB."""
-LOG_BYTES = 128 * MB
-"""A session's log; a minute takes 10 to 20 MB."""
+LOG_BYTES = 320 * MB
+"""A session's log, also unpacked; a minute takes 15 to 30 MB."""
 CAD_BYTES = 64 * MB
 """A mesh, STEP file or drawing, also unpacked; 200,000 facets take 58 MB as ASCII STL."""
 
 VALUES = 4_000_000
-"""Numbers, texts, lists and tables in a JSON file or a log, counted by commas and brackets."""
+"""Numbers, texts, lists and tables in a JSON file, counted by commas and brackets."""
 OUTLINES = 1_000
 """Outlines in one cross section, holes counted."""
 TABLE_KEYS = 1_000
 """Keys in one table of a TOML or JSON file."""
 NESTING = 64
 """Parts of a dotted key in TOML, blocks within blocks in DXF, elements within elements in SVG."""
-LOG_LINES = 400_000
-"""Lines in a log; 128 MB of a real one have 330,000."""
+LOG_LINES = 600_000
+"""Lines in a log; 320 MB of a real one have 480,000."""
+LOG_VALUES = 10_000_000
+"""The same as `VALUES` in a log; 320 MB of a real one have 8,100,000."""
 LOG_LINE_BYTES = 4 * MB
 """A line of a log; the longest, with all interpretations of a grip, take 0.4 MB."""
 

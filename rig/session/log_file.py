@@ -7,6 +7,7 @@ are missing. Logs of older versions, and those that were unpacked by `zstd -d`, 
 import fcntl
 import io
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -14,7 +15,7 @@ import zstandard
 
 from palpate.errors import InputError
 from palpate.files import read_bytes
-from palpate.files.limits import LOG_BYTES
+from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES
 from palpate.files.opening import size_in_words
 from palpate.vocabulary import SESSIONS_FOLDER
 
@@ -24,8 +25,8 @@ __all__ = [
     "check_session",
     "is_locked",
     "is_written_now",
+    "log_lines",
     "log_path",
-    "read_log",
     "session_of",
 ]
 
@@ -115,28 +116,44 @@ def log_path(folder: Path) -> Path:
     return plain if plain.is_file() and not (folder / LOG_NAME).is_file() else folder / LOG_NAME
 
 
-def read_log(folder: Path) -> bytes:
-    """The lines of a session's log, as far as they can be read after a kill.
+def log_lines(folder: Path) -> Iterator[bytes]:
+    """The whole lines of a session's log, without their ends, as far as they can be read after a kill.
 
-    Raises InputError if there is none, if it is too large, or if it was changed.
+    Raises InputError if there is none, if it or a line of it is too large, or if it was changed.
     """
     path = log_path(folder)
     data = read_bytes(path, LOG_BYTES, _ADVICE)
-    return data if path.name == _PLAIN_NAME else _unpacked(path, data)
+    rest, number = b"", 0
+    for piece in _pieces(data) if path.name == _PLAIN_NAME else _unpacked(path, data):
+        *lines, rest = (rest + piece).split(b"\n")
+        for line in lines:
+            number += 1
+            _check_length(path, number, line)
+            yield line
+        _check_length(path, number + 1, rest)
 
 
-def _unpacked(path: Path, data: bytes) -> bytes:
-    parts, size = [], 0
+def _check_length(path: Path, number: int, line: bytes) -> None:
+    if len(line) > LOG_LINE_BYTES:
+        most = size_in_words(LOG_LINE_BYTES)
+        raise InputError(f"{path}: line {number}: has {size_in_words(len(line))}; at most {most} are read")
+
+
+def _pieces(data: bytes) -> Iterator[bytes]:
+    return (data[begin : begin + _CHUNK] for begin in range(0, len(data), _CHUNK))
+
+
+def _unpacked(path: Path, data: bytes) -> Iterator[bytes]:
+    size = 0
     try:
         with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)) as stream:
-            while part := stream.read(_CHUNK):
-                parts.append(part)
-                size += len(part)
+            while piece := stream.read(_CHUNK):
+                size += len(piece)
                 if size > LOG_BYTES:
                     raise InputError(f"{path}: holds more than {size_in_words(LOG_BYTES)}: {_ADVICE}")
+                yield piece
     except zstandard.ZstdError as error:
         raise InputError(f"{path}: is no Zstandard stream, or was changed ({error})") from None
-    return b"".join(parts)
 
 
 def is_written_now(path: Path) -> bool:

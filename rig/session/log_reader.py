@@ -6,7 +6,6 @@ line, and what is allowed. A log that was cut off by a kill is read up to its la
 
 import base64
 import binascii
-import io
 import json
 import math
 import re
@@ -27,11 +26,11 @@ from palpate.drivers.transport.recording import (
     SessionEvent,
 )
 from palpate.errors import InputError
-from palpate.files.limits import LOG_LINE_BYTES, LOG_LINES, VALUES
+from palpate.files.limits import LOG_LINE_BYTES, LOG_LINES, LOG_VALUES
 from palpate.files.opening import size_in_words
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
 from palpate.rig.session.log import check_sum
-from palpate.rig.session.log_file import check_session, log_path, read_log
+from palpate.rig.session.log_file import check_session, log_lines, log_path
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
@@ -39,6 +38,7 @@ __all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
 FORMAT = "palpate/session@1"
 _ADVICE = "record shorter runs"
 _SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
+_MARKS = (b",", b"[", b"{")  # each goes with a value
 _COMMON = ("t_s", "event", "calls", "sum")
 
 
@@ -72,25 +72,20 @@ def read_session(folder: Path) -> SessionFile:
     """Read the log in a session's folder; InputError if there is none, or a line of it cannot be read."""
     path = log_path(folder)
     check_session(folder)
-    raw = read_log(folder)
-    _check_counts(path, raw)
     entries = []
-    checked, changed = 0, None
-    for number, line in enumerate(io.BytesIO(raw), start=1):
-        if not line.endswith(b"\n"):
-            break  # it was cut off while it was written
-        if len(line) > LOG_LINE_BYTES:
-            most = size_in_words(LOG_LINE_BYTES)
-            raise InputError(
-                f"{path}: line {number}: has {size_in_words(len(line))}; at most {most} are read"
-            )
-        text = _Line(path, number, {}).decoded(line[:-1])
+    checked, changed, values = 0, None, 0
+    for number, line in enumerate(log_lines(folder), start=1):
+        values += sum(map(line.count, _MARKS))
+        _check_counts(path, number, values)
+        text = _Line(path, number, {}).decoded(line)
         match = _SUM.search(text)
         bare = text if match is None else text[: match.start()] + "}"
         checked = check_sum(bare, checked)
         if changed is None and (match is None or int(match[1], 16) != checked):
             changed = number
         entries.append(_Line.of(path, number, text).entry())
+    if not entries:
+        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
     header = _header(path, entries[0])
     ends = [
         k
@@ -111,13 +106,10 @@ def entry_in(path: Path, number: int, line: bytes) -> Entry:
     return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
 
 
-def _check_counts(path: Path, raw: bytes) -> None:
-    lines, values = raw.count(b"\n"), sum(raw.count(mark) for mark in (b",", b"[", b"{"))
-    if not lines:
-        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
-    for count, most, what in ((lines, LOG_LINES, "lines"), (values, VALUES, "values")):
+def _check_counts(path: Path, lines: int, values: int) -> None:
+    for count, most, what in ((lines, LOG_LINES, "lines"), (values, LOG_VALUES, "values")):
         if count > most:
-            raise InputError(f"{path}: holds {count} {what}; at most {most} are read: {_ADVICE}")
+            raise InputError(f"{path}: holds more than {most} {what}: {_ADVICE}")
 
 
 def _header(path: Path, entry: Entry) -> Mapping[str, Any]:

@@ -1,7 +1,8 @@
 """Summaries of recorded sessions: what a list of them shows, from first and last lines of each log."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,13 @@ from typing import Any
 from palpate.config.replay_result import EndOut
 from palpate.config.sessions_result import SessionOut, UnreadableOut
 from palpate.errors import InputError
-from palpate.rig.session.log_file import is_written_now, log_path, read_log
+from palpate.rig.session.log_file import is_written_now, log_lines, log_path
 from palpate.vocabulary import Strategy
 
 __all__ = ["FoundSessions", "find_sessions", "summary_of"]
 
-_LAST_LINES = 4  # truth, result, end, and one that was cut off
+_LAST_LINES = 4  # truth, result, end, and one more
+_TOUCHES, _TOUCHED = b'"event":"touches"', b'"touched":true'
 
 
 @dataclass(frozen=True)
@@ -42,14 +44,19 @@ def find_sessions(root: Path) -> FoundSessions:
 def summary_of(folder: Path) -> SessionOut:
     """Summary of one session; InputError if its log cannot be read."""
     path = log_path(folder)
-    text = read_log(folder)
-    lines = text[: text.rfind(b"\n") + 1]
-    if not lines:
+    lines = log_lines(folder)
+    first = next(lines, None)
+    if first is None:
         raise InputError(f"{path}: has no whole line")
-    header = _event(path, lines[: lines.index(b"\n")])
+    header = _event(path, first)
     if header.get("event") != "session":
         raise InputError(f'{path}: line 1: must be the event "session"')
-    last = [_event(path, line) for line in _last_lines(lines)]
+    grips, ending = [], deque([first], _LAST_LINES)
+    for line in lines:
+        ending.append(line)
+        if _TOUCHES in line:
+            grips.append(line.count(_TOUCHED))
+    last = [_event(path, line) for line in ending]
     end = last[-1] if last[-1].get("event") == "end" else None
     results = (item["result"] for item in last if isinstance(item.get("result"), dict))
     result: Mapping[str, Any] = next(results, {})
@@ -65,8 +72,8 @@ def summary_of(folder: Path) -> SessionOut:
         writing=end is None and is_written_now(path),
         ended=end and EndOut(how=str(end.get("how")), message=_text(end.get("message"))),
         duration=_number(last[-1].get("t_s")),
-        grips=lines.count(b'"event":"touches"'),
-        touches=_touches(lines),
+        grips=len(grips),
+        touches=sum(grips),
         verdict=_text(result.get("verdict")),
         object=_text(result.get("object")),
         state=_text(result.get("state")),
@@ -87,15 +94,6 @@ def _emulated(header: Mapping[str, Any], result: Mapping[str, Any]) -> bool | No
     return next((item for item in said if isinstance(item, bool)), None)
 
 
-def _last_lines(lines: bytes) -> Sequence[bytes]:
-    begin = len(lines)
-    for _ in range(_LAST_LINES):
-        begin = lines.rfind(b"\n", 0, max(begin - 1, 0))
-        if begin < 0:
-            break
-    return lines[begin + 1 :].splitlines()
-
-
 def _event(path: Path, line: bytes) -> dict[str, Any]:
     try:
         values = json.loads(line)
@@ -104,16 +102,6 @@ def _event(path: Path, line: bytes) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"{path}: holds a line that is no JSON object")
     return values
-
-
-def _touches(lines: bytes) -> int:
-    """How many contacts there were, over all grips."""
-    count, at = 0, lines.find(b'"event":"touches"')
-    while at >= 0:
-        end = lines.find(b"\n", at)
-        count += lines.count(b'"touched":true', at, end)
-        at = lines.find(b'"event":"touches"', end)
-    return count
 
 
 def _text(value: object) -> str | None:

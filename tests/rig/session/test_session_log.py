@@ -19,7 +19,7 @@ from serial import SerialException
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, PortOpened, SessionEvent
 from palpate.errors import InputError
-from palpate.files.limits import LOG_BYTES
+from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES
 from palpate.rig.session.error_values import KINDS, error_of, values_of
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.log_reader import read_session
@@ -209,9 +209,22 @@ def test_what_is_flushed_can_be_read_while_the_log_is_written(tmp_path: Path) ->
 
 
 def test_a_log_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
-    packed = zstandard.ZstdCompressor().compress(bytes(LOG_BYTES + 1))
+    """It is refused by what has been unpacked so far, line by line, and never held as a whole."""
+    header = log_bytes(packed_log(tmp_path)).split(b"\n")[0] + b"\n"
+    blank = header[:-2].ljust(LOG_LINE_BYTES - 2) + b"}\n"
+    packer = zstandard.ZstdCompressor().compressobj()
+    packed = packer.compress(header)
+    packed += b"".join(packer.compress(blank) for _ in range(LOG_BYTES // len(blank)))
+    packed += packer.compress(blank) + packer.flush()
     (tmp_path / "session.jsonl.zst").write_bytes(packed)
-    with pytest.raises(InputError, match=r"session.jsonl.zst: holds more than"):
+    with pytest.raises(InputError, match=r"session.jsonl.zst: holds more than 320 MB: record shorter runs"):
+        read_session(tmp_path)
+
+
+def test_a_line_that_does_not_end_is_refused(tmp_path: Path) -> None:
+    packed = zstandard.ZstdCompressor().compress(bytes(LOG_BYTES))
+    (tmp_path / "session.jsonl.zst").write_bytes(packed)
+    with pytest.raises(InputError, match=r"session.jsonl.zst: line 1: has .* MB; at most 4 MB are read"):
         read_session(tmp_path)
 
 
