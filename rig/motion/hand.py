@@ -5,6 +5,7 @@ the `with` block, by whatever way, switches every motor's torque off, each by it
 with torque on passes in `pause`, where arrays are guarded.
 """
 
+import gc
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -146,6 +147,7 @@ class Hand:
                 with suppress(Exception):
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._ports = [], []
+            gc.unfreeze()
 
     def _switch_off(self) -> list[DeviceError]:
         failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
@@ -159,6 +161,8 @@ class Hand:
         must be retracted in their first turn, as slides without stops, and arms be where they wait.
         """
         self._driven = False
+        # Garbage collections pass over what is there now: they took 50 ms, in which nothing looks at arrays.
+        gc.freeze()
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
         if self.stage is not None:

@@ -6,6 +6,7 @@ matter who did them, nor whether somebody had begun before.
 """
 
 import logging
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -53,12 +54,14 @@ def _own_words_only() -> Iterator[None]:
 def _client(distributed: Any, address: str) -> Any:
     try:
         # An address that is none would leave a client behind that takes 20 s to end.
-        distributed.comm.get_address_host_port(address, strict=True)
+        at = distributed.comm.get_address_host_port(address, strict=True)
     except (ValueError, NotImplementedError):
         raise InputError(
             f'"{address}" is no address of a dask scheduler, such as tcp://192.168.1.5:8786'
         ) from None
     try:
+        # A client tries again for all of the time, also where a computer says at once that nobody listens.
+        socket.create_connection(at, timeout=_ANSWERS_S).close()
         client = distributed.Client(address, timeout=_ANSWERS_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(

@@ -32,9 +32,14 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["setup-motors --rig rig.toml", "calibrate --rig rig.toml", "doctor --move", "check --hold"]
+    ("command", "stdin"),
+    [
+        ("setup-motors --rig rig.toml", "</dev/null"),
+        ("calibrate --rig rig.toml", "<&-"),
+        ("doctor --move", "</dev/null"),
+        ("check --hold", "<&-"),
+    ],
 )
-@pytest.mark.parametrize("stdin", ["<&-", "</dev/null"])
 def test_a_question_that_nobody_hears_is_a_line(tmp_path: Path, command: str, stdin: str) -> None:
     """Of commands that somebody has to answer; the rig's devices are not even looked at."""
     (tmp_path / "rig.toml").write_text((EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8"))

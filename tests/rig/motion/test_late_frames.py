@@ -26,7 +26,7 @@ STALL_S = 0.13
 @pytest.mark.parametrize(
     ("kind", "name", "seed"),
     [
-        ("fast", "16 ms and stalls everywhere", 3),
+        pytest.param("fast", "16 ms and stalls everywhere", 3, marks=pytest.mark.campaign),
         ("fast", "frames late by 0 to 80 ms", 7),
         ("fast", "nothing", 13),  # a finger that goes back drags the part along
     ],
