@@ -22,6 +22,7 @@ from palpate.vocabulary import SESSIONS_FOLDER
 __all__ = [
     "LOG_NAME",
     "LogFile",
+    "check_line_length",
     "check_session",
     "is_locked",
     "is_written_now",
@@ -128,15 +129,16 @@ def log_lines(folder: Path) -> Iterator[bytes]:
         *lines, rest = (rest + piece).split(b"\n")
         for line in lines:
             number += 1
-            _check_length(path, number, line)
+            check_line_length(path, number, line)
             yield line
-        _check_length(path, number + 1, rest)
+        check_line_length(path, number + 1, rest)
 
 
-def _check_length(path: Path, number: int, line: bytes) -> None:
+def check_line_length(path: Path, number: int, line: bytes) -> None:
+    """Raise InputError for a line, or the beginning of one, that is too long."""
     if len(line) > LOG_LINE_BYTES:
         most = size_in_words(LOG_LINE_BYTES)
-        raise InputError(f"{path}: line {number}: has {size_in_words(len(line))}; at most {most} are read")
+        raise InputError(f"{path}: line {number}: has more than {most}; at most that is read")
 
 
 def _pieces(data: bytes) -> Iterator[bytes]:

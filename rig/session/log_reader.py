@@ -26,11 +26,10 @@ from palpate.drivers.transport.recording import (
     SessionEvent,
 )
 from palpate.errors import InputError
-from palpate.files.limits import LOG_LINE_BYTES, LOG_LINES, LOG_VALUES
-from palpate.files.opening import size_in_words
+from palpate.files.limits import LOG_LINES, LOG_VALUES
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
 from palpate.rig.session.log import check_sum
-from palpate.rig.session.log_file import check_session, log_lines, log_path
+from palpate.rig.session.log_file import check_line_length, check_session, log_lines, log_path
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
@@ -75,8 +74,6 @@ def read_session(folder: Path) -> SessionFile:
     entries = []
     checked, changed, values = 0, None, 0
     for number, line in enumerate(log_lines(folder), start=1):
-        values += sum(map(line.count, _MARKS))
-        _check_counts(path, number, values)
         text = _Line(path, number, {}).decoded(line)
         match = _SUM.search(text)
         bare = text if match is None else text[: match.start()] + "}"
@@ -84,6 +81,9 @@ def read_session(folder: Path) -> SessionFile:
         if changed is None and (match is None or int(match[1], 16) != checked):
             changed = number
         entries.append(_Line.of(path, number, text).entry())
+        if isinstance(entries[-1].what, SessionEvent):
+            values += sum(map(line.count, _MARKS))
+        _check_counts(path, number, values)
     if not entries:
         raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
     header = _header(path, entries[0])
@@ -101,8 +101,7 @@ def read_session(folder: Path) -> SessionFile:
 
 def entry_in(path: Path, number: int, line: bytes) -> Entry:
     """What one line of a log says; InputError, with its number, for what is wrong with it."""
-    if len(line) > LOG_LINE_BYTES:
-        raise InputError(f"{path}: line {number}: has {size_in_words(len(line))}")
+    check_line_length(path, number, line)
     return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
 
 

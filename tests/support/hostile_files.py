@@ -206,15 +206,23 @@ FIRST = (
 )
 LOGS: dict[str, str | Callable[[], str]] = {
     "five million short lines": lambda: FIRST + '{"t_s":0,"event":"x"}\n' * 5_000_000,
-    "399,000 lines, the last wrong": lambda: (
-        FIRST + '{"t_s":0,"event":"bytes","port":"a","direction":"sent","base64":"AA=="}\n' * 399_000 + "x\n"
+    "599,000 lines, the last wrong": lambda: (
+        FIRST + '{"t_s":0,"event":"bytes","port":"a","direction":"sent","base64":"AA=="}\n' * 599_000 + "x\n"
+    ),
+    "600,000 long lines, the last wrong": lambda: (
+        FIRST
+        + ('{"t_s":0,"event":"bytes","port":"a","direction":"sent","base64":"' + "A" * 460 + '"}\n') * 599_000
+        + "x\n"
+    ),
+    "three million small tables": lambda: (
+        FIRST + ('{"t_s":0,"event":"x","a":[' + '{"a":1.5},' * 9_999 + "0]}\n") * 299 + "x\n"
     ),
     "a line of 100 MB": lambda: FIRST + '{"t_s":0,"event":"' + "x" * 100_000_000 + '"}\n',
     "lists of nothing, 30 million": lambda: (
         FIRST + ('{"t_s":0,"event":"x","a":[' + "[]," * 999 + "0]}\n") * 30_000
     ),
     "50,000 brackets": lambda: "[" * 50_000 + "\n",
-    "140 MB": lambda: " " * 140_000_000,
+    "340 MB": lambda: " " * 340_000_000,
     "a time of 5,000 digits": lambda: '{"t_s":' + "9" * 5_000 + ',"event":"session"}\n',
     "calls of 3 MB that are none": lambda: (
         FIRST + '{"t_s":0,"event":"x","calls":"' + "t1~" * 1_000_000 + '"}\n'
@@ -245,10 +253,10 @@ def _cases() -> Iterator[Case]:
         yield Case(f"session.jsonl: {title}", "session.jsonl", READERS["session.jsonl"], partial(_text, text))
     watched = ("watch", "--session", "FILE", "--for", "1")
     yield Case(
-        "watch: 399,000 lines",
+        "watch: 599,000 lines",
         "session.jsonl",
         watched,
-        partial(_text, LOGS["399,000 lines, the last wrong"]),
+        partial(_text, LOGS["599,000 lines, the last wrong"]),
     )
     yield from _kinds()
 
