@@ -21,6 +21,7 @@ __all__ = [
     "READING_BYTES",
     "READING_S",
     "READING_WALL_S",
+    "RUNS_BYTES",
     "TABLE_KEYS",
     "TOML_BYTES",
     "UNCONFINED_BYTES",
@@ -35,6 +36,8 @@ JSON_BYTES = 32 * MB
 """An objects, contacts or scene file, or the record of a calibration; a leaning state takes 0.1 to 1 MB."""
 LOG_BYTES = 320 * MB
 """A session's log, also unpacked; a minute takes 15 to 30 MB."""
+RUNS_BYTES = 128 * MB
+"""A file of a study's runs; 360,000 take that, and 700 MB of memory."""
 CAD_BYTES = 64 * MB
 """A mesh, STEP file or drawing, also unpacked; 200,000 facets take 58 MB as ASCII STL."""
 

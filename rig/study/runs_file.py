@@ -16,7 +16,7 @@ from palpate.config.writers import file_text
 from palpate.errors import InputError, OutputError
 from palpate.files import read_bytes
 from palpate.files.code_digest import source_digest
-from palpate.files.limits import LOG_BYTES
+from palpate.files.limits import RUNS_BYTES
 from palpate.rig.study.simulation import Simulation
 
 __all__ = ["DECIDING_CODE", "RunsFile"]
@@ -49,7 +49,7 @@ class RunsFile:
         self._write(_lines([run.model_dump(mode="json") for run in runs]), "ab")
 
     def _read(self) -> Iterator[StudyRunOut]:
-        data, head = read_bytes(self._path, LOG_BYTES, "study fewer runs"), _lines([self._head])
+        data, head = read_bytes(self._path, RUNS_BYTES, "study fewer runs"), _lines([self._head])
         if len(data) < len(head) and head.startswith(data):  # empty, or it ended while that was written
             self._write(head[len(data) :], "ab")
             return
