@@ -1,9 +1,10 @@
 """How long the rig waits between grips over a large catalogue: `python benchmarks/bench_waiting.py`.
 
-Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named), each in
-several sizes until there are as many as `--objects`. The wait is the processor time of the whole process from
-the end of a grip to the begin of the next, or to the answer, with what the log writes meanwhile. One row for
-each rig: median, 90th percentile, maximum. With `--write` the table goes into docs/performance.md.
+Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named; without
+either, drawn ones), each in several sizes until there are as many as `--objects`. The wait is the processor
+time of the whole process from the end of a grip to the begin of the next, or to the answer, with what the log
+writes meanwhile. One row for each rig: median, 90th percentile, maximum. With `--write` the table goes into
+docs/performance.md.
 """
 
 import argparse
@@ -11,7 +12,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +21,7 @@ from unittest import mock
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from peer_questions import drawn_models
 from performance_page import markdown_table, milliseconds, update, versions_line
 from shared_files import SHARED_OUTLINE_SETS
 
@@ -28,20 +30,30 @@ from palpate.rig.identification import loop
 from palpate.rig.session import run
 
 R = TypeVar("R")
+DRAWN, EDGES, SIZE, HEIGHT_MM = 129, 20, 0.6, 20.0
 RIGS = ("config/rigs/bench.toml", "examples/firm-rig.toml")
 
 
-def joined(files: list[Path], most: int) -> dict[str, Any]:
-    """An objects file of so many objects: those of all files, then the same in other sizes."""
-    whole = json.loads(files[0].read_text(encoding="utf-8"))
-    objects = [item for path in files for item in json.loads(path.read_text(encoding="utf-8"))["objects"]]
+def outlines_in(files: Sequence[Path]) -> list[dict[str, Any]]:
+    """All objects of objects files; without any, as many drawn ones as a shared set has."""
+    if files:
+        return [item for path in files for item in json.loads(path.read_text(encoding="utf-8"))["objects"]]
+    found = []
+    for model in drawn_models(DRAWN, EDGES):
+        ((ring,),) = (section.rings for section in model.states[0].sections)
+        found.append({"name": model.name, "outline": (SIZE * ring).tolist(), "height": HEIGHT_MM})
+    return found
+
+
+def joined(objects: Sequence[dict[str, Any]], most: int) -> dict[str, Any]:
+    """An objects file of so many objects: these, then the same in other sizes."""
     sizes = np.random.default_rng(1).uniform(0.75, 1.0, most)
     found = []
     for k in range(most):
         item, size = objects[k % len(objects)], 1.0 if k < len(objects) else float(sizes[k])
         outline = [[round(size * x, 4), round(size * y, 4), *rest] for x, y, *rest in item["outline"]]
         found.append({**item, "name": f"{item['name']}-{k}", "outline": outline})
-    return {**whole, "objects": found}
+    return {"format": "palpate/objects@1", "units": "mm", "objects": found}
 
 
 class Waits:
@@ -89,16 +101,18 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=10)
     parser.add_argument("--write", action="store_true", help="into docs/performance.md")
     given = parser.parse_args()
-    files = given.files or list(SHARED_OUTLINE_SETS)
+    files = given.files or SHARED_OUTLINE_SETS
+    kind = "outlines of parts" if files else f"drawn outlines of {EDGES} edges"
     with tempfile.TemporaryDirectory() as folder:
         objects = Path(folder, "objects.json")
-        objects.write_text(json.dumps(joined(files, given.objects)), encoding="utf-8")
+        objects.write_text(json.dumps(joined(outlines_in(files), given.objects)), encoding="utf-8")
         rows = [row_of(rig, objects, given.runs, Path(folder, "sessions")) for rig in RIGS]
     table = markdown_table(("rig", "waits", "median", "90 %", "longest", "identified"), rows)
-    print(table)
+    told = versions_line({"palpate": version("palpate"), "numpy": np.__version__})
+    text = f"{told} {given.objects} {kind}, {given.runs} runs.\n\n{table}"
+    print(text)
     if given.write:
-        told = versions_line({"palpate": version("palpate"), "numpy": np.__version__})
-        update("waits", f"{told} {given.objects} outlines, {given.runs} runs.\n\n{table}")
+        update("waits", text)
 
 
 def row_of(rig: str, objects: Path, runs: int, sessions: Path) -> tuple[str, ...]:
