@@ -161,7 +161,7 @@ class Hand:
         must be retracted in their first turn, as slides without stops, and arms be where they wait.
         """
         self._driven = False
-        # Garbage collections pass over what is there now: they took 50 ms, in which nothing looks at arrays.
+        # Garbage collections pass over what is there now: one takes up to 0.1 s, and nobody looks at arrays.
         gc.freeze()
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
