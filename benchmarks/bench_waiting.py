@@ -30,18 +30,19 @@ from palpate.rig.identification import loop
 from palpate.rig.session import run
 
 R = TypeVar("R")
-DRAWN, EDGES, SIZE, HEIGHT_MM = 129, 20, 0.6, 20.0
+# Of drawn outlines: as many as there are of parts, and scaled to about the size of parts.
+DRAWN, EDGES, SCALE, HEIGHT_MM = 129, 20, 0.6, 20.0
 RIGS = ("config/rigs/bench.toml", "examples/firm-rig.toml")
 
 
 def outlines_in(files: Sequence[Path]) -> list[dict[str, Any]]:
-    """All objects of objects files; without any, as many drawn ones as a shared set has."""
+    """All objects of objects files; without any file, `DRAWN` drawn ones."""
     if files:
         return [item for path in files for item in json.loads(path.read_text(encoding="utf-8"))["objects"]]
     found = []
     for model in drawn_models(DRAWN, EDGES):
         ((ring,),) = (section.rings for section in model.states[0].sections)
-        found.append({"name": model.name, "outline": (SIZE * ring).tolist(), "height": HEIGHT_MM})
+        found.append({"name": model.name, "outline": (SCALE * ring).tolist(), "height": HEIGHT_MM})
     return found
 
 

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+from itertools import cycle, product
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,12 @@ from command import PALPATE, log_events
 from firm_rig import firm_rig
 from quick_rig import small, small_parts
 from repository import EXAMPLES
+from sampling import sample
 from wording import missing
+
+ASKING = ("setup-motors --rig rig.toml", "calibrate --rig rig.toml", "doctor --move", "check --hold")
+STDIN = ("<&-", "</dev/null")
+QUESTIONS = tuple(product(ASKING, STDIN))
 
 
 def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -31,15 +37,7 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    ("command", "stdin"),
-    [
-        ("setup-motors --rig rig.toml", "</dev/null"),
-        ("calibrate --rig rig.toml", "<&-"),
-        ("doctor --move", "</dev/null"),
-        ("check --hold", "<&-"),
-    ],
-)
+@pytest.mark.parametrize(("command", "stdin"), sample(QUESTIONS, zip(ASKING, cycle(STDIN))))
 def test_a_question_that_nobody_hears_is_a_line(tmp_path: Path, command: str, stdin: str) -> None:
     """Of commands that somebody has to answer; the rig's devices are not even looked at."""
     (tmp_path / "rig.toml").write_text((EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8"))
