@@ -23,15 +23,15 @@ help:
 	@echo "make bench-torch  installs the peers that need PyTorch (7 GB) for make bench"
 	@echo "make clean     remove what the above made"
 
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml plugins/weiss/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --editable plugins/weiss
 	@touch $@
 
 # without bytecode of what no test imports
-$(DEV): pyproject.toml
+$(DEV): pyproject.toml plugins/weiss/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' --editable plugins/weiss
 # the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
 		--target $(OTHER)/dynamixel-sdk-3.8.4 dynamixel-sdk==3.8.4
@@ -50,7 +50,7 @@ lint: $(DEV)
 	$(BIN)/ruff format --check .
 
 types: $(DEV)
-	$(BIN)/mypy -p palpate
+	$(BIN)/mypy -p palpate -p palpate_weiss
 
 layers: $(DEV)
 	$(BIN)/lint-imports

@@ -24,7 +24,7 @@ from campaign_checks import holding_cell
 from shapely_bench import Placed, flat, holding_truth, unit
 from shapely_contacts import first_contact, true_normal
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 
 _STEPS_OF_A_CLIMB = 500

@@ -21,8 +21,8 @@ from shapely_bench import equivalent_configurations, holding_truth
 from shared_files import SHARED_OUTLINES
 from verified_scenes import Scene, asked, drawn
 
-from palpate.geometry import Floats
-from palpate.geometry.plane import rotate
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer import Configuration, Hypothesis, Recognition
 from palpate.recognizer.verification import Poses, verify
 

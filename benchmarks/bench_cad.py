@@ -22,21 +22,21 @@ import numpy as np
 import shapely
 import trimesh
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.vocabulary import Strategy
 from palpate.cad.readers import read_solids
 from palpate.cad.values import Solid
 from palpate.config import ObjectsFile, RigFile, load_rig
 from palpate.config.import_result import ImportedStateOut
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment, set_up
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.session.run import IdentificationJob, run_identification
-from palpate.vocabulary import Strategy
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 

@@ -35,6 +35,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, kstest
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary import Strategy
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal, nominal_poses
 from palpate.calibration.run_record import RunRecord
@@ -50,7 +52,6 @@ from palpate.config import (
 from palpate.config.calibration_finger import Actuators, ActuatorsCalibration, ArmPlaceCalibration
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
-from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
@@ -61,16 +62,15 @@ from palpate.rig.emulated.calibrated_truth import built_pose, in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.session.run import IdentificationJob, run_identification
-from palpate.vocabulary import Strategy
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from simulated_prober import SimulatedRig
 
 _ROOT = Path(__file__).parents[1]
 RIGS = {
-    "slides": (_ROOT / "examples" / "fresh-rig.toml", _ROOT / "config" / "references" / "standard.toml"),
-    "arms": (_ROOT / "examples" / "fresh-arms.toml", _ROOT / "config" / "references" / "low.toml"),
-    "stage": (_ROOT / "examples" / "fresh-stage.toml", _ROOT / "config" / "references" / "standard.toml"),
+    "slides": (_ROOT / "examples" / "fresh-rig.toml", _ROOT / "src" / "palpate" / "config" / "references" / "standard.toml"),
+    "arms": (_ROOT / "examples" / "fresh-arms.toml", _ROOT / "src" / "palpate" / "config" / "references" / "low.toml"),
+    "stage": (_ROOT / "examples" / "fresh-stage.toml", _ROOT / "src" / "palpate" / "config" / "references" / "standard.toml"),
 }
 """Rigs that nothing has been measured of, and the references that suit them."""
 LOADED = 0.15  # taxels whose gain is known better than this have been pressed well

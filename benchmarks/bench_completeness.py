@@ -29,8 +29,8 @@ from campaign_objects import FAMILIES
 from campaign_trials import Setting, Trial, drawn
 from shared_files import SHARED_OUTLINE_SETS
 
-from palpate.errors import InputError
-from palpate.vocabulary import DEFAULT_BUDGET
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import DEFAULT_BUDGET
 
 _CHUNK = 25
 _LIMIT_S = 30.0

@@ -31,19 +31,19 @@ import numpy as np
 from performance_page import markdown_table, update, versions_line
 
 import palpate
+from palpate.base.errors import PalpateError
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.transport import protocol_mock
-from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig import bench as composition
 from palpate.rig.identification.loop import identify
 
 HERE = Path(__file__).resolve().parents[1]
 RIGS = (
-    "config/rigs/bench.toml",
-    "config/rigs/xm430-bench.toml",
-    "config/rigs/xl330-bench.toml",
+    "src/palpate/config/rigs/bench.toml",
+    "src/palpate/config/rigs/xm430-bench.toml",
+    "src/palpate/config/rigs/xl330-bench.toml",
     "examples/firm-rig.toml",
     "examples/two-link-rig.toml",
     "examples/fresh-rig.toml",

@@ -35,10 +35,10 @@ from qemu_bench import board_bench, slow_bench, write_real_rig
 from qemu_board import COLUMNS, DEPTH, MICROBIT, MPS2, ROWS, Machine, missing_tools, qemu_board
 from qemu_profile import instructions_by_function
 
+from palpate.base.errors import DeviceError
 from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.errors import DeviceError
 from palpate.rig.bench import place
 
 ICOUNT = 6  # 2^6 ns an instruction

@@ -32,11 +32,11 @@ from emulated_session import emulated_session
 from touched_references import FRESH
 from truth_calibration import bench_calibration
 
+from palpate.base.errors import OutputError
 from palpate.config import load_rig
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
-from palpate.errors import OutputError
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.calibration import CalibrationJob, calibrate
 from palpate.rig.commissioning.calibration_hand import rig_connector
@@ -148,7 +148,7 @@ def one(kind: str, seed: int, disk: Path) -> bool:
         shutil.rmtree(item) if item.is_dir() else item.unlink()
     if kind == "calibrate":
         return calibrated_here(seed, disk)
-    rig = ROOT / "config" / "rigs" / "bench.toml"
+    rig = ROOT / "src" / "palpate" / "config" / "rigs" / "bench.toml"
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scene = disc_scene(folder) if kind == "check" else []

@@ -26,7 +26,7 @@ from peer_questions import drawn_models
 from performance_page import markdown_table, milliseconds, update, versions_line
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, recognise
 
 __all__ = ["Row", "Setting", "exponent", "measured"]

@@ -15,10 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.base.errors import PalpateError
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.check_result import HoldCheckOut
 from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.errors import PalpateError
 from palpate.rig.bench import BenchRig, connect, place, set_up
 from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n
 

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import outward_normal, placed_as, stop, unit
 from simulated_touches import as_predicted
 
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, already_used
 from palpate.rig.bench import BenchRig, connect, set_up
@@ -38,7 +39,6 @@ from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 

@@ -25,7 +25,7 @@ from performance_page import markdown_table, milliseconds, update, versions_line
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from solids import ELL, WEDGE, mesh_file, prism
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 
 HEIGHTS_MM = (5.0, 10.0, 15.0)

@@ -24,12 +24,12 @@ from typing import Literal
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.support import Support
-from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, connect, place, set_up
 from palpate.rig.emulated.part_truth import draw_part, support_of

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place
 from shared_files import SHARED_OUTLINES
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, NormalRange, recognise
 
 STAGES = {"tree": ("grown",), "cells": ("probed",), "paths": ("unblocked",)}

@@ -32,8 +32,9 @@ from shapely_bench import SHIPPED_OBJECTS, flat, outlines, place_within
 from shared_files import SHARED_OUTLINES
 from simulated_touches import SimulatedTouches
 
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_rig
-from palpate.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue, Contact, Recognition, StrangerEvidence, predict, stranger_terms
 from palpate.recognizer.strangers import StrangerTerms
 from palpate.rig.conversion import resolution_of
@@ -41,7 +42,6 @@ from palpate.rig.identification.grip_evidence import normal_halves_rad, paths_of
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import IdentificationVerdict
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 ALL = 129  # shared outlines

@@ -18,7 +18,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import Placed, flat, grip, holding_truth, place
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, NormalRange, Recognition, recognise
 
 BOUND_MM = 0.1

@@ -34,6 +34,7 @@ from performance_page import PAGE, machine, markdown_table, update
 from shared_files import SHARED_OUTLINES
 
 import palpate
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import StudyRunOut
 from palpate.rig.catalogue.preparation import prepared_catalogue
@@ -43,7 +44,6 @@ from palpate.rig.study.draws import draw_for_study
 from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.variations import AS_IT_IS
-from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 _TARGETS = {PartMotion.STILL: 20_000, PartMotion.MOVING: 2_000}
 _DRAWS = 10_000

@@ -22,14 +22,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from quick_rig import small_rig
 from upright_tips import REACH_MM, Stack, drawn_stack, model_of
 
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
-from palpate.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import identify
-from palpate.vocabulary import IdentificationVerdict
 
 _FACET_MM = 1e-3
 _TOUCHING_MM = 1e-5  # FCL's distances between meshes and cylinders are iterated

@@ -17,8 +17,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from pushed_stack import drawn_pushes, drawn_stack, state_of, worst_lean_rad
 
+from palpate.base.vocabulary import PushResponse
 from palpate.rig.identification.stability import FRICTION_MOST, stability_of
-from palpate.vocabulary import PushResponse
 
 _MOST_DEG = 0.5
 

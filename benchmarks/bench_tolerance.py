@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import flat, grip, holding_truth, outlines, place
 from shared_files import SHARED_OUTLINES
 
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, recognise
 
 TOLERANCES_MM = (0.0, 0.02, 0.05, 0.1, 0.2)

@@ -32,7 +32,7 @@ from palpate.rig.session import run
 R = TypeVar("R")
 # Of drawn outlines: as many as there are of parts, and scaled to about the size of parts.
 DRAWN, EDGES, SCALE, HEIGHT_MM = 129, 20, 0.6, 20.0
-RIGS = ("config/rigs/bench.toml", "examples/firm-rig.toml")
+RIGS = ("src/palpate/config/rigs/bench.toml", "examples/firm-rig.toml")
 
 
 def outlines_in(files: Sequence[Path]) -> list[dict[str, Any]]:

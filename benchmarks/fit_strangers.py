@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from scipy.special import expit, log_softmax
 from shapely_bench import flat
 
-from palpate.geometry import Floats, ObjectModel
+from palpate.base.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue
 from palpate.recognizer.strangers import KINDS, StrangerTerms
 

@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact
 from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
 

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent / "peers"))
 from question import Answer, Model, Problem, Touch, angle_between
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, outward_normal, place
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 
 __all__ = ["ALIKE_MM", "ALIKE_RAD", "Asked", "Case", "Judge", "ask", "drawn_models"]
 

@@ -9,6 +9,7 @@ import argparse
 import signal
 import sys
 
+from palpate.base.errors import InputError, PalpateError
 from palpate.drivers import (
     Bus,
     MonotonicClock,
@@ -20,7 +21,6 @@ from palpate.drivers import (
     model_numbered,
     open_port,
 )
-from palpate.errors import InputError, PalpateError
 
 LATENCY_S = 0.034  # an adapter whose latency timer is 16 ms, as it comes
 WIDEST_RAD = 0.5  # to either side of where the servo stands: further goals are refused

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from question import Answer, Model, Peer, Solve, Touch
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 
 HEIGHT_MM = 10.0

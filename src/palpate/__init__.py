@@ -11,34 +11,34 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.api.answers import Answer as Answer
-    from palpate.api.answers import Plan as Plan
-    from palpate.api.answers import RecognitionAnswer as RecognitionAnswer
-    from palpate.api.bus import scan as scan
-    from palpate.api.bus import stop as stop
-    from palpate.api.catalogue import check_objects as check_objects
-    from palpate.api.catalogue import import_objects as import_objects
-    from palpate.api.catalogue import list_objects as list_objects
-    from palpate.api.files import load_calibration as load_calibration
-    from palpate.api.files import load_contacts as load_contacts
-    from palpate.api.files import load_objects as load_objects
-    from palpate.api.files import load_references as load_references
-    from palpate.api.files import load_rig as load_rig
-    from palpate.api.files import load_scene as load_scene
-    from palpate.api.files import save as save
-    from palpate.api.recognition import plan as plan
-    from palpate.api.recognition import recognise as recognise
-    from palpate.api.rig import Rig as Rig
-    from palpate.api.rig import open_rig as open_rig
-    from palpate.api.session import Session as Session
-    from palpate.api.session import open_session as open_session
-    from palpate.api.study import study as study
-    from palpate.api.warning import RigWarning as RigWarning
-    from palpate.errors import DeviceError as DeviceError
-    from palpate.errors import InputError as InputError
-    from palpate.errors import OutputError as OutputError
-    from palpate.errors import PalpateError as PalpateError
-    from palpate.errors import SafetyStop as SafetyStop
+    from palpate.base.errors import DeviceError as DeviceError
+    from palpate.base.errors import InputError as InputError
+    from palpate.base.errors import OutputError as OutputError
+    from palpate.base.errors import PalpateError as PalpateError
+    from palpate.base.errors import SafetyStop as SafetyStop
+    from palpate.jobs.answers import Answer as Answer
+    from palpate.jobs.answers import Plan as Plan
+    from palpate.jobs.answers import RecognitionAnswer as RecognitionAnswer
+    from palpate.jobs.bus import scan as scan
+    from palpate.jobs.bus import stop as stop
+    from palpate.jobs.catalogue import check_objects as check_objects
+    from palpate.jobs.catalogue import import_objects as import_objects
+    from palpate.jobs.catalogue import list_objects as list_objects
+    from palpate.jobs.files import load_calibration as load_calibration
+    from palpate.jobs.files import load_contacts as load_contacts
+    from palpate.jobs.files import load_objects as load_objects
+    from palpate.jobs.files import load_references as load_references
+    from palpate.jobs.files import load_rig as load_rig
+    from palpate.jobs.files import load_scene as load_scene
+    from palpate.jobs.files import save as save
+    from palpate.jobs.recognition import plan as plan
+    from palpate.jobs.recognition import recognise as recognise
+    from palpate.jobs.rig import Rig as Rig
+    from palpate.jobs.rig import open_rig as open_rig
+    from palpate.jobs.session import Session as Session
+    from palpate.jobs.session import open_session as open_session
+    from palpate.jobs.study import study as study
+    from palpate.jobs.warning import RigWarning as RigWarning
     from palpate.recognizer import Contact as Contact
     from palpate.recognizer import Finger as Finger
     from palpate.recognizer import NormalRange as NormalRange
@@ -51,10 +51,10 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES = {
-    "api.answers": ("Answer", "Plan", "RecognitionAnswer"),
-    "api.bus": ("scan", "stop"),
-    "api.catalogue": ("check_objects", "import_objects", "list_objects"),
-    "api.files": (
+    "jobs.answers": ("Answer", "Plan", "RecognitionAnswer"),
+    "jobs.bus": ("scan", "stop"),
+    "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
+    "jobs.files": (
         "load_calibration",
         "load_contacts",
         "load_objects",
@@ -63,11 +63,11 @@ _HOMES = {
         "load_scene",
         "save",
     ),
-    "api.recognition": ("plan", "recognise"),
-    "api.rig": ("Rig", "open_rig"),
-    "api.session": ("Session", "open_session"),
-    "api.study": ("study",),
-    "api.warning": ("RigWarning",),
+    "jobs.recognition": ("plan", "recognise"),
+    "jobs.rig": ("Rig", "open_rig"),
+    "jobs.session": ("Session", "open_session"),
+    "jobs.study": ("study",),
+    "jobs.warning": ("RigWarning",),
     "recognizer": ("Contact", "Finger", "NormalRange"),
     "rig.identification.observers": (
         "MoveEvent",
@@ -76,7 +76,7 @@ _HOMES = {
         "StageEvent",
         "TouchEvent",
     ),
-    "errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"),
+    "base.errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"),
 }
 
 __all__ = ["__version__", *(name for names in _HOMES.values() for name in names)]  # noqa: PLE0604

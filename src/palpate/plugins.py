@@ -4,6 +4,8 @@
 `palpate.testing` holds the checks that a plug-in has to pass.
 """
 
+from palpate.base.errors import DeviceError, InputError, printable
+from palpate.base.geometry import Counts, Floats
 from palpate.config import ArrayConfig, MountedArrayConfig
 from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Access, Area, TableItem
 from palpate.drivers.dynamixel.specifications import MotorConstants, ServoSpecification
@@ -18,8 +20,6 @@ from palpate.drivers.tactile.stream import FrameStream, Port
 from palpate.drivers.tactile.streamed_array import StreamedArray
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device, Emission, wire_time_s
-from palpate.errors import DeviceError, InputError, printable
-from palpate.geometry import Counts, Floats
 from palpate.rig.arrays import ArrayPlugin
 from palpate.rig.conversion import mounting_of
 

@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import BSpline
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.cad.curves import TURN_RAD, Arc, Bezier, Curve, bulge, chords, hull, line, mapped, spline
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 numbers = st.floats(-20, 20).map(lambda value: round(value, 3))
 points = st.tuples(numbers, numbers)

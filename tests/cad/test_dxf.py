@@ -15,9 +15,9 @@ from ezdxf.layouts import BaseLayout
 from ezdxf.math import Vec2, rational_bspline_from_arc
 from shared_files import cad_file
 
+from palpate.base.errors import InputError
 from palpate.cad.dxf import _INSUNITS, read_dxf
 from palpate.cad.values import Drawing
-from palpate.errors import InputError
 
 Draw = Callable[[BaseLayout], object]
 SQUARE = [(0, 0), (30, 0), (30, 20), (0, 20)]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from palpate.base.geometry import Floats
 from palpate.cad.hausdorff_bound import FacetPieces, OutlineEdges, distance_bound, outline_of
-from palpate.geometry import Floats
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 DOWN, RIGHT = (0.0, -1.0), (1.0, 0.0)

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wording import missing
 
+from palpate.base.errors import InputError
 from palpate.cad.curves import Arc, bulge, line
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
 from palpate.cad.part_size import size_problem
 from palpate.cad.ring_nesting import parts
 from palpate.cad.values import Drawing
-from palpate.errors import InputError
 
 SHEET = Sheet("part.dxf", "inch", (1 / 25.4, 1 / 25.4))
 

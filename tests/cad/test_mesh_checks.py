@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.base.errors import InputError
 from palpate.cad.mesh_checks import check_solids
-from palpate.errors import InputError
 
 
 def box(extents=(10, 20, 30), at=(0, 0, 0)):

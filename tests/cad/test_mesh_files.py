@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from shared_files import cad_file
 
+from palpate.base.errors import InputError
 from palpate.cad.readers import is_drawing, read_drawings, read_solids
-from palpate.errors import InputError
 
 
 def volume(solid):

@@ -10,9 +10,9 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.base.errors import InputError
 from palpate.cad.obj_polygons import with_triangles
 from palpate.cad.readers import read_solids
-from palpate.errors import InputError
 
 HEIGHT_MM = 7.0
 L_OUTLINE = [(0, 0), (30, 0), (30, 10), (10, 10), (10, 30), (0, 30)]

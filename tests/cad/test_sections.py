@@ -9,10 +9,10 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from shared_files import cad_file
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.cad.sections import sections_of
 from palpate.cad.values import CrossSection, Solid, StableState
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 UPRIGHT = np.eye(3)
 

@@ -5,11 +5,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.cad.resting_surface import RestingSurface, surface_of
 from palpate.cad.slicing import area_of, regions_of, slice_surface
 from palpate.cad.values import Region, Solid, StableState
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shared_files import cad_file
 
+from palpate.base.errors import InputError
 from palpate.cad.hull import centre_of_mass, hull_of
 from palpate.cad.resting_probability import solid_angles
 from palpate.cad.stable import LEAST_TIPPING_RAD, stable_states
 from palpate.cad.values import Solid
-from palpate.errors import InputError
 
 MADE = {
     "box": trimesh.creation.box((30, 20, 10)),

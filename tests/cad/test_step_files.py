@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.base.errors import InputError
 from palpate.cad.readers import read_solids
-from palpate.errors import InputError
 
 HERE = Path(__file__).parent / "step"
 

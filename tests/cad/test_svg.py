@@ -10,9 +10,9 @@ import pytest
 import shapely
 import svgelements
 
+from palpate.base.errors import InputError
 from palpate.cad.svg import read_svg
 from palpate.cad.values import Drawing
-from palpate.errors import InputError
 
 ROOT = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 PAGE = 'width="200mm" height="100mm" viewBox="0 0 200 100"'

@@ -8,6 +8,7 @@ from firm_rig import firm_rig
 from scipy.stats import chi2
 from truth_calibration import truth_calibration
 
+from palpate.base.geometry import Floats
 from palpate.calibration.agreement import (
     FALSE_ALARMS,
     ContactUncertainty,
@@ -17,7 +18,6 @@ from palpate.calibration.agreement import (
     touch_covariance,
 )
 from palpate.config import RigFile, load_rig
-from palpate.geometry import Floats
 from palpate.rig.emulated.devices import emulate
 
 RIG: RigFile = load_rig(firm_rig())

@@ -12,6 +12,8 @@ import pytest
 from repository import EXAMPLES
 from scipy.stats import chi2
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import rotation_matrix
 from palpate.calibration.finger_fit import (
     Fit,
     ReferencePlacement,
@@ -34,8 +36,6 @@ from palpate.calibration.frame_alignment import align_fit
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal, nominal_poses
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.config import load_rig
-from palpate.geometry import Floats
-from palpate.geometry.plane import rotation_matrix
 
 ARMS = load_rig(EXAMPLES / "fresh-arms.toml")
 DISC = ReferenceDisc("disc", 25.0)

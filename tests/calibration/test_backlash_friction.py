@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from servo_console import Console
 from slide_press import slide_press
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.calibration.backlash import Backlash, combine_backlash, estimate_backlash
 from palpate.calibration.friction import estimate_friction
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 MM_PER_RAD = 100 / (2 * np.pi)
 TOUCH_MM = 60.0  # where a tip without play begins to be dented

@@ -15,13 +15,13 @@ from touched_references import (
     touches,
 )
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.calibration.consistency import check_fit, check_still, estimate_growth
 from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 PLATES = np.array([False, False, True, True])
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from servo_console import Console
 from touched_references import SPECS
 
+from palpate.base.errors import InputError
 from palpate.calibration.backlash import Backlash
 from palpate.calibration.homing import Homing, StopStalls, fit_homing
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
 
 MM_PER_RAD = 100 / (2 * np.pi)
 STOPS = (40.0, 255.0)

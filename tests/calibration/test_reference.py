@@ -8,9 +8,9 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from palpate.base.geometry import Floats
 from palpate.calibration.finger_step import plan_placements
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
-from palpate.geometry import Floats
 
 FEW = settings(max_examples=40, deadline=None)
 STEP_MM = 1e-5

@@ -14,6 +14,8 @@ from quick_rig import STAGE
 from scipy.stats import chi2
 from touched_references import FRESH, PRIOR_SIGMA, SPECS, laid, met, models, servos_rad
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.known_fingers import KnownFingers
 from palpate.calibration.measurements import TouchMeasurement
@@ -23,8 +25,6 @@ from palpate.calibration.stage_step import calibrate_stage, place_disc
 from palpate.config import RigFile, StageConfig
 from palpate.config.calibration_stage import StageCalibration
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 DISC = ReferenceDisc("disc", 25.0)
 BACKLASH_DEG, BOUND_DEG, CENTRE_BOUND_MM = 0.1, 0.02, 1.0

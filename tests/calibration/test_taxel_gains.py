@@ -18,13 +18,13 @@ from simulated_presses import (
 )
 from touched_references import SPECS
 
+from palpate.base.errors import InputError
 from palpate.calibration.idle import IdleFit, analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.calibration.taxel_gains import fit_gains
 from palpate.config import SlideFingerConfig, TactileCalibration, load_rig
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import InputError
 
 CROSSTALK = 0.06
 

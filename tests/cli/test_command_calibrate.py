@@ -9,9 +9,9 @@ from command import run_here
 from repository import EXAMPLES
 from rich.console import Console
 
+from palpate.base.errors import InputError
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.cli.commissioning.reference_placement import ConsoleTable
-from palpate.errors import InputError
 
 FRESH = EXAMPLES / "fresh-rig.toml"
 

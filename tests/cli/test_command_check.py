@@ -14,6 +14,7 @@ from rich.console import Console
 from serial.serialutil import SerialBase
 from wording import missing
 
+from palpate.base.errors import DeviceError
 from palpate.config import load_rig, shipped_rig
 from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
 from palpate.config.results import to_json
@@ -22,7 +23,6 @@ from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
-from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 from palpate.rig.diagnostics.hold_check import with_hold

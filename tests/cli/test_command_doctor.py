@@ -24,6 +24,7 @@ from sampling import sample
 from scipy.signal import lfilter
 
 from palpate import open_rig
+from palpate.base.errors import InputError
 from palpate.config import CalibrationDevice, calibration_path, calibration_toml, load_rig, shipped_rig
 from palpate.config.doctor_result import Cause, DoctorOut, Outcome
 from palpate.config.schema import schema_text
@@ -31,7 +32,6 @@ from palpate.drivers.dynamixel.emanual_tables import Area
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.port import PortMissing, PortTaken, open_port
-from palpate.errors import InputError
 from palpate.rig.diagnostics.computer import Computer
 from palpate.rig.diagnostics.doctor import diagnose
 from palpate.rig.diagnostics.doctor_steps import Case

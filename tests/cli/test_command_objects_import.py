@@ -17,10 +17,10 @@ from shapely import affinity
 from shared_files import cad_file
 from solids import ELL, WEDGE, mesh_file, prism
 
+from palpate.base.geometry import ObjectModel, State
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from palpate.config.shipped import shipped_rig
-from palpate.geometry import ObjectModel, State
 
 Ask = Callable[..., Ended]
 

@@ -11,7 +11,7 @@ import trimesh
 from command import Ended, run_here
 from json_schema import violations
 
-from palpate.cad.optional_imports import MissingPackageError
+from palpate.base.optional_imports import MissingPackageError
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from palpate.rig.catalogue.cad_import import Imported, import_file

@@ -13,11 +13,11 @@ from json_schema import violations
 from motor_wire import MotorWire, Person
 from repository import EXAMPLES
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.cli.commissioning.motor_dialogue import set_up_motors
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.errors import DeviceError, InputError
 
 RIG = load_rig(shipped_rig())
 FACTORY_CODE = 1  # 57,600

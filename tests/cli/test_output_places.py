@@ -13,12 +13,12 @@ import typer
 from command import run_here
 from repository import EXAMPLES
 
+from palpate.base.errors import InputError
+from palpate.base.files.writing import check_place, check_places, write_text
 from palpate.cli.main import app
 from palpate.cli.output_places import rig_files
 from palpate.config import shipped_objects, shipped_rig
 from palpate.config.shipped import shipped_references
-from palpate.errors import InputError
-from palpate.files.writing import check_place, check_places, write_text
 
 OUTPUTS = {"report", "keep", "picture", "out", "mcap", "csv", "rosbag", "rig_out"}
 INPUTS = {

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from rich.table import Table
 from rich.text import Text
 
+from palpate.base.errors import printable
 from palpate.cli.identification_progress import Progress
 from palpate.cli.terminal import Doing, Terminal
-from palpate.errors import printable
 from palpate.rig.identification.observers import MoveEvent
 from palpate.views.ports_table import show_unplugged
 from palpate.views.tables import table as plain_table

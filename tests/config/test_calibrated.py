@@ -5,6 +5,7 @@ from calibrations import empty_calibration, full_calibration
 from firm_rig import firm_rig
 from repository import EXAMPLES
 
+from palpate.base.errors import InputError
 from palpate.config import (
     RigFile,
     SlideFingerConfig,
@@ -14,7 +15,6 @@ from palpate.config import (
     load_rig,
     shipped_rig,
 )
-from palpate.errors import InputError
 
 BENCH = firm_rig().read_text(encoding="utf-8")
 RIG = load_rig(firm_rig())

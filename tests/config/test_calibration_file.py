@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from repository import ROOT
 
+from palpate.base.errors import InputError
 from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig
 from palpate.config.calibration_numbers import Measured, UpLength
 from palpate.config.schema import schema_text
-from palpate.errors import InputError
 
 RIG = load_rig(firm_rig())
 TEXT = calibration_toml(full_calibration(RIG))

@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.config import load_contacts, load_scene
 from palpate.config.recognition_result import (
     HypothesisOut,
@@ -15,8 +17,6 @@ from palpate.config.recognition_result import (
     StatisticsOut,
 )
 from palpate.config.results import BoundsOut, ConfigurationOut, to_json
-from palpate.errors import InputError
-from palpate.vocabulary import RecognitionVerdict
 
 TOUCH: dict[str, Any] = {
     "finger": "f1",

@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 from firm_rig import firm_rig
 
+from palpate.base.errors import InputError
 from palpate.config import load_rig, load_scene
 from palpate.config.writers import file_text
-from palpate.errors import InputError
 
 
 def rig_file(folder: Path, *lines: str) -> Path:

@@ -10,11 +10,11 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.api.files import load_objects as load_and_warn
-from palpate.api.warning import RigWarning
 from palpate.config import load_objects
 from palpate.config.idle_points import without_idle_points
 from palpate.config.objects_tables import ObjectsFileText
+from palpate.jobs.files import load_objects as load_and_warn
+from palpate.jobs.warning import RigWarning
 
 Points = list[tuple[float, ...]]
 SQUARE: Points = [(0, 0), (10, 0), (10, 10), (0, 10)]

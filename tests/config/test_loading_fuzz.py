@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from repository import EXAMPLES
 
+from palpate.base.errors import InputError
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
-from palpate.errors import InputError
 
 QUICK = settings(max_examples=120, deadline=None, derandomize=True)
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate.base.errors import InputError
 from palpate.config import load_objects, load_rig, shipped_objects
-from palpate.errors import InputError
 
 
 @pytest.mark.parametrize("name", ["part.dxf", "PART.STL", "a part.step"])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from prepared_bits import drawn_catalogue, round_objects
 
+from palpate.base.errors import InputError
+from palpate.base.files.array_file import map_arrays
+from palpate.base.files.cache import CACHE_PLACE
+from palpate.base.geometry import Circle, ObjectModel
 from palpate.config.objects_arrays import arrays_of_objects, objects_of_arrays
 from palpate.config.objects_file import ObjectsFile, load_objects
 from palpate.config.writers import file_text
-from palpate.errors import InputError
-from palpate.files.array_file import map_arrays
-from palpate.files.cache import CACHE_PLACE
-from palpate.geometry import Circle, ObjectModel
 
 
 def _written(path: Path, objects: list[ObjectModel]) -> Path:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from wording import missing
 
+from palpate.base.errors import InputError
 from palpate.config import load_objects
 from palpate.config.writers import file_text
-from palpate.errors import InputError
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 INNER = [[2, 2], [4, 2], [4, 4], [2, 4]]

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from json_schema import violations
 
+from palpate.base.errors import InputError
 from palpate.config import load_objects
 from palpate.config.objects_file import load_objects_text
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_json
 from palpate.config.schema import schema_text
-from palpate.errors import InputError
 
 SQUARE = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]]
 POLYGONS = [{"outer": SQUARE}]

@@ -11,11 +11,11 @@ from ezdxf.math import bulge_to_arc
 from hypothesis import given
 from hypothesis import strategies as st
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Circle
+from palpate.base.geometry.curves import arcs_polygon, circle_facets, circle_polygon
 from palpate.config.objects_file import load_objects
 from palpate.config.writers import file_text
-from palpate.errors import InputError
-from palpate.geometry import Circle
-from palpate.geometry.curves import arcs_polygon, circle_facets, circle_polygon
 
 SLOT = [[-20, -10], [20, -10, 1], [20, 10], [-20, 10, 1]]
 CIRCLE = {"circle": {"centre": [3, 4], "radius": 20}}

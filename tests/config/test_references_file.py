@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from palpate.base.errors import InputError
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
-from palpate.errors import InputError
 from palpate.rig.commissioning.calibration import build_references
 
 GOOD = """

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from firm_rig import firm_rig
 
+from palpate.base.errors import InputError
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.errors import InputError
 from palpate.rig.conversion import mounting_of
 from palpate.rig.emulated.devices import emulate
 

@@ -7,11 +7,11 @@ import pytest
 from firm_rig import firm_rig
 from repository import EXAMPLES, ROOT
 
+from palpate.base.errors import InputError
 from palpate.config import load_rig, shipped_rig
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
-from palpate.errors import InputError
 
 BENCH = firm_rig().read_text(encoding="utf-8")
 ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import tomlkit
 
+from palpate.base.errors import InputError
 from palpate.config import load_rig
-from palpate.errors import InputError
 
 PAGE = Path(__file__).parents[2] / "docs" / "rig-file.md"
 

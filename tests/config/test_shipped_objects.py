@@ -5,8 +5,8 @@ import pytest
 import shapely
 from shapely import affinity
 
+from palpate.base.geometry import Floats
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.geometry import Floats
 
 EDGES = {"tr-1": 22, "tr-2": 26, "tr-3": 14, "grip": 14, "gator": 49, "hand": 66}
 """Edge counts of Memo 705, Table I (tr-1 lists half of its edges there)."""

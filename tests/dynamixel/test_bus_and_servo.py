@@ -9,6 +9,7 @@ import pytest
 import serial
 from recorded_ports import Listener
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import HardwareError, Item, OperatingMode
@@ -31,7 +32,6 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
-from palpate.errors import DeviceError, SafetyStop
 
 BAUD = 1_000_000
 STEP_S = 1e-3

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
 from sampling import sample
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import Item
@@ -21,7 +22,6 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
 
 TRANSACTIONS_OF = {45: 2_000, 180: 10_000}
 """How many transactions so many examples come to, at least."""

@@ -8,6 +8,7 @@ import pytest
 import serial
 from dynamixel_sdk import GroupSyncRead
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import HardwareError
@@ -30,7 +31,6 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.wire import Emission
-from palpate.errors import DeviceError
 
 LATENCY_S = 1e-3
 STATE = 14  # bytes of a servo's state

@@ -6,11 +6,11 @@ from importlib.resources import files
 
 import pytest
 
+from palpate.base.errors import InputError
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.models import model_named, model_numbered, models_known
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
 from palpate.drivers.dynamixel.x_series import EXTENDED_FIRMWARE, MODEL_NAMES, table_of
-from palpate.errors import InputError
 
 VENDORS = files("dynamixel_easy_sdk") / "control_table"
 

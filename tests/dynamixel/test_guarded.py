@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from palpate.base.errors import SafetyStop
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.errors import HardwareAlert
@@ -15,7 +16,6 @@ from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.errors import SafetyStop
 
 STEP_S = 1e-3
 SOFT_NM_PER_RAD, HARD_NM_PER_RAD = 3.0, 60.0

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.errors import InputError
-from palpate.files import confined, read_bytes
-from palpate.files.limits import READING_BYTES, READING_S
+from palpate.base.errors import InputError
+from palpate.base.files import confined, read_bytes
+from palpate.base.files.limits import READING_BYTES, READING_S
 
 FILE = Path("a.svg")
 

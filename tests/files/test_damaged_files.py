@@ -14,10 +14,10 @@ from hostile_files import FIRST
 from repository import EXAMPLES
 from solids import ELL, prism
 
+from palpate.base.errors import InputError
 from palpate.cad.readers import read_drawings, read_solids
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.calibration_file import load_calibration
-from palpate.errors import InputError
 from palpate.rig.session.log_reader import read_session
 
 LINE = '{"t_s":0.1,"event":"bytes","port":"a","direction":"sent","base64":"AA==","calls":"t1~2.z"}\n'

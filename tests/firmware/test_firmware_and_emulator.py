@@ -25,11 +25,11 @@ from wire_messages import (
     wire,
 )
 
+from palpate.base.geometry import Counts, Floats
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.messages import Describe
 from palpate.drivers.tactile.protocol import Decoder
-from palpate.geometry import Counts, Floats
 
 SIZE = (2, 3)
 LARGEST = 4095

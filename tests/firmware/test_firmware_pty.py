@@ -33,11 +33,11 @@ from wire_messages import (
     said,
 )
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile import Shape, TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
-from palpate.geometry import Counts
 
 SIP = 65536
 

@@ -34,11 +34,11 @@ from qemu_board import (
 from sampling import sample
 from wire_messages import ACK, DESCRIBE, FRAME, HELLO, START, STOP, frame_counts, request, said
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
-from palpate.geometry import Counts
 
 MISSING = missing_tools()
 pytestmark = [

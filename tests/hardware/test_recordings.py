@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
 from palpate.drivers.tactile.mounting import Mounting
-from palpate.geometry import Counts
 from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
 from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
 from palpate.testing.hardware.bench import Recording

@@ -2,34 +2,34 @@
 
 import ast
 
-from repository import ROOT
+from repository import PACKAGE
 
 
 def calls(folder: str) -> list[tuple[str, str]]:
     """(file, name of what is called) of every call below a folder."""
     found = []
-    for file in sorted((ROOT / folder).rglob("*.py")):
+    for file in sorted((PACKAGE / folder).rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 name = (
                     node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
                 )
-                found.append((f"{folder}/{file.relative_to(ROOT / folder)}", name))
+                found.append((f"{folder}/{file.relative_to(PACKAGE / folder)}", name))
     return found
 
 
 def test_goals_are_written_by_the_guarded_loop_alone() -> None:
     writers = {"write_goals", "stop_at"}
-    everywhere = [*calls("cli"), *calls("api"), *calls("rig"), *calls("calibration"), *calls("drivers")]
+    everywhere = [*calls("cli"), *calls("jobs"), *calls("rig"), *calls("calibration"), *calls("drivers")]
     assert {file for file, name in everywhere if name in writers} == {"drivers/dynamixel/guarded.py"}
 
 
 def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
     """`Hand.pause` looks at arrays; what waits without a hand moves nothing."""
-    sleepers = {file for file, name in [*calls("cli"), *calls("api"), *calls("rig")] if name == "sleep"}
+    sleepers = {file for file, name in [*calls("cli"), *calls("jobs"), *calls("rig")] if name == "sleep"}
     without_hand = {
         "rig/diagnostics/port_search.py",
-        "api/monitor.py",
+        "jobs/monitor.py",
         "rig/diagnostics/array_check.py",
         "rig/monitor/paced_clock.py",
     }

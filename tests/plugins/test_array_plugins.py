@@ -8,7 +8,7 @@ from command import run_here
 from plugin_folder import install
 from repository import EXAMPLES
 
-from palpate.extensions import TACTILE_ARRAYS
+from palpate.base.extensions import TACTILE_ARRAYS
 from palpate.testing import ArrayConformance, rig_with_arrays
 
 EXAMPLE = EXAMPLES / "array_plugin"

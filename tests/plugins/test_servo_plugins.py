@@ -8,7 +8,7 @@ from command import run_here
 from firm_rig import firm_rig
 from plugin_folder import install
 
-from palpate.extensions import SERVO_MODELS
+from palpate.base.extensions import SERVO_MODELS
 from palpate.plugins import MotorConstants, ServoSpecification, TableItem, table_of
 from palpate.testing import ServoConformance
 

@@ -11,11 +11,11 @@ from kernel_switch import needs_kernel, without_kernel
 from sampling import sample
 from upright_tips import Block, Stack, cone_model, drawn_stack, holds, model_of, square
 
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Section, State
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Section, State
+from palpate.base.vocabulary import TipShape
 from palpate.recognizer import Catalogue, Finger, recognise
 from palpate.recognizer.ball_section import is_exact, met_by_ball
-from palpate.vocabulary import TipShape
 
 _FACET_MM = 1e-3
 

@@ -5,12 +5,12 @@ import pytest
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 from palpate.recognizer import Budget, Catalogue, Contact, Recognition, recognise
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.edge_lookup import matching_edges
 from palpate.rig.identification.result import unfinished_out
-from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 
 
 def touches(seed: int, half_range: float | None, fingers: int = 3) -> tuple[Catalogue, Placed, list[Contact]]:

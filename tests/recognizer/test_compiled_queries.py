@@ -9,7 +9,7 @@ from kernel_switch import needs_kernel, without_kernel
 from sampling import sample
 from shapely_bench import grip, place, until_touched
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer import Catalogue, Contact, Recognition, recognise
 from palpate.recognizer.budget import Budget
 from palpate.recognizer.hypotheses import Hypotheses

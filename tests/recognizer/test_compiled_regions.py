@@ -10,7 +10,7 @@ from kernel_switch import needs_kernel, without_kernel
 from sampling import sample
 from shapely_bench import grip, place
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer import Catalogue, recognise
 from palpate.recognizer.budget import Budget
 from palpate.recognizer.constraints import Constraints

@@ -7,7 +7,7 @@ from kernel_switch import needs_kernel, without_kernel
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.region import Cells, divide_longest
 from palpate.recognizer.witness_search import position_boxes

@@ -24,7 +24,7 @@ from shapely_bench import (
 )
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Recognition, recognise
 from palpate.recognizer.contact import Contact
 

@@ -8,8 +8,8 @@ import pytest
 from plain_square import FINGER, SQUARE, STRAIGHT, three_sides, touching
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
-from palpate.vocabulary import RecognitionVerdict
 
 
 def test_coincident_contacts_say_no_more_than_one() -> None:

@@ -9,7 +9,7 @@ import shapely
 from plain_square import SQUARE, SQUARE_RING, STRAIGHT, sections, three_sides
 from shapely_bench import Placed, flat, grip, holding_truth, place, touch
 
-from palpate.geometry import ObjectModel, Polygon
+from palpate.base.geometry import ObjectModel, Polygon
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer.deviations import Deviations, Touchable, agreement
 from palpate.recognizer.outline_places import OutlinePlaces
 

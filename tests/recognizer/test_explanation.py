@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, State
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, State
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 from palpate.recognizer.explanation import (
     ObjectExplanation,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from prepared_bits import FINGERS, bits_of, drawn_catalogue
 
-from palpate.geometry import ObjectModel, State
+from palpate.base.geometry import ObjectModel, State
 from palpate.recognizer import Catalogue, Finger
 from palpate.recognizer.catalogue import FACET_ERROR_MM, prepare_states
 from palpate.recognizer.finger_preparation import FingerPreparation, prepare_finger

@@ -8,7 +8,7 @@ from exact_contacts import exact_contact
 from shapely_bench import Placed, flat, holding_truth, place, turned, unit
 from shapely_contacts import first_contact
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.memo_statistics import memo_counts

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, holding_truth, outlines, place
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, NormalRange, Recognition, recognise
 from palpate.recognizer.contact import Contact, Finger
 

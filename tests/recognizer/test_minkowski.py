@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines
 
-from palpate.geometry import Polygon, Section
+from palpate.base.geometry import Polygon, Section
 from palpate.recognizer.minkowski import GrownSection, grow
 
 FACET_ERROR_MM = 0.1

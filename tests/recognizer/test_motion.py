@@ -22,7 +22,7 @@ from shapely_bench import (
 )
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Motion, carried_by, felt_in_motion, recognise
 
 MOTIONS = ((0.0, 0.02), (0.1, 0.005), (0.4, 0.03), (1.5, 0.0))

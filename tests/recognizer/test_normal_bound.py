@@ -13,7 +13,7 @@ from offset_cover import places_of_rest, uncovered
 from sampling import sample
 from shapely_bench import flat
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Finger
 
 RADII_MM = (0.02, 1.0, 5.0)

@@ -10,8 +10,8 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config import load_objects
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Finger
 from palpate.recognizer.free_line import ALLOWANCE_MM
 from palpate.recognizer.nearest_place import nearest_places

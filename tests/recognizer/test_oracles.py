@@ -22,7 +22,7 @@ from campaign_checks import in_polygons
 from sampling import sample
 from shapely_bench import flat
 
-from palpate.geometry import Bools, Floats
+from palpate.base.geometry import Bools, Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.memo_statistics import memo_counts
 

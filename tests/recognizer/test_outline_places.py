@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, outlines
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 from palpate.recognizer.outline_places import in_centred_frame, places_on_outlines
 

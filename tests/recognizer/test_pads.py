@@ -15,6 +15,7 @@ from repository import ROOT
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, place_within, placed_as
 
+from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
 from palpate.recognizer import (
     Approach,
@@ -35,7 +36,6 @@ from palpate.recognizer.poses import witness_poses
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import TipShape
 
 _MOST_HYPOTHESES = 40
 _BOUND_MM, _PITCH_MM = 0.18, 0.2

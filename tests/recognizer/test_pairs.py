@@ -8,8 +8,8 @@ import pytest
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
-from palpate.geometry import ObjectModel
-from palpate.geometry.segments import distance_range
+from palpate.base.geometry import ObjectModel
+from palpate.base.geometry.segments import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet

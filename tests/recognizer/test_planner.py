@@ -10,7 +10,8 @@ from exact_pockets import exact_pockets, hold
 from reach_ring import FINGER, GOALS, RESOLUTION, Ring, model_of, normal_at, ring, some_recognition, travel_of
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import Strategy
 from palpate.recognizer import (
     Catalogue,
     Recognition,
@@ -23,7 +24,6 @@ from palpate.recognizer import (
 )
 from palpate.recognizer.measurement_model import similarity, touch_outcomes
 from palpate.recognizer.poses import witness_poses
-from palpate.vocabulary import Strategy
 
 L_SHAPE = [(0, 0), (50, 0), (50, 20), (20, 20), (20, 40), (0, 40)]
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet

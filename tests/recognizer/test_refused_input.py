@@ -8,8 +8,8 @@ import pytest
 from plain_square import SQUARE, SQUARE_RING, sections, three_sides, touching
 from shapely_bench import flat
 
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
-from palpate.geometry.plane import rotate
-from palpate.geometry.segments import point_segment_distance
+from palpate.base.geometry.plane import rotate
+from palpate.base.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.region import (

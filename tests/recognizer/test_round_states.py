@@ -9,9 +9,9 @@ import shapely
 from sampling import sample
 from shapely_bench import Placed, flat, grip, holding_truth, place, until_touched
 
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Finger, Motion, recognise
 
 RADIUS = 18.0

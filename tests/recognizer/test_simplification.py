@@ -9,8 +9,8 @@ import pytest
 from sampling import sample
 from shapely_bench import flat, grip, holding_truth, place
 
-from palpate.geometry import ObjectModel, Polygon, Section
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import ObjectModel, Polygon, Section
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger, NormalRange
 from palpate.recognizer.minkowski import GrownSection, grow

@@ -11,10 +11,10 @@ import pytest
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.half_planes import half_planes
-from palpate.vocabulary import RecognitionVerdict
 
 KINDS = ("moved", "normal", "on the way")
 

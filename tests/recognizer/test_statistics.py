@@ -13,7 +13,7 @@ from repository import ROOT
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.memo_statistics import memo_counts

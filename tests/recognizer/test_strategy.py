@@ -8,7 +8,8 @@ import pytest
 from reach_ring import GOALS, RESOLUTION, contact_along, normal_at, ring, some_recognition, travel_of
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, unit
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
+from palpate.base.vocabulary import Strategy
 from palpate.recognizer import (
     Catalogue,
     Confirmation,
@@ -24,7 +25,6 @@ from palpate.recognizer.grips import fits_together, predict_approach
 from palpate.recognizer.measurement_model import touch_outcomes
 from palpate.recognizer.poses import sampled_poses
 from palpate.recognizer.push_limits import push_hazard
-from palpate.vocabulary import Strategy
 
 
 def wanted(shift_mm: float) -> Confirmation:

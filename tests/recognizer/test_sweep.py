@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.rays import Approach

@@ -10,7 +10,7 @@ from exact_contacts import exact_contact
 from shapely import affinity
 from shapely_bench import Placed, flat, grip, holding_truth, place, unit
 
-from palpate.geometry import Polygon, Section, State
+from palpate.base.geometry import Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry, symmetrised
 

@@ -5,7 +5,7 @@ import pytest
 from shapely_bench import holding_truth
 from verified_scenes import Scene, asked, drawn
 
-from palpate.geometry.plane import rotate
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer import Hypothesis, Recognition
 from palpate.recognizer.tight_bounds import enclosures
 from palpate.recognizer.verification import Poses, verify

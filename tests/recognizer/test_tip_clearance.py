@@ -11,8 +11,8 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from palpate.geometry import Polygon, Section
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Polygon, Section
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad
 from palpate.recognizer.tolerance_band import ToleranceBand, Touchable, touchable_edges
 

@@ -18,10 +18,10 @@ from upright_tips import (
     stack_contacts,
 )
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Finger, recognise
 from palpate.recognizer.met_section import standing_out, united_circles
 

@@ -13,9 +13,9 @@ import shapely
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place, touch
 
-from palpate.geometry import ObjectModel
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import point_segment_distance
+from palpate.base.geometry import ObjectModel
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.recognition import recognise

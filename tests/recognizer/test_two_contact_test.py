@@ -7,7 +7,7 @@ import pytest
 from shapely_bench import SHIPPED_OBJECTS, outlines
 from triples import PAIR_TRIPLES, arc_hull, triple_arcs
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet

@@ -8,6 +8,7 @@ import pytest
 from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place
 
+from palpate.base.vocabulary import LEAST_BUDGET
 from palpate.recognizer import (
     STANDARD_BUDGET,
     Budget,
@@ -17,7 +18,6 @@ from palpate.recognizer import (
     Recognition,
     recognise,
 )
-from palpate.vocabulary import LEAST_BUDGET
 
 SMALL = Budget(50_000)
 """Suffices for 100 interpretations of a further contact, if these are more than there were."""

@@ -11,7 +11,7 @@ from configuration_judge import objections
 from shapely_bench import flat, grip, holding_truth, place, turned, until_touched
 from verified_scenes import Scene, asked, catalogue_of, drawn, refused
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 from palpate.recognizer.verification import Poses, Verification, may_fit, verify
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from firm_rig import firm_rig
 
+from palpate.base.errors import InputError
 from palpate.calibration.idle import IdleFit, analyse_idle
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.calibration.tactile_step import IDLE_S
@@ -17,7 +18,6 @@ from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import InputError
 from palpate.rig.arrays import calibration_of, doubt_warning, extractor_of, threshold_problem
 from palpate.rig.emulated.devices import description_of
 

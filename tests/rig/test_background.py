@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from command import log_bytes, log_events
 
+from palpate.base.errors import InputError, OutputError
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.record import Noted, Recorder
-from palpate.errors import InputError, OutputError
 from palpate.rig.background import Background, BackgroundCall
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.log_reader import read_session

@@ -16,6 +16,7 @@ from json_schema import violations
 from rich.console import Console
 from wording import missing
 
+from palpate.base.errors import InputError
 from palpate.calibration.gauge_freedom import BasePose
 from palpate.config import (
     CalibrationFile,
@@ -28,7 +29,6 @@ from palpate.config import (
     shipped_rig,
 )
 from palpate.config.schema import schema_text
-from palpate.errors import InputError
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.diagnostics.bus_selection import endpoint_of_rig

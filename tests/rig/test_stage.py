@@ -13,14 +13,14 @@ from quick_rig import STAGE, small, small_objects
 from shapely import affinity
 from touch_check import check_touch
 
+from palpate.base.errors import DeviceError
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
-from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect
 from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import IdentificationVerdict
 
 
 def staged(text: str | None = None, **changes: Any) -> RigFile:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from serial.serialutil import SerialBase
 
-from palpate.geometry import Counts
+from palpate.base.geometry import Counts
 
 __all__ = ["ArrayHost", "Sips", "array_host", "expected_counts", "read_quiet", "read_until"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import trimesh
 from upright_tips import Stack
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer import Contact, Finger, NormalRange
 
 __all__ = ["ball_contacts", "first_touch_of_ball", "nearest_point", "triangles_of", "wobbly_triangles"]

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, fields
 
 from spoiling_wire import Kind, Spoil, SpoilingPort
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.errors import StatusError
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.errors import DeviceError
 
 __all__ = ["KINDS", "LOOPS", "Tally", "loop", "talk"]
 

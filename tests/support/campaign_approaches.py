@@ -7,7 +7,7 @@ import shapely
 from shapely_bench import unit
 from shapely_contacts import edges_of
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 CLEAR_MM = 1e-3  # at least, between a tip and the object where an approach begins
 RING_MM, REACH_MM = 160.0, 340.0

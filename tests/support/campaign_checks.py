@@ -10,7 +10,7 @@ from campaign_trials import Trial
 from shapely import affinity
 from shapely_bench import Placed, turned
 
-from palpate.geometry import Bools, Floats, ObjectModel
+from palpate.base.geometry import Bools, Floats, ObjectModel
 from palpate.recognizer import Budget, Hypothesis, Recognition, recognise
 
 _CELL_SLACK_MM, _CELL_SLACK_RAD = 1e-6, 1e-9

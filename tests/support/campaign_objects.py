@@ -16,7 +16,7 @@ from campaign_outlines import KINDS, random_model
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines, unit
 from shared_files import SHARED_OUTLINE_SETS
 
-from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 
 FAMILIES = ("memo", "parts", "own", "loose", "drawn")

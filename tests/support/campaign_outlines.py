@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely_bench import flat, unit
 
-from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 
 _Draw = Callable[[np.random.Generator, float], ObjectModel]
 _THINNEST_MM = 0.2

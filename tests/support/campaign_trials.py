@@ -27,9 +27,9 @@ from campaign_objects import (
 from shapely_bench import Placed, unit
 from shapely_contacts import first_contact, true_normal
 
-from palpate.geometry import Floats, ObjectModel
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.vocabulary import DEFAULT_BUDGET
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
-from palpate.vocabulary import DEFAULT_BUDGET
 
 BOUNDS_MM = (0.0, 0.01, 0.1, 0.3, 1.0, 2.0)
 NORMALS_DEG = (0.0, 1e-4, 1.0, 3.0, 10.0, 25.0, 45.0, 90.0, None)

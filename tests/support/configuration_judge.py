@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats, State
+from palpate.base.geometry import Floats, State
 from palpate.recognizer import Configuration, Contact
 
 __all__ = ["objections"]

@@ -15,8 +15,8 @@ from firm_rig import firm_rig
 from shapely_bench import Placed, outlines, place_within, placed_as, turned
 from simulated_touches import SimulatedTouches, as_predicted
 
+from palpate.base.geometry import ObjectModel
 from palpate.config import load_rig
-from palpate.geometry import ObjectModel
 from palpate.recognizer import (
     Catalogue,
     Contact,

@@ -8,12 +8,12 @@ from typing import Any
 
 from doctor_setup import BUS, PORTS, Change, Fault, Plant, SetUp
 
+from palpate.base.errors import DeviceError
 from palpate.config.doctor_result import Cause
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport.port import PortForbidden, PortMissing, PortTaken
-from palpate.errors import DeviceError
 
 __all__ = ["FAULTS", "WELL"]
 

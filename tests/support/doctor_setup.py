@@ -13,6 +13,7 @@ from typing import Any
 from calibrations import MADE, empty_calibration
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.config import RigFile, apply_calibration, load_rig, shipped_rig
 from palpate.config.doctor_result import Cause, DoctorOut
 from palpate.drivers.emulators.array import EmulatedArray
@@ -20,7 +21,6 @@ from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect, environment
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import BusEndpoint

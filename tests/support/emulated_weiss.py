@@ -9,9 +9,9 @@ from palpate.drivers.tactile.mounting import Mounting
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.plugins.weiss.arrays import DsaArray, WtsArray
-from palpate.plugins.weiss.emulated_arrays import EmulatedDsa, EmulatedWts
-from palpate.plugins.weiss.messages import MatrixInfo
+from palpate_weiss.arrays import DsaArray, WtsArray
+from palpate_weiss.emulated_arrays import EmulatedDsa, EmulatedWts
+from palpate_weiss.messages import MatrixInfo
 
 MATRIX = MatrixInfo(8, 4, 3.4, 3.8, 4095)
 OTHER = MatrixInfo(6, 14, 3.4, 3.4, 4095.0)

@@ -1,6 +1,6 @@
 """Contacts without errors of position, as tests state them."""
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer import Contact, Finger, NormalRange
 
 __all__ = ["exact_contact"]

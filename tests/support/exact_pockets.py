@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import Pockets, pockets_of
 from palpate.recognizer.tables import expand_ranges

@@ -26,6 +26,7 @@ from repository import EXAMPLES
 from touched_references import DISC
 from truth_calibration import bench_calibration
 
+from palpate.base.vocabulary import Strategy
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.prober import Probe
 from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects
@@ -37,7 +38,6 @@ from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.reference_table import EmulatedTable
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.run import IdentificationJob, run_identification
-from palpate.vocabulary import Strategy
 
 __all__ = ["COMMANDS", "Cell", "Outcome", "cells", "problems", "run_cell"]
 

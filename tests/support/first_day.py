@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from firm_rig import firm_rig
 from quick_rig import small, small_objects
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment, place, set_up
 from palpate.rig.session.run import IdentificationJob, run_identification
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 __all__ = ["ROWS", "Outcome", "Row", "run_row"]
 

@@ -10,12 +10,12 @@ from emulated_session import EmulatedSession, emulated_session
 from quick_rig import STAGE, small_objects, small_rig
 from repository import EXAMPLES
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig, shipped_rig
-from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.session.run import IdentificationJob, run_identification
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 __all__ = ["RIGS", "Outcome", "anywhere_rig", "run_after_blink", "run_from_anywhere"]
 

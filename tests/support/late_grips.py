@@ -16,13 +16,13 @@ from repository import ROOT
 from scipy.ndimage import minimum_filter1d
 from shapely import affinity
 
+from palpate.base.errors import PalpateError
+from palpate.base.geometry.plane import wrap_angle
 from palpate.config import RigFile
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
-from palpate.errors import PalpateError
-from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import BenchRig, connect, place
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
@@ -38,7 +38,7 @@ SLACK = 1e-6
 _STEP_S = 1e-3
 _LASTING = 11  # steps: what is over sooner may be between two frames
 _HIDDEN_N = 0.03  # below that noise may hide it
-RIGS = {"light": ROOT / "config" / "rigs" / "bench.toml", "fast": firm_rig()}
+RIGS = {"light": ROOT / "src" / "palpate" / "config" / "rigs" / "bench.toml", "fast": firm_rig()}
 _TIMER = "{latency_ms = 16}"
 _STALLS = "{stall_ms = [30, 80], stall_every_s = 0.3}"
 _BOTH = "{latency_ms = 16, stall_ms = [30, 80], stall_every_s = 0.3}"

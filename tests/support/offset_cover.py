@@ -9,7 +9,7 @@ with their normal within its span.
 import numpy as np
 import shapely
 
-from palpate.geometry import Section
+from palpate.base.geometry import Section
 from palpate.recognizer.edges import EdgeSet
 
 __all__ = ["places_of_rest", "uncovered"]

@@ -8,7 +8,7 @@ import shapely
 from scipy.optimize import minimize
 from shapely_bench import turned
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 _POINTS, _TURNS, _TRIED = 160, 72, 3
 

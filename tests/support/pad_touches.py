@@ -11,6 +11,8 @@ import shapely
 from contact_sweep import describe
 from shapely import affinity
 
+from palpate.base.geometry import Floats
+from palpate.base.vocabulary import TipShape
 from palpate.config import TipConfig
 from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE
@@ -19,11 +21,9 @@ from palpate.drivers.emulators.tip import PartSection
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
-from palpate.geometry import Floats
 from palpate.recognizer import Contact, Finger
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 from palpate.rig.motion.pad_touch import PadTouch, face_points_of, touched_points
-from palpate.vocabulary import TipShape
 
 __all__ = ["FAR_MM", "DrawnPad", "PadTrial", "face_stop_mm", "outline_of", "seen_along"]
 

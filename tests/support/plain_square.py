@@ -3,7 +3,7 @@
 import numpy as np
 from shapely_bench import Placed, flat
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Contact, Finger
 
 FINGER = Finger(5.0, 10.0)

@@ -11,9 +11,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from campaign_objects import drawn_objects, objects_of
 
+from palpate.base.files.cache import Cache
+from palpate.base.geometry import ObjectModel
 from palpate.config.objects_file import load_objects
-from palpate.files.cache import Cache
-from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.catalogue.preparation import prepared_catalogue
 

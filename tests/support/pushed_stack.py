@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from palpate.geometry import Polygon, Section, State
+from palpate.base.geometry import Polygon, Section, State
 
 _MM = 1e-3
 _STEP_S = 0.25e-3

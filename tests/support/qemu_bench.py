@@ -14,6 +14,7 @@ import tomlkit
 from qemu_board import MPS2, QemuBoard, Source, qemu_board
 from quick_rig import quick_bench
 
+from palpate.base.geometry import Floats
 from palpate.config import RigFile
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.serve import serve_pty
@@ -21,7 +22,6 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.wire import Device, Emission
-from palpate.geometry import Floats
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement
 

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from firmware_build import build_firmware
 
-from palpate.geometry import Counts
+from palpate.base.geometry import Counts
 
 __all__ = ["COLUMNS", "DEPTH", "MICROBIT", "MPS2", "ROWS", "Account", "Machine", "QemuBoard", "Source"]
 __all__ += ["board_pipes", "missing_tools", "qemu_board"]

@@ -9,7 +9,7 @@ import shapely
 from shapely import ops
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place, stop
 
-from palpate.geometry import Bools, Floats, Ints, ObjectModel
+from palpate.base.geometry import Bools, Floats, Ints, ObjectModel
 from palpate.recognizer import (
     Approach,
     Catalogue,

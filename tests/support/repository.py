@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-__all__ = ["EXAMPLES", "ROOT"]
+__all__ = ["EXAMPLES", "PACKAGE", "ROOT"]
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
+PACKAGE = ROOT / "src" / "palpate"

@@ -12,12 +12,12 @@ import shapely
 from repository import ROOT
 from shapely import affinity, ops
 
-from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.recognition import Recognition
 
-SHIPPED_OBJECTS = ROOT / "config" / "objects" / "memo.json"
+SHIPPED_OBJECTS = ROOT / "src" / "palpate" / "config" / "objects" / "memo.json"
 
 MOST_DRAWS = 50
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 _GRAZING_MM = 3e-9  # no approach is drawn to pass at just this distance
 

@@ -9,10 +9,10 @@ import math
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, tip_load
 from palpate.drivers.emulators.tip_friction import Shear, sheared
-from palpate.geometry import Floats
 
 _ROUNDS = 12
 

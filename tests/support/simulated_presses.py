@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from slide_press import slide_press
 
+from palpate.base.geometry import Floats
 from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import PartSection, tip_load
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.geometry import Floats
 
 ROWS, COLS, PITCH = 8, 20, math.radians(13.5)
 MM_PER_RAD = 100.0 / (2 * math.pi)

@@ -24,6 +24,8 @@ from simulated_tips import (
     whole_step_rad,
 )
 
+from palpate.base.geometry import Counts, Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
     FREE,
@@ -41,8 +43,6 @@ from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.finger import TICK_RAD, Servos
-from palpate.geometry import Counts, Floats
-from palpate.geometry.plane import wrap_angle
 from palpate.rig.commissioning.calibration import ConnectedRig
 from palpate.rig.commissioning.rig_prober import approaches_of, joint_ways
 from palpate.rig.emulated.devices import emulate

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from palpate.base.geometry import Floats, Ints
 from palpate.calibration.measurements import PressMeasurement
 from palpate.drivers.finger import TICK_RAD
-from palpate.geometry import Floats, Ints
 
 CURRENT_STEP_A = 2.69e-3
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from repository import EXAMPLES
 
+from palpate.base.geometry import Floats
 from palpate.calibration.finger_fit import ReferencePlacement, Touches
 from palpate.calibration.fitted_kinematics import SlideModel
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import SlideFingerConfig, load_rig
-from palpate.geometry import Floats
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 SPECS = [finger for finger in FRESH.fingers if isinstance(finger, SlideFingerConfig)]

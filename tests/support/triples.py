@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.segments import cross
 
 
 def _pair_triples() -> list[tuple[int, int, int]]:

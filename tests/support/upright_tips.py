@@ -17,9 +17,9 @@ from shapely import affinity
 from shapely_contacts import first_contact
 from solids import prism
 
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.recognizer import Contact, Finger, Hypothesis, NormalRange
 
 __all__ = [

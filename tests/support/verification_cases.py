@@ -8,9 +8,9 @@ import numpy as np
 from campaign_objects import FAMILIES, drawn_objects, drawn_source, objects_of
 from shapely_bench import Placed, grip, place, turned
 
+from palpate.base.geometry import Bools, Floats, ObjectModel
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.geometry import Bools, Floats, ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
 from palpate.recognizer.verification import Poses
 

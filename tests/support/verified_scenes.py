@@ -16,7 +16,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place, until_
 from shapely_contacts import true_normal
 from shared_files import SHARED_OUTLINES
 
-from palpate.geometry import ObjectModel
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Recognition, recognise
 from palpate.recognizer.contact import NormalRange
 

@@ -3,6 +3,7 @@
 import numpy as np
 from tactile_tip import COLS, DESCRIPTION, ROWS
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
@@ -10,7 +11,6 @@ from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.geometry import Floats
 from palpate.rig.monitor.finger_monitor import MonitoredFinger
 
 BAUDRATE = 4_000_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.rig.arrays import array_plugin
 from palpate.testing import ArrayConformance
 

@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from memory_port import bench
 from tactile_vectors import SMALL, wire
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Describe, Hello, Message, MessageType
 from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.errors import DeviceError
 from palpate.testing import ArrayBench
 
 PERIOD_S = 0.01

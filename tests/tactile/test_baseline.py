@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.base.errors import InputError
 from palpate.drivers.tactile.baseline import Baseline, BaselineTracker, Zeros, baseline_of
-from palpate.errors import InputError
 
 ROWS, COLS = 6, 7
 SHAPE = (ROWS, COLS)

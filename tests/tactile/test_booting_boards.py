@@ -3,6 +3,7 @@
 import pytest
 from memory_port import DESCRIPTION, emulated
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.booting import BootingBoard
 from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.taxels import Taxels
@@ -10,7 +11,6 @@ from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
 from palpate.testing import ArrayBench
 
 BAUD = 1_000_000

@@ -8,6 +8,7 @@ from array_talk import RATE, heard, small, stream, told
 from memory_port import DESCRIPTION, emulated
 from tactile_vectors import FREE, PLACES, SMALL, VERSION_2, wire
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import (
@@ -31,7 +32,6 @@ from palpate.drivers.tactile.messages import (
     TaxelPlaces,
 )
 from palpate.drivers.tactile.protocol import Decoder, encode
-from palpate.errors import DeviceError
 
 
 @pytest.mark.parametrize("streaming", [False, True])

@@ -9,11 +9,11 @@ import pytest
 from contact_outcomes import Outcome, extracted, processed
 from contact_sweep import Session, calibrated, cylinder_session, describe, pad_session, pressed_session
 
+from palpate.base.errors import InputError
 from palpate.drivers.tactile.columns import Columns, columns_of
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
-from palpate.errors import InputError
 
 MAKERS: dict[str, Callable[..., Session]] = {"cylinder": cylinder_session, "pad": pad_session}
 COUNT = 30

@@ -12,10 +12,10 @@ import pytest
 from memory_port import plugged
 from tactile_vectors import DESCRIBE_PAYLOAD, SMALL, wire
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.messages import Describe, MessageType
 from palpate.drivers.tactile.protocol import Decoder, Message, encode
 from palpate.drivers.transport.wire import Emission
-from palpate.errors import DeviceError
 
 DESCRIBE = struct.Struct("<H16sBBBBBIfff")
 FIELDS = ("request", "uid", "flags", "shape", "depth", "rows", "cols", "rate", "scale", "per_n", "radius")

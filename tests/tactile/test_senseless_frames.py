@@ -10,12 +10,12 @@ from memory_port import MemoryPort, plugged
 from tactile_vectors import SMALL, wire
 from wording import missing
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import Ack, Body, Describe, Description, Frame, Hello, Message
 from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.wire import Emission
-from palpate.errors import DeviceError
 
 PERIOD_S = 0.01
 Spoil = Callable[[Message], Message]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from memory_port import DESCRIPTION, MemoryPort, bench
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import Message, Start
 from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.errors import DeviceError
 
 
 def test_description_comes_over_the_wire() -> None:

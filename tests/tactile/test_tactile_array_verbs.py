@@ -8,6 +8,7 @@ import pytest
 from memory_port import DESCRIPTION, bench, emulated, plugged
 from tactile_vectors import PLACES, wire
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import (
@@ -23,7 +24,6 @@ from palpate.drivers.tactile.messages import (
 )
 from palpate.drivers.tactile.protocol import encode
 from palpate.drivers.transport.wire import Emission
-from palpate.errors import DeviceError
 
 
 def free(rows: int, cols: int) -> Description:

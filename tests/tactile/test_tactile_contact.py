@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 
+from palpate.base.errors import InputError
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.templates import template_set
-from palpate.errors import InputError
 
 MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}
 

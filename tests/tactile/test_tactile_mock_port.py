@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
@@ -11,7 +12,6 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.wire import wire_time_s
-from palpate.errors import DeviceError
 
 DESCRIPTION = Description(
     unique_id=b"test array no. 3",

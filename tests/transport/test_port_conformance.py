@@ -9,6 +9,7 @@ import serial
 from recorded_ports import Listener
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
@@ -16,7 +17,6 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
-from palpate.errors import DeviceError
 
 BAUD = 115_200
 

@@ -9,8 +9,8 @@ import pytest
 import serial
 from serial import SerialException
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.transport.port import PortTaken, has_baudrate, open_port
-from palpate.errors import DeviceError
 
 BAUD = 1_000_000
 

@@ -11,12 +11,12 @@ from json_schema import violations
 from quick_rig import quick_bench
 from wording import missing
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
 from palpate.config.results import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
-from palpate.errors import counted
 from palpate.views.answer import answer_lines
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 AT = ConfigurationOut(x=1.0, y=2.0, theta=0.5)
 BOUNDS = BoundsOut(x=(0.5, 1.5), y=(1.5, 2.5), theta=(0.4, 0.6))

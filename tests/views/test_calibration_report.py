@@ -12,8 +12,8 @@ from calibration_example import calibration_example
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
-from palpate.errors import InputError
 from palpate.views.calibration.numbers import (
     at_most,
     finger_tables,

@@ -8,9 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import points_in_polygon
 from palpate.config import load_objects, shipped_objects
-from palpate.geometry import Floats
-from palpate.geometry.plane import points_in_polygon
 from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.svg import number, shorten, text_width, wrap
 from palpate.views.table_picture.approaches import lanes

@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 
 __all__ = ["MissingPackageError", "install_command", "needed", "readable"]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
+from palpate.base.geometry import Floats
 from palpate.cad.outline_distance import OutlineTree, furthest_mm
 from palpate.cad.stacks import Stack
-from palpate.geometry import Floats
 
 __all__ = ["PlanarPose", "align", "largest_mm", "moved"]
 

@@ -4,9 +4,9 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
+from palpate.base.geometry import Floats
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.values import Solid, StableState
-from palpate.geometry import Floats
 
 __all__ = ["AS_DRAWN", "as_drawn", "volume_mm3"]
 

@@ -6,11 +6,11 @@ cross nor touch along edges: `mesh_checks` refuses such files before.
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.box_pairs import overlapping_pairs
 from palpate.cad.connectivity import component_of
 from palpate.cad.surface import TriangleSurface
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["bodies"]
 

@@ -10,9 +10,9 @@ Vertices and middles that are too far end it at once. Rounding is allowed for wi
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import Solid
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["surface_apart_between_mm", "surface_apart_mm", "surfaces_apart_mm"]
 

@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.alignment import PlanarPose, align, largest_mm, moved
 from palpate.cad.outline_distance import OutlineTree
 from palpate.cad.stacks import STEINER, Stack, could_match, round_bound_mm, stack_of
-from palpate.geometry import Floats, Ints
 
 __all__ = ["Motion", "apart_mm", "motions"]
 

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.geometry import Ints
+from palpate.base.geometry import Ints
 
 __all__ = ["component_of"]
 

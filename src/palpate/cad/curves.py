@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.geometry import Floats
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 
 __all__ = [
     "TURN_RAD",

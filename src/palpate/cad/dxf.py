@@ -8,15 +8,15 @@ from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.base.errors import InputError
+from palpate.base.files import check_file
+from palpate.base.files.limits import CAD_BYTES
+from palpate.base.optional_imports import needed, readable
 from palpate.cad.dxf_walk import Walk
 from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
-from palpate.cad.optional_imports import needed, readable
 from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ring_nesting import parts
 from palpate.cad.values import DrawingFile
-from palpate.errors import InputError
-from palpate.files import check_file
-from palpate.files.limits import CAD_BYTES
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.cad.curves import Arc, Curve, bulge, hull, line, mapped, spline
 from palpate.cad.loop_assembly import JOIN_MM
-from palpate.geometry import Floats
 
 if TYPE_CHECKING:
     from ezdxf.entities.arc import Arc as DxfArc

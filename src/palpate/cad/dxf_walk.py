@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.files.limits import DRAWN_PIECES, NESTING
 from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, BlockTransform, NotFlatError, curves
 from palpate.cad.loop_assembly import Stroke
-from palpate.errors import InputError
-from palpate.files.limits import DRAWN_PIECES, NESTING
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document

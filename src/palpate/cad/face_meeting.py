@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.surface import TriangleSurface
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Meetings", "folded_edges", "meetings"]
 

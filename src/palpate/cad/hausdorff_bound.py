@@ -17,9 +17,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.resting_surface import RestingSurface
 from palpate.cad.simplify import turned
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = [
     "FacetPieces",

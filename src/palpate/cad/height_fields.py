@@ -11,9 +11,9 @@ import itertools
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.connectivity import component_of
 from palpate.cad.surface import TriangleSurface
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["height_fields"]
 

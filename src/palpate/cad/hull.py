@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.values import Solid
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["Hull", "centre_of_mass", "hull_of"]
 

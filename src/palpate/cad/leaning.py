@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.stable import LeftOut, rotations_onto
 from palpate.cad.values import Solid, StableState
-from palpate.geometry import Floats
 
 __all__ = ["settled", "upright"]
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.connectivity import component_of
 from palpate.cad.curves import Curve, hull, joined_chords
 from palpate.cad.part_size import MAX_SIZE_MM
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["JOIN_MM", "Loop", "Sheet", "Stroke", "closed_loops"]
 

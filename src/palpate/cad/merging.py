@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.congruence_search import Motion, motions
 from palpate.cad.hull import centre_of_mass
@@ -24,7 +25,6 @@ from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.symmetries import KnownSymmetries
 from palpate.cad.values import Solid, StableState
-from palpate.geometry import Floats
 
 __all__ = ["MergedState", "SlicesOf", "merge_states"]
 

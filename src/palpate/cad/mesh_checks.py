@@ -7,14 +7,14 @@ repaired.
 import numpy as np
 from scipy.spatial import cKDTree
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.bodies import bodies
 from palpate.cad.connectivity import component_of
 from palpate.cad.part_size import MIN_SIZE_MM, size_problem
 from palpate.cad.self_crossing import ENOUGH, crossings
 from palpate.cad.surface import TriangleSurface, edge_keys, rounding, surface_of
 from palpate.cad.values import Solid
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["check_solids"]
 

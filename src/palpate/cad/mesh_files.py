@@ -13,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.files import read_bytes
+from palpate.base.files.limits import CAD_BYTES, MEMBERS
+from palpate.base.files.opening import size_in_words
+from palpate.base.geometry import Floats, Ints
+from palpate.base.optional_imports import needed
 from palpate.cad.mesh_checks import check_solids
 from palpate.cad.obj_polygons import with_triangles
-from palpate.cad.optional_imports import needed
 from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
 from palpate.cad.values import Solid
-from palpate.errors import InputError
-from palpate.files import read_bytes
-from palpate.files.limits import CAD_BYTES, MEMBERS
-from palpate.files.opening import size_in_words
-from palpate.geometry import Floats, Ints
 
 __all__ = ["MESH_SUFFIXES", "read_mesh_file"]
 

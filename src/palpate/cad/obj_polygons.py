@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 __all__ = ["with_triangles"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 
 __all__ = ["OutlineTree", "distance_to_edges", "furthest_mm"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["GIVE_NO_UNITS", "MAX_SIZE_MM", "MIN_SIZE_MM", "UNIT_MM", "size_problem"]
 

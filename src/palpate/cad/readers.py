@@ -7,13 +7,13 @@ The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_
 from collections.abc import Sequence
 from pathlib import Path
 
+from palpate.base.errors import InputError
+from palpate.base.files import check_file
+from palpate.base.files.limits import CAD_BYTES, FACETS, PARTS
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
 from palpate.cad.part_size import UNIT_MM
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
 from palpate.cad.values import DrawingFile, Solid
-from palpate.errors import InputError
-from palpate.files import check_file
-from palpate.files.limits import CAD_BYTES, FACETS, PARTS
 
 __all__ = ["SUFFIXES", "is_drawing", "read_drawings", "read_solids", "simpler"]
 

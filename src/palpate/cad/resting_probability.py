@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.hull import Hull
-from palpate.geometry import Floats, Ints
 
 __all__ = ["margins_mm", "resting_probability", "solid_angles"]
 

@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.values import Solid, StableState
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["HEIGHT_MM", "ROUNDING", "RestingSurface", "surface_of"]
 

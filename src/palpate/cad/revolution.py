@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.as_drawn import volume_mm3
 from palpate.cad.congruence import surfaces_apart_mm
 from palpate.cad.hull import centre_of_mass
@@ -29,7 +30,6 @@ from palpate.cad.rotational_symmetry import (
 from palpate.cad.slicing import slice_surface
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import RotationalSymmetry, Solid, StableState
-from palpate.geometry import Floats, Ints
 
 __all__ = ["as_revolved"]
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.loop_assembly import Loop, Sheet
 from palpate.cad.part_size import size_problem
 from palpate.cad.values import Drawing, Region
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["parts"]
 

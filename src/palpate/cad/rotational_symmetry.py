@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.congruence import surface_apart_between_mm, surface_apart_mm
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import RotationalSymmetry, Solid
-from palpate.geometry import Floats, Ints
 
 __all__ = [
     "axis_directions",

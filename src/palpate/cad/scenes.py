@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.files.limits import FACETS
-from palpate.geometry import Floats, Ints
+from palpate.base.errors import InputError
+from palpate.base.files.limits import FACETS
+from palpate.base.geometry import Floats, Ints
 
 __all__ = ["ScenePart", "distinct_shapes", "triangles"]
 

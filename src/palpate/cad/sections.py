@@ -15,14 +15,14 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.hausdorff_bound import OutlineEdges, corners_of, distance_bound, facets_of, outline_of
 from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, RestingSurface, surface_of
 from palpate.cad.simplify import simplify_ring
 from palpate.cad.slicing import SectionRing, regions_of, slice_surface
 from palpate.cad.thin_features import material_bound_mm
 from palpate.cad.values import CrossSection, Region, Solid, StableState
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["sections_of"]
 

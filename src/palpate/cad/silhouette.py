@@ -3,8 +3,8 @@
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.cad.values import Solid, StableState
-from palpate.geometry import Floats
 
 __all__ = ["silhouette"]
 

@@ -8,7 +8,7 @@ because its riser cannot pass for the wall.
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 __all__ = ["simplify_ring", "turned"]
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.resting_surface import RestingSurface
 from palpate.cad.values import Region
-from palpate.errors import InputError
-from palpate.geometry import Floats, Ints
 
 __all__ = ["SectionRing", "area_of", "regions_of", "slice_surface"]
 

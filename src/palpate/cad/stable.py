@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from palpate.base.geometry import Floats, Ints
 from palpate.cad.hull import Hull, centre_of_mass, hull_of
 from palpate.cad.resting_probability import margins_mm, resting_probability
 from palpate.cad.values import Solid, StableState
-from palpate.geometry import Floats, Ints
 
 __all__ = ["LEAST_TIPPING_RAD", "LeftOut", "rotations_onto", "stable_states"]
 

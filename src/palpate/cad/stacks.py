@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.cad.outline_distance import OutlineTree
-from palpate.geometry import Floats
 
 __all__ = ["STEINER", "Stack", "could_match", "round_bound_mm", "stack_of"]
 

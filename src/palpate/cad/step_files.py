@@ -10,15 +10,15 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from palpate.base.errors import InputError
+from palpate.base.files import confined, read_bytes
+from palpate.base.files.limits import CAD_BYTES
+from palpate.base.optional_imports import needed
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.optional_imports import needed
 from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.scenes import distinct_shapes
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
-from palpate.errors import InputError
-from palpate.files import confined, read_bytes
-from palpate.files.limits import CAD_BYTES
 
 __all__ = ["STEP_SUFFIXES", "read_step"]
 

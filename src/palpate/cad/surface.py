@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 __all__ = ["TriangleSurface", "edge_keys", "rounding", "surface_of"]
 

@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.values import Solid
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["SurfaceDistance"]
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.optional_imports import needed, readable
 from palpate.cad.curves import Arc, Curve, line, mapped
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
-from palpate.cad.optional_imports import needed, readable
 from palpate.cad.ring_nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parse_svg
 from palpate.cad.svg_rest import no_outlines
 from palpate.cad.values import DrawingFile
-from palpate.errors import InputError
 
 __all__ = ["read_svg"]
 

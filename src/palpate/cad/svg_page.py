@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+from palpate.base.errors import InputError
+from palpate.base.files import read_bytes
+from palpate.base.files.limits import CAD_BYTES
 from palpate.cad.part_size import UNIT_MM
 from palpate.cad.svg_unfolded import check_unfolded
-from palpate.errors import InputError
-from palpate.files import read_bytes
-from palpate.files.limits import CAD_BYTES
 
 __all__ = ["Page", "bare_svg", "page", "parse_svg"]
 

@@ -8,8 +8,8 @@ import re
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from palpate.errors import InputError
-from palpate.files.limits import DRAWN_NUMBERS, DRAWN_PIECES, NESTING
+from palpate.base.errors import InputError
+from palpate.base.files.limits import DRAWN_NUMBERS, DRAWN_PIECES, NESTING
 
 __all__ = ["check_unfolded"]
 

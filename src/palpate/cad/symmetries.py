@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.geometry import Floats
 
 __all__ = ["KnownSymmetries", "SolidSymmetry"]
 

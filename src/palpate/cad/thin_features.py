@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.cad.hausdorff_bound import clip_facets
 from palpate.cad.resting_surface import HEIGHT_MM, RestingSurface
 from palpate.cad.values import Region
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["material_bound_mm"]
 

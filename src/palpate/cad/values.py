@@ -6,7 +6,7 @@ file → `DrawingFile` with `Drawing`s (outlines that are the same at every heig
 
 from dataclasses import dataclass
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 
 __all__ = ["CrossSection", "Drawing", "DrawingFile", "Region", "RotationalSymmetry", "Solid", "StableState"]
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.calibration.backlash import combine_backlash, estimate_backlash
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import nominal_models, slide_in_contact, zero_in_file_mm
@@ -35,7 +36,6 @@ from palpate.config.calibration_finger import (
     ArmActuatorsCalibration,
     StopsCalibration,
 )
-from palpate.errors import InputError
 
 __all__ = ["measure_actuators"]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri, ndtri
 
+from palpate.base.geometry import Floats, Ints
 from palpate.config import CalibrationFile
 from palpate.config.calibration_finger import ArmPlaceCalibration, FingerCalibration
 from palpate.drivers.finger import TICK_RAD
-from palpate.geometry import Floats, Ints
 
 __all__ = [
     "FALSE_ALARMS",

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Backlash", "combine_backlash", "estimate_backlash"]
 

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools
 from palpate.calibration.finger_fit import (
     Fit,
     ReferencePlacement,
@@ -18,8 +20,6 @@ from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
 from palpate.calibration.gauge_freedom import align_to_nominal, fitted_poses, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import FingerConfig
-from palpate.errors import InputError
-from palpate.geometry import Bools
 
 __all__ = ["check_fit", "check_still", "estimate_growth"]
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches, predict_residuals
 from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.prober import ApproachTable, Probe, ServoPath
-from palpate.geometry import Bools, Floats
 
 __all__ = ["PredictedTouches", "choose_touches", "predict_touches", "probes_towards"]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import rotation_matrix
 from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
 from palpate.calibration.reference import Reference
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import rotation_matrix
 
 __all__ = ["Fit", "ReferencePlacement", "Touches", "fit_fingers", "predict_residuals"]
 

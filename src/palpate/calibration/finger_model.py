@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.calibration.backlash import Backlash
 from palpate.calibration.fitted_kinematics import ArmModel, FingerModel, SlideModel, of_one_width
 from palpate.calibration.homing import StopStalls, line_through_stops
 from palpate.config import ArmFingerConfig, FingerConfig, JointConfig, SlideCalibration, SlideFingerConfig
 from palpate.config.calibration_finger import Actuators, ActuatorsCalibration
-from palpate.geometry import Floats
 
 __all__ = [
     "SlideInContact",

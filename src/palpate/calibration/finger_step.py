@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.calibration.consistency import check_fit, check_still
 from palpate.calibration.experiment_design import choose_touches
 from palpate.calibration.finger_fit import (
@@ -27,7 +28,6 @@ from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import locate_reference, touch_arrays
 from palpate.calibration.touch_load import touch_loads
 from palpate.config import FingerConfig
-from palpate.geometry import Bools, Floats
 
 __all__ = ["fit_touches", "hold_out", "plan_placements", "touch_placing"]
 

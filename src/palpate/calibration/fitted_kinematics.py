@@ -12,8 +12,8 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.finger import TICK_RAD
-from palpate.geometry import Floats
 
 __all__ = ["AIM_PLAY", "BASE", "ELBOW_PLAY", "ELBOW_ZERO", "FORE", "HEADING", "RADIUS", "SCALE"]
 __all__ += ["SHOULDER_PLAY", "UPPER", "ZERO"]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri, ndtri
 
+from palpate.base.geometry import Bools, Floats
 from palpate.calibration.finger_fit import Fit, Touches
 from palpate.calibration.finger_model import zero_in_file_mm
 from palpate.calibration.fitted_kinematics import (
@@ -56,7 +57,6 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
 )
 from palpate.drivers.finger import TICK_RAD
-from palpate.geometry import Bools, Floats
 
 __all__ = [
     "ARM_PLACE",

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools
 from palpate.calibration.measurements import FREE, PressMeasurement
-from palpate.errors import InputError
-from palpate.geometry import Bools
 
 __all__ = ["Friction", "estimate_friction"]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.config import FingerConfig
-from palpate.geometry import Floats
 
 __all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "align_to_nominal", "fitted_poses", "nominal_poses"]
 

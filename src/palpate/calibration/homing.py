@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.calibration.backlash import Backlash
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 __all__ = ["Homing", "StopStalls", "fit_homing", "line_through_stops"]
 

@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.tactile.baseline import SIGMAS
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats
 
 __all__ = ["COVERAGE_SIGMAS", "LEAST_FRAMES", "IdleFit", "analyse_idle", "least_contact_force_n"]
 

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.calibration.finger_model import certain_models
 from palpate.calibration.fitted_kinematics import (
     AIM_PLAY,
@@ -19,7 +20,6 @@ from palpate.calibration.fitted_kinematics import (
 from palpate.calibration.frame_alignment import ARM_PLACE, PLACE
 from palpate.config import FingerConfig
 from palpate.config.calibration_finger import ActuatorsCalibration, ArmActuatorsCalibration, FingerCalibration
-from palpate.geometry import Floats
 
 __all__ = ["KnownFingers"]
 

@@ -7,7 +7,7 @@ A `prober.Prober` makes them; the estimators are pure functions of them. Servo a
 import math
 from dataclasses import dataclass
 
-from palpate.geometry import Counts, Floats, Ints
+from palpate.base.geometry import Counts, Floats, Ints
 
 __all__ = ["FREE", "IN", "OUT", "IdleMeasurement", "PressMeasurement", "StopMeasurement", "TouchMeasurement"]
 

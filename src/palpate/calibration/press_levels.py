@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.calibration.measurements import FREE, IN, PressMeasurement
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["LEVELS", "PressAtBearing", "PressLevels", "average_levels", "informative_presses"]
 

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
 from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.tactile.messages import Description
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["PressFit", "fit_presses"]
 

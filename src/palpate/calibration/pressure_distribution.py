@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Floats
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
 
 __all__ = ["PressureDistribution", "dent_and_bearing", "distribute_pressure"]
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.geometry import Floats, Ints
 from palpate.calibration.measurements import (
     IdleMeasurement,
     PressMeasurement,
@@ -14,7 +15,6 @@ from palpate.calibration.measurements import (
     TouchMeasurement,
 )
 from palpate.calibration.reference import Reference
-from palpate.geometry import Floats, Ints
 
 __all__ = ["ApproachTable", "Probe", "Prober", "ServoPath"]
 

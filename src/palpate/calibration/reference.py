@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats
-from palpate.geometry.plane import rotation_matrix
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import rotation_matrix
 
 __all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.calibration.experiment_design import PredictedTouches, predict_touches, probes_towards
 from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches, fit_fingers
 from palpate.calibration.fitted_kinematics import FingerModel
@@ -13,8 +15,6 @@ from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.touch_load import touch_loads
 from palpate.config import ArmFingerConfig, FingerConfig
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 __all__ = ["LocatedReference", "locate_reference", "probes_at_bearing", "touch_arrays"]
 

@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import rotate
 from palpate.calibration.finger_fit import ReferencePlacement, Touches, predict_residuals
 from palpate.calibration.fitted_kinematics import FingerModel
 from palpate.calibration.known_fingers import KnownFingers
@@ -21,9 +24,6 @@ from palpate.calibration.reference_search import touch_arrays
 from palpate.calibration.touch_load import touch_loads
 from palpate.config import FingerConfig, StageConfig
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import rotate
 
 __all__ = ["CENTRE", "DISC", "PLAY", "StageFit", "StageTouches", "fit_stage", "stage_touches"]
 

@@ -13,6 +13,8 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
+from palpate.base.errors import InputError
+from palpate.base.geometry.plane import rotate
 from palpate.calibration.consistency import check_still
 from palpate.calibration.experiment_design import choose_touches, predict_touches
 from palpate.calibration.finger_fit import Fit, ReferencePlacement
@@ -33,8 +35,6 @@ from palpate.calibration.stage_fit import (
 from palpate.config import FingerConfig, RigFile, StageConfig
 from palpate.config.calibration_stage import StageCalibration
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import InputError
-from palpate.geometry.plane import rotate
 
 __all__ = ["calibrate_stage", "measure_stage", "place_disc"]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.calibration.measurements import StopMeasurement
 from palpate.config import Overshoot
-from palpate.errors import InputError
-from palpate.geometry import Floats
 
 __all__ = ["StopLatency", "fit_latency"]
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats
 from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit, least_contact_force_n
 from palpate.calibration.measurements import IN
 from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
@@ -19,8 +21,6 @@ from palpate.calibration.pressure_distribution import dent_and_bearing
 from palpate.config import ArmFingerConfig, FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats
 
 __all__ = ["fit_gains"]
 

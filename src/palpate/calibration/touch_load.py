@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import ArmFingerConfig, FingerConfig
-from palpate.geometry import Bools, Floats
-from palpate.geometry.plane import wrap_angle
 
 __all__ = ["TouchLoads", "touch_loads"]
 

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.errors import InputError
 from palpate.cli.options import ObjectsOption, RigOption, SceneOption, SeedOption
-from palpate.errors import InputError
 
 __all__ = ["emulate"]
 
@@ -42,10 +42,10 @@ def emulate(
     ] = None,
 ) -> None:
     """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import rig_files, scene_files
     from palpate.config import shipped_rig
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.rig import open_rig
 
     if pty and tcp_port is not None:
         raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")

@@ -27,12 +27,12 @@ def export(
 
     MCAP and bags need the extra `export`.
     """
+    from palpate.base.errors import InputError, counted
+    from palpate.base.files.writing import check_different
     from palpate.cli.output_places import session_files
     from palpate.cli.terminal import Terminal
     from palpate.config.export_result import ExportedOut, ExportOut
     from palpate.config.results import to_json
-    from palpate.errors import InputError, counted
-    from palpate.files.writing import check_different
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session
     from palpate.rig.session.samples import open_samples

@@ -6,9 +6,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.status import Status
 
-from palpate.api.answers import Answer
+from palpate.base.errors import counted
 from palpate.cli.time_left import TimeLeft
-from palpate.errors import counted
+from palpate.jobs.answers import Answer
 from palpate.recognizer import Recognition
 from palpate.rig.identification.observers import (
     Event,

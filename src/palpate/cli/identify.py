@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary import SESSIONS_FOLDER, IdentificationVerdict, Strategy
 from palpate.cli.options import (
     VIEW_PORT,
     JsonOption,
@@ -18,8 +20,6 @@ from palpate.cli.options import (
     ViewOption,
     ViewPortOption,
 )
-from palpate.errors import PalpateError
-from palpate.vocabulary import SESSIONS_FOLDER, IdentificationVerdict, Strategy
 
 __all__ = ["identify"]
 
@@ -40,12 +40,12 @@ def identify(
     view_port: ViewPortOption = VIEW_PORT,
 ) -> int:
     """Touch what lies on the table until it is known which object it is and where."""
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.identification_progress import Progress, answer_lines
     from palpate.cli.output_places import rig_files, scene_files
     from palpate.cli.terminal import Terminal, print_notices
     from palpate.cli.view_process import view_starter
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     read = {**rig_files(rig), "--objects": objects, **scene_files(scene)}

@@ -20,7 +20,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.api.warning import RigWarning
+from palpate.base.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.cli.commissioning.calibrate import calibrate
 from palpate.cli.commissioning.home import home
 from palpate.cli.commissioning.init import init
@@ -47,7 +47,7 @@ from palpate.cli.sessions import info, list_sessions, prune
 from palpate.cli.study import study
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view
-from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
+from palpate.jobs.warning import RigWarning
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]

@@ -29,13 +29,13 @@ def check_objects(
 
     Exit code 1: some pair can never be distinguished. Pairs for which that is open: 0.
     """
-    from palpate.api import catalogue
-    from palpate.api.files import load_objects
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.config.results import to_json
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs import catalogue
+    from palpate.jobs.files import load_objects
+    from palpate.jobs.rig import open_rig
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.catalogue.check_text import check_lines
     from palpate.views.report.catalogue import catalogue_report

@@ -20,9 +20,9 @@ def remove(
 
     An imported object comes back with the next import of its folder, unless its CAD file is moved away.
     """
+    from palpate.base.errors import counted
     from palpate.cli.objects_file import load_for_edit, write_edited
     from palpate.config.objects_edits import remove_objects
-    from palpate.errors import counted
 
     before = load_for_edit(file)
     after = remove_objects(before, names, str(file))
@@ -56,9 +56,9 @@ def merge(
     ],
 ) -> None:
     """Merge objects files into a new one. Two different objects of one name are refused."""
+    from palpate.base.errors import InputError, counted
     from palpate.cli.objects_file import load_for_edit, write_edited
     from palpate.config.objects_edits import merge_objects
-    from palpate.errors import InputError, counted
 
     if out.exists():
         raise InputError(f"{out} is there already; choose another with --out")

@@ -7,11 +7,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from palpate.api.files import load_rig
+from palpate.base.errors import InputError
+from palpate.base.files.writing import write_text
 from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
 from palpate.config.objects_tables import ObjectsFileText, objects_json
-from palpate.errors import InputError
-from palpate.files.writing import write_text
+from palpate.jobs.files import load_rig
 from palpate.rig.catalogue.cad_import import ImportOptions
 from palpate.rig.catalogue.objects_text import Height
 

@@ -120,12 +120,12 @@ def import_objects(
     """
     import time
 
+    from palpate.base.files.writing import check_places
     from palpate.cli.objects_file import ObjectsTarget, check_options, listed, load_target, wanted_heights
     from palpate.cli.output_places import rig_files, several_files
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
     from palpate.config.results import to_json
-    from palpate.files.writing import check_places
     from palpate.rig.catalogue.cad_import import ImportOptions
     from palpate.rig.catalogue.folder_import import files_in, import_files
     from palpate.views.import_table import files_out, show, show_files

@@ -30,13 +30,13 @@ def show_objects(
 
     Says which states the rig's fingers would not tell apart; `objects check` says what would.
     """
-    from palpate.api.catalogue import list_objects
-    from palpate.api.files import load_objects
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.results import to_json
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.catalogue import list_objects
+    from palpate.jobs.files import load_objects
+    from palpate.jobs.rig import open_rig
     from palpate.views.catalogue.listing import print_listing
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(file)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.vocabulary import Strategy
+from palpate.base.vocabulary import Strategy
 
 __all__ = [
     "VIEW_PORT",

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.vocabulary import RecognitionVerdict, Strategy
 from palpate.cli.options import (
     ContactsOption,
     JsonOption,
@@ -13,7 +14,6 @@ from palpate.cli.options import (
     RigOption,
     StrategyOption,
 )
-from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = ["plan"]
 
@@ -32,11 +32,11 @@ def plan(
 
     Exit code 1: nothing fits, or nothing within reach tells apart what does.
     """
-    from palpate.api.files import load_objects, name_of
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.files import load_objects, name_of
+    from palpate.jobs.rig import open_rig
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.explanation import explain, explanation_lines
     from palpate.views.plan_table import print_plan

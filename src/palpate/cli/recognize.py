@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET, RecognitionVerdict
 from palpate.cli.options import ContactsOption, JsonOption, PictureOption
-from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET, RecognitionVerdict
 
 __all__ = ["recognize"]
 
@@ -31,9 +31,9 @@ def recognize(
     ] = False,
 ) -> int:
     """Say which objects, states and configurations agree with a file of contacts."""
-    from palpate.api.recognition import recognise
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.recognition import recognise
     from palpate.recognizer.memo_statistics import memo_counts
     from palpate.views.recognition_text import recognition_lines
 

@@ -17,8 +17,8 @@ def replay(
     """
     from importlib.metadata import version
 
-    from palpate.api.session import open_session
     from palpate.config.results import to_json
+    from palpate.jobs.session import open_session
     from palpate.views.replay_text import replay_lines, replay_out
 
     recorded = open_session(session)

@@ -21,8 +21,8 @@ def report(
 
     Verdict and bounds, each grip's picture, why each rival fell, timing, devices, calibration, settings.
     """
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import session_files
-    from palpate.files.writing import check_places, write_text
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session
     from palpate.rig.session.samples import open_samples

@@ -21,9 +21,9 @@ def schema(
     A rig file whose first line is `#:schema ./rig.schema.json` is checked and completed by editors that know
     TOML, after `palpate schema rig --out rig.schema.json` beside it.
     """
+    from palpate.base.errors import InputError
+    from palpate.base.files.writing import check_place, write_text
     from palpate.config.schema import FORMATS, schema_text
-    from palpate.errors import InputError
-    from palpate.files.writing import check_place, write_text
 
     if name is None:
         if out is not None:

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.vocabulary import SESSIONS_FOLDER
 from palpate.cli.options import JsonOption, SessionArgument
-from palpate.vocabulary import SESSIONS_FOLDER
 
 __all__ = ["info", "list_sessions", "prune"]
 
@@ -72,7 +72,7 @@ def prune(
     """
     from datetime import UTC, datetime, timedelta
 
-    from palpate.errors import InputError, counted
+    from palpate.base.errors import InputError, counted
     from palpate.rig.session.pruning import remove_sessions, to_prune
     from palpate.rig.session.summary import find_sessions
     from palpate.views.sessions_text import size_words
@@ -94,7 +94,7 @@ def prune(
 
 
 def _existing(folder: Path) -> Path:
-    from palpate.errors import InputError
+    from palpate.base.errors import InputError
 
     if not folder.is_dir():
         usual = "; runs make it where they are started" if folder == _FOLDER else ""

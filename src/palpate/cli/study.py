@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.errors import printable
+from palpate.base.vocabulary import PartMotion, Strategy
 from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsOption, RigOption, StrategyOption
-from palpate.errors import printable
-from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
 
@@ -67,13 +67,13 @@ def study(
     Touches are simulated within the rig's bounds, and what fingers push moves, if the rig file says how. Also
     what each error costs, and at which heights fingers should be. Exit code 1: an answer was wrong.
     """
-    from palpate.api.files import load_objects
-    from palpate.api.rig import open_rig
-    from palpate.api.study import study as studied
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.config.results import to_json
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.files import load_objects
+    from palpate.jobs.rig import open_rig
+    from palpate.jobs.study import study as studied
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.report.study import study_report
     from palpate.views.study_text import study_lines

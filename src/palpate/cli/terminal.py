@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.segment import Segment
 from rich.status import Status
 
+from palpate.base.errors import InputError, printable
 from palpate.cli.time_left import TimeLeft
-from palpate.errors import InputError, printable
 
 __all__ = ["Doing", "Terminal", "can_ask", "check_can_ask", "print_notices"]
 

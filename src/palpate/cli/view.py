@@ -28,8 +28,8 @@ def view(
     A recorded session has a slider; one that is being recorded is followed. The page is served on this
     computer only. Needs the extra `view`.
     """
+    from palpate.base.errors import InputError
     from palpate.config import load_rig
-    from palpate.errors import InputError
     from palpate.rig.session.log_file import session_of
     from palpate.views.live.feed import SessionFeed
     from palpate.views.live.server import LiveView, serve
@@ -92,7 +92,7 @@ def _stopper(lifetime: _Lifetime, rig: "RigFile") -> Callable[[], Mapping[str, o
 
 
 def _stopped(lifetime: _Lifetime, rig: "RigFile") -> Mapping[str, object]:
-    from palpate.errors import PalpateError
+    from palpate.base.errors import PalpateError
     from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
     from palpate.rig.diagnostics.emergency_stop import stop_all
 

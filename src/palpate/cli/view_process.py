@@ -9,8 +9,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from palpate.cad.optional_imports import MissingPackageError, install_command
-from palpate.errors import InputError
+from palpate.base.errors import InputError
+from palpate.base.optional_imports import MissingPackageError, install_command
 
 __all__ = ["view_starter"]
 

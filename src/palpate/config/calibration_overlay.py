@@ -8,6 +8,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
+from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
@@ -23,7 +24,6 @@ from palpate.config.fields import FileModel
 from palpate.config.rig_file import RigFile
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TaxelsConfig
 from palpate.config.rig_servos import StageConfig
-from palpate.errors import InputError
 
 __all__ = ["apply_calibration", "check_calibration", "geometry_sha256"]
 

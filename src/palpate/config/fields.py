@@ -9,10 +9,10 @@ from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from palpate.base.errors import InputError
+from palpate.base.extensions import load
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config.problems import problem, shown
-from palpate.errors import InputError
-from palpate.extensions import load
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "Bounded",

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from palpate.base.vocabulary import RecognitionVerdict, Strategy
 from palpate.config.results import BoundsOut, ConfigurationOut, Interval, Out, Rounded
-from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = ["ApproachOut", "AssumptionsOut", "GripOut", "PossibleOut", "PredictionOut"]
 

@@ -3,8 +3,8 @@
 from enum import StrEnum
 from typing import Literal
 
+from palpate.base.vocabulary import IdentificationVerdict, PushResponse, Strategy
 from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
-from palpate.vocabulary import IdentificationVerdict, PushResponse, Strategy
 
 __all__ = [
     "AlternativeOut",

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import shapely
 
+from palpate.base.errors import counted
+from palpate.base.geometry import Bools, Floats
 from palpate.config.objects_rings import CircleText, Outline
 from palpate.config.objects_tables import ObjectsFileText, ObjectText
 from palpate.config.outlines import MIN_EDGE_MM
-from palpate.errors import counted
-from palpate.geometry import Bools, Floats
 
 __all__ = ["without_idle_points"]
 

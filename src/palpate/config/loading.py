@@ -16,11 +16,11 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from palpate.base.errors import InputError
+from palpate.base.files import read_bytes
+from palpate.base.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
 from palpate.config.mistaken_files import mistaken_for
 from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
-from palpate.errors import InputError
-from palpate.files import read_bytes
-from palpate.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
 
 __all__ = ["Content", "Source", "load_json", "load_toml", "read_json", "source_name"]
 

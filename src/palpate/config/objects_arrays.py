@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Circle, Curve, Floats, ObjectModel, Polygon, Section, State
+from palpate.base.geometry import Circle, Curve, Floats, ObjectModel, Polygon, Section, State
 
 __all__ = ["arrays_of_objects", "objects_of_arrays"]
 

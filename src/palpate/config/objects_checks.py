@@ -8,12 +8,12 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 
+from palpate.base.files.limits import OUTLINES
+from palpate.base.geometry import Floats
 from palpate.config.model_places import Place
 from palpate.config.objects_rings import Outline, curve_of, facets_for, flat_curve, stray_for_mm
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
-from palpate.files.limits import OUTLINES
-from palpate.geometry import Floats
 
 __all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
 

@@ -7,9 +7,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from palpate.base.errors import InputError
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, RefusedText, SourceText
 from palpate.config.problems import nearest
-from palpate.errors import InputError
 
 __all__ = ["merge_objects", "remove_objects", "rename_object"]
 

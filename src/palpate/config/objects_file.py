@@ -18,6 +18,11 @@ from typing import TypeGuard
 import numpy as np
 import pydantic
 
+from palpate.base.files import confined
+from palpate.base.files.cache import user_cache
+from palpate.base.files.code_digest import code_digest
+from palpate.base.files.limits import UNCONFINED_BYTES
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.config.idle_points import without_idle_points
 from palpate.config.loading import Source, load_json, read_json, source_name
 from palpate.config.objects_arrays import arrays_of_objects, objects_of_arrays
@@ -25,11 +30,6 @@ from palpate.config.objects_checks import NOUNS, objects_problems
 from palpate.config.objects_rings import curve_of, facets_for, flat_curve, stray_for_mm
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, PolygonText, SectionText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
-from palpate.files import confined
-from palpate.files.cache import user_cache
-from palpate.files.code_digest import code_digest
-from palpate.files.limits import UNCONFINED_BYTES
-from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
 
 __all__ = [
     "FLAT",
@@ -86,7 +86,7 @@ def _loaded(source: Source) -> ObjectsFile:
 def _loaded_large(source: str | os.PathLike[str]) -> ObjectsFile:
     """What was kept of a file of the same content, or else what a process with limits reads of it."""
     content, cache = read_json(source), user_cache()
-    kind = f"objects-{code_digest('palpate.config', 'palpate.geometry')}-{_LIBRARY}"
+    kind = f"objects-{code_digest('palpate.config', 'palpate.base.geometry')}-{_LIBRARY}"
     key = hashlib.sha256(content.data).hexdigest()
     kept = cache.fetch(kind, key)
     if kept is not None:

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from palpate.base.vocabulary import PushResponse, TipShape
 from palpate.config.results import Interval, Out, Rounded
-from palpate.vocabulary import PushResponse, TipShape
 
 __all__ = [
     "ObjectsCheckOut",

@@ -6,10 +6,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
+from palpate.base.geometry import Circle, Curve, Floats
+from palpate.base.geometry.curves import FlatCurve, arcs_polygon, circle_facets, circle_polygon
 from palpate.config.fields import Coordinate, FileModel, Items, Point, Positive
 from palpate.config.model_places import TAG
-from palpate.geometry import Circle, Curve, Floats
-from palpate.geometry.curves import FlatCurve, arcs_polygon, circle_facets, circle_polygon
 
 __all__ = [
     "CircleText",

@@ -7,7 +7,7 @@ that say nothing are gone by then (`idle_points`); nothing else is repaired.
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["MIN_EDGE_MM", "outline_problem", "polygons_problem"]
 

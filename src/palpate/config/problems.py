@@ -13,9 +13,9 @@ from typing import cast
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
+from palpate.base.errors import InputError
 from palpate.config.model_places import Place, child, is_tag, keys_at, tags_at
 from palpate.config.validation_errors import all_errors
-from palpate.errors import InputError
 
 __all__ = [
     "Problem",

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
-from palpate.vocabulary import RecognitionVerdict
 
 __all__ = [
     "ExplanationOut",

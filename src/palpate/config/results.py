@@ -12,7 +12,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from palpate.vocabulary.short_repr import ShortRepr
+from palpate.base.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "DECIMALS",

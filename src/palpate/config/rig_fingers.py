@@ -18,12 +18,12 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
+from palpate.base.extensions import TACTILE_ARRAYS, broken
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
 from palpate.config.model_places import TAG
 from palpate.config.problems import problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
 from palpate.config.rig_tips import TipConfig
-from palpate.extensions import TACTILE_ARRAYS, broken
 
 __all__ = [
     "PALPATE_PROTOCOL",

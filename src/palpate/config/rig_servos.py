@@ -10,9 +10,9 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from palpate.base.extensions import SERVO_MODELS, available
 from palpate.config.fields import FileModel, Length, Number, Point, Text, in_order, plugin
 from palpate.config.problems import problem
-from palpate.extensions import SERVO_MODELS, available
 
 __all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig", "without_current"]
 

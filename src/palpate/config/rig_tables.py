@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 from palpate.config.emulated_adapter import AdapterConfig, Span
 from palpate.config.emulated_mechanics import MechanicsConfig
 from palpate.config.emulated_part import EmulatedPartConfig
@@ -17,7 +18,6 @@ from palpate.config.fields import Count, FileModel, Flag, Items, Length, Name, P
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
-from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 
 __all__ = [
     "BUS_BAUDRATES",

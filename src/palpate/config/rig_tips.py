@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
+from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.config.fields import FileModel, Length, Positive
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
-from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["TipConfig"]
 

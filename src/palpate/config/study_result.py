@@ -2,8 +2,8 @@
 
 from typing import Literal
 
+from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 from palpate.config.results import Interval, Out, Rounded
-from palpate.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 
 __all__ = [
     "AccuracyOut",

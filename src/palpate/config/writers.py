@@ -7,6 +7,8 @@ from typing import Any
 
 import tomlkit
 
+from palpate.base.errors import InputError
+from palpate.base.geometry.object_model import ObjectModel, Polygon, State
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactsFile
@@ -16,8 +18,6 @@ from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.config.references_file import ReferencesFile
 from palpate.config.rig_file import RigFile
 from palpate.config.scene_file import Scene
-from palpate.errors import InputError
-from palpate.geometry.object_model import ObjectModel, Polygon, State
 
 __all__ = ["file_text"]
 

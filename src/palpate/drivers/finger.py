@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["TICK_RAD", "Body", "FingerKinematics", "Line", "Servos", "Turn"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.finger import TICK_RAD, Body, Line, Servos
-from palpate.geometry.plane import wrap_angle
 
 __all__ = ["SlideKinematics"]
 

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.api.arguments import checked
+from palpate.base.errors import PalpateError, counted
+from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict
 from palpate.config import ObjectsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import AlternativeOut, IdentificationOut
 from palpate.config.results import BoundsOut, ConfigurationOut, to_json
-from palpate.errors import PalpateError, counted
+from palpate.jobs.arguments import checked
 from palpate.recognizer import Catalogue, Hypothesis, Recognition
 from palpate.recognizer.explanation import ObjectExplanation, explain_object
 from palpate.recognizer.memo_statistics import MemoCounts
@@ -29,7 +30,6 @@ from palpate.views.grip_result import grip_out
 from palpate.views.identification import identification_picture
 from palpate.views.plan_picture import plan_picture
 from palpate.views.recognition import recognition_out, recognition_picture
-from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict
 
 __all__ = ["Answer", "Plan", "RecognitionAnswer"]
 

@@ -8,9 +8,9 @@ from functools import cache, wraps
 from numbers import Real
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from palpate.base.errors import InputError
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config.references_file import ReferencesFile
-from palpate.errors import InputError
 
 __all__ = ["checked"]
 

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from palpate.api.arguments import checked
-from palpate.api.files import PathLike
+from palpate.base.errors import InputError
 from palpate.config.scan_result import ScanOut
 from palpate.config.stop_result import StopOut
 from palpate.drivers.dynamixel.bus_scan import ALL_IDS
-from palpate.errors import InputError
+from palpate.jobs.arguments import checked
+from palpate.jobs.files import PathLike
 from palpate.rig.diagnostics.bus_selection import find_endpoint
 from palpate.rig.diagnostics.emergency_stop import stop_all
 from palpate.rig.diagnostics.scan_check import scan_bus

@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from palpate.api.files import PathLike, load_references
-from palpate.api.view_log import view_log
+from palpate.base.errors import InputError, PalpateError
+from palpate.base.files.writing import check_place, write_text
 from palpate.config import (
     ArmFingerConfig,
     CalibrationFile,
@@ -19,8 +19,8 @@ from palpate.config import (
     load_calibration,
 )
 from palpate.config.references_file import ReferencesFile
-from palpate.errors import InputError, PalpateError
-from palpate.files.writing import check_place, write_text
+from palpate.jobs.files import PathLike, load_references
+from palpate.jobs.view_log import view_log
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench

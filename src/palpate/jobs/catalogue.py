@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from palpate.api.arguments import checked
-from palpate.api.files import PathLike
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut, StateListedOut
 from palpate.config.objects_tables import ObjectsFileText
+from palpate.jobs.arguments import checked
+from palpate.jobs.files import PathLike
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.finger_model import rig_fingers
 from palpate.rig.catalogue.section_stack import Range, StateSections, state_sections

@@ -4,15 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from palpate.api.calibration import SHIPPED_RIG, references_from
-from palpate.api.files import PathLike
+from palpate.base.errors import InputError, PalpateError
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.config import load_objects
 from palpate.config.check_result import CheckOut, HoldCheckOut
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.config.results import to_json
 from palpate.config.shipped import shipped_objects, shipped_rig
-from palpate.errors import InputError, PalpateError
+from palpate.jobs.calibration import SHIPPED_RIG, references_from
+from palpate.jobs.files import PathLike
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import connect, emulated_table, environment, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench

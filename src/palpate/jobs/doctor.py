@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from palpate.base.errors import InputError
 from palpate.config.doctor_result import DoctorOut, DoctorStepOut, FindingOut
 from palpate.config.results import to_json
-from palpate.errors import InputError
 from palpate.rig.bench import BenchRig, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig

@@ -4,8 +4,7 @@ import os
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from palpate.api.arguments import checked
-from palpate.api.warning import warning
+from palpate.base.files.writing import write_text
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
 from palpate.config import load_contacts as read_contacts
@@ -16,7 +15,8 @@ from palpate.config.references_file import ReferencesFile
 from palpate.config.references_file import load_references as read_references
 from palpate.config.shipped import shipped_objects, shipped_references, shipped_rig
 from palpate.config.writers import file_text
-from palpate.files.writing import write_text
+from palpate.jobs.arguments import checked
+from palpate.jobs.warning import warning
 
 __all__ = [
     "PathLike",

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from palpate.base.errors import InputError
 from palpate.config import SlideFingerConfig
-from palpate.errors import InputError
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.motion.homing import Home

@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.api.answers import Answer
+from palpate.base.errors import PalpateError
+from palpate.base.files.writing import write_text
+from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, Scene
 from palpate.config.results import to_json
 from palpate.config.writers import file_text
-from palpate.errors import PalpateError
-from palpate.files.writing import write_text
+from palpate.jobs.answers import Answer
 from palpate.rig.bench import BenchRig, environment, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.calibrated_rig import RigOnBench
@@ -36,7 +37,6 @@ from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_id
 from palpate.rig.session.signals import HeldInterrupts
 from palpate.rig.session.truth_event import EVENT
 from palpate.views.recognition import contacts_json
-from palpate.vocabulary import Strategy
 
 __all__ = ["identify_on"]
 

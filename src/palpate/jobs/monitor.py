@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.api.arguments import checked
+from palpate.base.errors import DeviceError
 from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
+from palpate.jobs.arguments import checked
 from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 
 __all__ = ["Monitor", "check_streaming"]

@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate import recognizer
-from palpate.api.answers import Plan, RecognitionAnswer
-from palpate.api.arguments import checked
-from palpate.api.files import PathLike, load_contacts, objects_from
+from palpate.base.errors import InputError, counted
+from palpate.base.vocabulary import DEFAULT_BUDGET, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
-from palpate.errors import InputError, counted
+from palpate.jobs.answers import Plan, RecognitionAnswer
+from palpate.jobs.arguments import checked
+from palpate.jobs.files import PathLike, load_contacts, objects_from
 from palpate.recognizer import Budget, Contact, Finger
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.identification.next_grip import plan_for
 from palpate.views.explanation import ContactRecord
-from palpate.vocabulary import DEFAULT_BUDGET, Strategy
 
 __all__ = ["Contacts", "plan", "recognise", "strategy_named"]
 

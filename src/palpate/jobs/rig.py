@@ -10,25 +10,26 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from palpate.api import recognition
-from palpate.api.answers import Answer, Plan
-from palpate.api.arguments import checked
-from palpate.api.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
-from palpate.api.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
-from palpate.api.doctor import DoctorAnswer, examine_rig
-from palpate.api.files import PathLike, name_of, objects_from, scene_from
-from palpate.api.homing import HomedSlide, check_homable, home_rig
-from palpate.api.identification import identify_on
-from palpate.api.monitor import Monitor, check_streaming
-from palpate.api.signals import unwinding_signals
-from palpate.api.view_log import view_log
-from palpate.api.warning import warning
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.config.references_file import ReferencesFile
 from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
 from palpate.drivers.emulators.tcp_port import LOOPBACK
 from palpate.drivers.transport.clock import Clock, MonotonicClock
-from palpate.errors import InputError
+from palpate.jobs import recognition
+from palpate.jobs.answers import Answer, Plan
+from palpate.jobs.arguments import checked
+from palpate.jobs.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
+from palpate.jobs.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
+from palpate.jobs.doctor import DoctorAnswer, examine_rig
+from palpate.jobs.files import PathLike, name_of, objects_from, scene_from
+from palpate.jobs.homing import HomedSlide, check_homable, home_rig
+from palpate.jobs.identification import identify_on
+from palpate.jobs.monitor import Monitor, check_streaming
+from palpate.jobs.signals import unwinding_signals
+from palpate.jobs.view_log import view_log
+from palpate.jobs.warning import warning
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.commissioning.calibration import STEPS
@@ -40,7 +41,6 @@ from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_
 from palpate.rig.monitor.paced_clock import paced
 from palpate.rig.motion.calibrated_devices import check_arrays
 from palpate.rig.motion.hand import Hand
-from palpate.vocabulary import Strategy
 
 __all__ = ["Rig", "open_rig"]
 

@@ -9,11 +9,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from palpate.api.arguments import checked
-from palpate.api.files import PathLike
-from palpate.api.monitor import Monitor
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import Strategy
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import InputError
+from palpate.jobs.arguments import checked
+from palpate.jobs.files import PathLike
+from palpate.jobs.monitor import Monitor
 from palpate.rig.bench import place
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of
@@ -25,7 +26,6 @@ from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.replay import Replayed, replay
 from palpate.rig.session.run import IdentificationJob
-from palpate.vocabulary import Strategy
 
 __all__ = ["Session", "open_session"]
 

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from palpate.api.arguments import checked
-from palpate.api.files import PathLike
-from palpate.api.recognition import strategy_named
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import (
     BestHeightsOut,
@@ -20,8 +20,9 @@ from palpate.config.study_result import (
     StudyOut,
     StudyRunOut,
 )
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel
+from palpate.jobs.arguments import checked
+from palpate.jobs.files import PathLike
+from palpate.jobs.recognition import strategy_named
 from palpate.rig.catalogue.best_heights import BestHeights, best_heights
 from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
 from palpate.rig.catalogue.heights import check_known
@@ -45,7 +46,6 @@ from palpate.rig.study.variations import (
     noise_budget,
     without_errors,
 )
-from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
 

@@ -22,12 +22,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from palpate.errors import InputError
-from palpate.geometry import Circle, Floats, Polygon, Section
+from palpate.base.errors import InputError
+from palpate.base.geometry import Circle, Floats, Polygon, Section
+from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.minkowski import OrientedRing, oriented_rings
-from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["MetByBall", "is_exact", "met_by_ball"]
 

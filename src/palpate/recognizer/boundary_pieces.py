@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.bounding_circles import ROUNDING_MM
 from palpate.recognizer.tables import Table
 

@@ -5,7 +5,7 @@ What is far from a circle is far from all that it goes round: the compiled kerne
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["BLOCK_ROWS", "ROUNDING_MM", "blocks", "circles_round"]

@@ -9,8 +9,8 @@ catalogue, and every interpretation that is left is looked at once.
 
 from dataclasses import dataclass
 
-from palpate.errors import InputError
-from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 
 __all__ = ["STANDARD_BUDGET", "Budget", "BudgetSpentError"]
 

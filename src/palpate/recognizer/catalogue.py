@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints, ObjectModel, State
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints, ObjectModel, State
 from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger

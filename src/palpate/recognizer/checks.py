@@ -8,8 +8,8 @@ import math
 import numpy as np
 import shapely
 
-from palpate.errors import InputError
-from palpate.geometry import Floats, ObjectModel, Polygon, Section
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section
 from palpate.recognizer.contact import LARGEST_MM
 
 __all__ = ["check_model"]

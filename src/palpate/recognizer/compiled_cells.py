@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.compiled_tree import placed_tip
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet

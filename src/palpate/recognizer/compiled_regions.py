@@ -5,7 +5,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.compiled_cells import contiguous
 from palpate.recognizer.compiled_verification import Evidence
 

@@ -4,7 +4,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 
 __all__ = ["clipped_polygons", "furthest_along_axes", "grouped", "shapes_of"]
 

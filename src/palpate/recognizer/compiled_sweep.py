@@ -6,7 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats
+from palpate.base.geometry import Bools, Floats
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.region import Cells

@@ -8,7 +8,7 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet

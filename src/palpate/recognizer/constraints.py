@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled_cells import FreePaths, Pairings, pairings_of

@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from palpate.errors import InputError
-from palpate.vocabulary import TipShape
-from palpate.vocabulary.short_repr import ShortRepr
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import TipShape
+from palpate.base.vocabulary.short_repr import ShortRepr
 
 __all__ = ["LARGEST_MM", "Contact", "Finger", "NormalRange"]
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.special import erf, ndtr
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer.outline_places import OutlinePlaces
 
 __all__ = ["Deviations", "Touchable", "agreement"]

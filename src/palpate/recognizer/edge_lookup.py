@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import rotation_matrix
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import rotation_matrix
+from palpate.base.geometry.segments import cross
 from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet

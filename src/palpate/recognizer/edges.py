@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Bools, Floats, Ints, State
+from palpate.base.geometry import Bools, Floats, Ints, State
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["NULL_EDGE", "ROUNDING_MM", "ROUNDING_RAD", "CatalogueState", "EdgeSet", "ring_order"]
 

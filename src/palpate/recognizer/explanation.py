@@ -11,8 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
@@ -27,7 +28,6 @@ from palpate.recognizer.tree import (
     narrow_by_two,
     pair_by_angle,
 )
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "ObjectExplanation",

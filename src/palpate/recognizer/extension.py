@@ -6,8 +6,8 @@ prunes harder than distances to the earlier contacts and costs the same however 
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import point_segment_distance
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import point_segment_distance
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL

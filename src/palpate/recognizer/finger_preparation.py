@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.geometry import Ints
+from palpate.base.geometry import Ints
 from palpate.recognizer.boundary_pieces import Pieces, Sides
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edge_sets import outline_set, pairing_set

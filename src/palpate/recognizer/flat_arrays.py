@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 __all__ = ["Arrays", "NamedArrays", "begins", "begins_of", "joined_begins"]
 

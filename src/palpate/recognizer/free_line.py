@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.true_boundary import TrueBoundary
 

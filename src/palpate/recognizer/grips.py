@@ -6,13 +6,13 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.measurement_model import Resolution, similarity, touch_outcomes
 from palpate.recognizer.poses import witness_poses
 from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "FREE_MARGIN_MM",

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_shapes import grouped
 from palpate.recognizer.tables import expand_ranges

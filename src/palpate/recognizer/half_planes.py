@@ -8,7 +8,7 @@ cos θ + B sin θ ≥ 0: one arc of θ.
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet

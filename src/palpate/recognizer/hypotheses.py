@@ -10,8 +10,9 @@ from typing import overload
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import cross
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
@@ -20,7 +21,6 @@ from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tight_bounds import enclosures
 from palpate.recognizer.witness_search import Regions
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
 

@@ -11,9 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import distance_range
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet

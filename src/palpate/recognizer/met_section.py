@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.geometry import Circle, Floats, Polygon, Section
+from palpate.base.geometry import Circle, Floats, Polygon, Section
 from palpate.recognizer.ball_section import met_by_ball
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState

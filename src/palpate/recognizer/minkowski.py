@@ -13,8 +13,8 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Floats, Ints, Section
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Floats, Ints, Section
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.offset_curves import BoundaryEdges, visible_parts
 from palpate.recognizer.offset_rings import faceted_rings
 from palpate.recognizer.tables import Table

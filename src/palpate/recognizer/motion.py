@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import LARGEST_MM, Contact, NormalRange
 

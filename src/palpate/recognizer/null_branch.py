@@ -10,7 +10,7 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact

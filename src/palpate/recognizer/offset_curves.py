@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import capsule_interval, point_segment_distance
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import capsule_interval, point_segment_distance
 from palpate.recognizer.tables import Table, expand_ranges
 
 __all__ = ["BoundaryEdges", "OffsetParts", "visible_parts"]

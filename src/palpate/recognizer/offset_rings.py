@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.offset_curves import BoundaryEdges, OffsetParts
 from palpate.recognizer.tables import Table, expand_ranges
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints, Polygon
-from palpate.geometry.plane import rotate
+from palpate.base.geometry import Floats, Ints, Polygon
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 
 __all__ = ["OutlinePlaces", "Span", "in_centred_frame", "places_on_outlines"]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays
 from palpate.recognizer.tables import expand_ranges

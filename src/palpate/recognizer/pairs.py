@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Bools, Floats, Ints, Singles
-from palpate.geometry.segments import cross, distance_range
+from palpate.base.geometry import Bools, Floats, Ints, Singles
+from palpate.base.geometry.segments import cross, distance_range
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet

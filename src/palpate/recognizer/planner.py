@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.grips import (
     Grip,
     PredictedApproach,

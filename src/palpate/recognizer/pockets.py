@@ -29,7 +29,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.tables import expand_ranges
 from palpate.recognizer.visibility import EdgePieces, blocked_directions, outline_rings

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.hypotheses import Bounds, Hypotheses
 from palpate.recognizer.region import Cells, corners
 from palpate.recognizer.tables import Table

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Circle, Floats, Ints, ObjectModel, Polygon, State
+from palpate.base.geometry import Circle, Floats, Ints, ObjectModel, Polygon, State
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.flat_arrays import Arrays, NamedArrays, begins, begins_of, joined_begins
 from palpate.recognizer.symmetry import Symmetry

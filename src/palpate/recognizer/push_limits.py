@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.measurement_model import TouchOutcomes
 from palpate.recognizer.poses import Poses
 from palpate.recognizer.rays import Approach

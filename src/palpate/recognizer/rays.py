@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells

@@ -12,8 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.errors import InputError
-from palpate.geometry import Floats
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
+from palpate.base.vocabulary import RecognitionVerdict
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
@@ -35,8 +37,6 @@ from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
 from palpate.recognizer.witness_candidates import find_witnesses
 from palpate.recognizer.witness_search import Regions, connected_regions
-from palpate.vocabulary import RecognitionVerdict
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["PossibleState", "Recognition", "anchor_of", "intervals_of", "recognise"]
 

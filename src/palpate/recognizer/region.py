@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_cells import Pairings, cut_polygons, divided, narrowed_parts, pairings_of

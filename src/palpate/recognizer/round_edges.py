@@ -17,7 +17,7 @@ import math
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Circle, Floats, Section
+from palpate.base.geometry import Bools, Circle, Floats, Section
 from palpate.recognizer.met_section import uncertain_circles, united_circles
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tip_clearance import clearance_tilts_rad

@@ -6,7 +6,7 @@ kernel rounds likewise.
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["to_nine_digits"]
 

@@ -9,9 +9,9 @@ enclosed in a strip).
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats, Ints
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import cross
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tables import expand_ranges
 

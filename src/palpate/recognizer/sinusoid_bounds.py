@@ -5,7 +5,7 @@ All that position constraints say of θ has this form, because positions in the 
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["clip_to_sinusoids", "sinusoid_maximum"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.deviations import Deviations, Touchable, agreement
 from palpate.recognizer.outline_places import OutlinePlaces, in_centred_frame, places_on_outlines

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.vocabulary import Strategy
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grips import (
     FingerApproach,
@@ -26,7 +27,6 @@ from palpate.recognizer.poses import Goals, sampled_poses
 from palpate.recognizer.push_limits import PushLimits
 from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.recognizer.recognition import Recognition
-from palpate.vocabulary import Strategy
 
 __all__ = ["already_used", "next_grip"]
 

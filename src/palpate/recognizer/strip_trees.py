@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import distance_range
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import distance_range
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.edges import EdgeSet, ring_order
 from palpate.recognizer.tables import Table

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import capsule_interval
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import capsule_interval
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Rays, near_edges, offset_from_rays
 from palpate.recognizer.strip_trees import StripForest

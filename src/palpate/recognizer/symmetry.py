@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Complexes, Floats, Ints, Polygon, Section, State
+from palpate.base.geometry import Complexes, Floats, Ints, Polygon, Section, State
 
 __all__ = ["Symmetry", "centroid", "rotational_symmetry", "symmetrised"]
 

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from palpate.geometry import Bools, Ints
+from palpate.base.geometry import Bools, Ints
 
 __all__ = ["Table", "expand_ranges"]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_tree import narrowed

@@ -10,8 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
-from palpate.geometry.plane import rotate
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.region import Cells, cut_cells, divide_longest, refine_intervals
 from palpate.recognizer.witness_polish import can_be_verified

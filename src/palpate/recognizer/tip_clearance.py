@@ -20,9 +20,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import cross
 from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["clearance_depths_mm", "clearance_tilts_rad", "worthwhile_tilt_rad"]

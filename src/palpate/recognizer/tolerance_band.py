@@ -24,8 +24,8 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Bools, Floats, Ints, Section
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Bools, Floats, Ints, Section
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.met_section import first_of_equal
 from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
 from palpate.recognizer.offset_rings import facet_turn

@@ -11,8 +11,8 @@ from types import ModuleType
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import distance_range
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import distance_range
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL

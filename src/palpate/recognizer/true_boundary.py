@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from palpate.geometry import Floats, Ints, Section
-from palpate.geometry.plane import wrap_angle
+from palpate.base.geometry import Floats, Ints, Section
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.boundary_pieces import Pieces, Sides
 from palpate.recognizer.bounding_circles import blocks, circles_round
 from palpate.recognizer.compiled import KERNEL

@@ -7,7 +7,7 @@ radius to another side of the section, and its middle tells which.
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.boundary_pieces import Pieces, Sides
 
 __all__ = ["uncovered"]

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import rotate
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_verification import evidence_of, judged, which_may_fit

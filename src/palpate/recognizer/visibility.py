@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import point_segment_distance
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.segments import point_segment_distance
 from palpate.recognizer.edges import EdgeSet, ring_order
 from palpate.recognizer.tables import Table
 

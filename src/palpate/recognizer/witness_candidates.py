@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.segments import cross
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.segments import cross
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_cells import SiftedArrays, sifted_intervals, sifted_parts
 from palpate.recognizer.constraints import Constraints

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_verification import polished, which_may_fit
 from palpate.recognizer.constraints import Constraints

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import rotate
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.compiled_regions import found_regions

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.guarded import ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
-from palpate.geometry import Floats
 from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Limits
 from palpate.rig.standby_geometry import LEAST_FORCE_TRANSMISSION, on_circle
 

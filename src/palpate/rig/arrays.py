@@ -7,6 +7,8 @@ from typing import Any, Generic, TypeVar, cast
 import numpy as np
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, InputError
+from palpate.base.extensions import TACTILE_ARRAYS, broken, load
 from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile, TipConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.emulators.array import EmulatedArray
@@ -18,8 +20,6 @@ from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, InputError
-from palpate.extensions import TACTILE_ARRAYS, broken, load
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.pads import has_pads
 

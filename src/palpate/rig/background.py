@@ -12,7 +12,7 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from palpate.errors import OutputError, PalpateError
+from palpate.base.errors import OutputError, PalpateError
 
 __all__ = ["CAPACITY", "Background", "BackgroundCall"]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import InputError
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, Scene
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.plugged_ports import FollowedPorts, SystemPlugs
 from palpate.drivers.transport.record import Recorder, Sink
-from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires

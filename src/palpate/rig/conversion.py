@@ -5,6 +5,8 @@ Degrees become radians here, and nowhere else.
 
 import math
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import TipShape
 from palpate.config import (
     ArmFingerConfig,
     ClosingConfig,
@@ -23,9 +25,7 @@ from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.errors import InputError
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
-from palpate.vocabulary import TipShape
 
 __all__ = [
     "SHEAR_SHARE",

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
 from palpate.config import RigFile
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel
 
 __all__ = ["has_pads", "refuse_pads", "refuse_parts_that_move"]
 

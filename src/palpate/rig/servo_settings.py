@@ -5,10 +5,10 @@ One place for runs, `setup-motors` and `check`: the numbers are those of the dri
 
 from dataclasses import dataclass
 
+from palpate.base.errors import InputError
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.errors import InputError
 from palpate.rig.drives import Limits
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, cast
 import numpy as np
 import pytest
 
+from palpate.base.errors import DeviceError
 from palpate.config import ArrayConfig
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
 from palpate.drivers.emulators.taxels import Taxels
@@ -21,7 +22,6 @@ from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
 from palpate.rig.arrays import ArrayPlugin, array_plugin
 
 __all__ = ["ArrayBench", "ArrayConformance"]

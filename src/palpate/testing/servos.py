@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import pytest
 
+from palpate.base.errors import InputError
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import ITEMS, OperatingMode
 from palpate.drivers.dynamixel.emanual_tables import Access
@@ -22,7 +23,6 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.errors import InputError
 
 __all__ = ["ServoBench", "ServoConformance"]
 

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config.identification_result import AlternativeOut, CalibrationUsedOut, IdentificationOut
 from palpate.config.results import UnfinishedOut
-from palpate.errors import counted
-from palpate.vocabulary import IdentificationVerdict
 
 __all__ = ["answer_lines", "picture_facts"]
 

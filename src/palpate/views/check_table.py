@@ -4,6 +4,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from palpate.base.errors import counted
 from palpate.config.check_result import (
     ArrayCheckOut,
     CalibrationCheckOut,
@@ -14,7 +15,6 @@ from palpate.config.check_result import (
     ServoCheckOut,
     TouchCheckOut,
 )
-from palpate.errors import counted
 from palpate.rig.diagnostics.hold_check import rounded_down
 from palpate.views.tables import folded, table
 

@@ -5,8 +5,8 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
+from palpate.base.errors import counted
 from palpate.config.doctor_result import DoctorOut, DoctorStepOut, FindingOut, Outcome, Severity
-from palpate.errors import counted
 
 __all__ = ["show"]
 

@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config.problems import nearest, shown
 from palpate.config.recognition_result import ExplanationOut, FeltOut, StepOut, WhyOut
-from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact
 from palpate.recognizer.explanation import (
     ObjectExplanation,
@@ -14,7 +15,6 @@ from palpate.recognizer.explanation import (
     suspected_contacts,
 )
 from palpate.views.recognition import hypothesis_out
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "ContactRecord",

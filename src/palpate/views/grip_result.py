@@ -2,11 +2,11 @@
 
 import math
 
+from palpate.base.vocabulary import Strategy
 from palpate.config.grip_result import ApproachOut, AssumptionsOut, GripOut, PossibleOut, PredictionOut
 from palpate.recognizer import Grip, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.rig.identification.result import state_names
-from palpate.vocabulary import Strategy
 
 __all__ = ["grip_out", "outward_normals"]
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from palpate.base.geometry import Floats
 from palpate.config import RigFile
-from palpate.geometry import Floats
 from palpate.rig.emulated.scene import Placement, rings_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of

@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from palpate.base.errors import counted
 from palpate.config.import_result import ImportedFileOut, ImportedObjectOut, ImportedStateOut, ImportOut
 from palpate.config.objects_checks import heights_in_words
-from palpate.errors import counted
 from palpate.rig.catalogue.folder_import import Catalogued
 from palpate.views.tables import folded, table
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Floats
-from palpate.geometry.plane import points_in_polygon
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import points_in_polygon
 
 __all__ = ["Box", "LabelPlacer"]
 

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from palpate.geometry import Floats, ObjectModel
-from palpate.geometry.plane import rotation_matrix
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.geometry.plane import rotation_matrix
 
 __all__ = ["answered", "heaviest_first", "outlines_in_w"]
 

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from palpate.errors import counted
+from palpate.base.errors import counted
 from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.views.plan_text import (

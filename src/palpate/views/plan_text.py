@@ -6,10 +6,10 @@ Shared by the terminal (`plan_table`) and the picture, which therefore say the s
 import math
 from collections.abc import Sequence
 
+from palpate.base.vocabulary import RecognitionVerdict, Strategy
 from palpate.recognizer import Grip, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.views.grip_result import outward_normals
-from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = [
     "SHOWN",

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import rotation_matrix
 from palpate.config.recognition_result import (
     HypothesisOut,
     InterpretationOut,
     RecognitionOut,
     StatisticsOut,
 )
-from palpate.geometry import Floats
-from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Contact, Hypothesis, Recognition
 from palpate.recognizer.memo_statistics import MemoCounts
 from palpate.rig.identification.result import state_names, unfinished_out

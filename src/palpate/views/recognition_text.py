@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from palpate.errors import counted
+from palpate.base.errors import counted
 from palpate.recognizer import Hypothesis, Recognition
 from palpate.recognizer.explanation import ObjectExplanation
 from palpate.recognizer.memo_statistics import MemoCounts

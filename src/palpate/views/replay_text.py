@@ -2,8 +2,8 @@
 
 import re
 
+from palpate.base.errors import counted
 from palpate.config.replay_result import DifferenceOut, EndOut, ReplayOut
-from palpate.errors import counted
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.replay import Replayed
 

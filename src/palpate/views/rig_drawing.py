@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
-from palpate.geometry import Floats
 from palpate.views.svg import element, number, path_data, shorten_middle, text
 from palpate.views.table_picture.style import (
     AXIS,

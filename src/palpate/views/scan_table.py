@@ -4,8 +4,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from palpate.base.errors import counted
 from palpate.config.scan_result import ScanOut
-from palpate.errors import counted
 from palpate.views.tables import folded, table
 
 __all__ = ["show"]

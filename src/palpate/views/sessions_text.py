@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
+from palpate.base.errors import counted
 from palpate.config.sessions_result import SessionOut, UnreadableOut
-from palpate.errors import counted
 from palpate.views.tables import folded, table
 
 __all__ = ["info_lines", "instant_words", "show_sessions", "size_words"]

@@ -2,8 +2,8 @@
 
 from rich.console import Console
 
+from palpate.base.errors import counted
 from palpate.config.stop_result import StopOut
-from palpate.errors import counted
 
 __all__ = ["show"]
 

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from palpate.base.geometry import ObjectModel, State
 from palpate.config.study_result import (
     ConfusionOut,
     HeightOut,
@@ -14,7 +15,6 @@ from palpate.config.study_result import (
     PairStudiedOut,
     StateStudiedOut,
 )
-from palpate.geometry import ObjectModel, State
 from palpate.views.study_words import SOURCE_WORDS, may_be_chance
 from palpate.views.svg import element, number, path_data, shorten_middle, text, text_width
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import PartMotion
 from palpate.config.study_result import PairStudiedOut, StudyOut
-from palpate.errors import counted
 from palpate.views.study_words import (
     SOURCE_WORDS,
     VARIED_SHARE,
@@ -19,7 +20,6 @@ from palpate.views.study_words import (
     verdict_words,
     wrong_words,
 )
-from palpate.vocabulary import PartMotion
 
 __all__ = ["study_lines"]
 

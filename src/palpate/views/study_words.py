@@ -4,6 +4,8 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import ErrorSource, IdentificationVerdict
 from palpate.config.study_result import (
     AccuracyOut,
     BestHeightsOut,
@@ -12,8 +14,6 @@ from palpate.config.study_result import (
     PairStudiedOut,
     StudyOut,
 )
-from palpate.errors import counted
-from palpate.vocabulary import ErrorSource, IdentificationVerdict
 
 __all__ = [
     "SOURCE_WORDS",

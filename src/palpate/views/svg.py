@@ -7,7 +7,7 @@ beside others and looks the same in a browser, a mail and a converter.
 import unicodedata
 from collections.abc import Sequence
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = [
     "element",

@@ -10,8 +10,8 @@ from firm_rig import firm_rig
 from quick_rig import small
 from wording import missing
 
+from palpate.base.errors import InputError
 from palpate.config import load_objects
-from palpate.errors import InputError
 from palpate.rig.catalogue.heights import FingerAtHeight, check_known
 
 OUTER = [[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]]

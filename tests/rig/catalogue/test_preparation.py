@@ -16,10 +16,10 @@ from repository import ROOT
 from shapely_bench import grip, outlines
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
-from palpate.errors import InputError
-from palpate.files.array_file import map_arrays, write_arrays
-from palpate.files.cache import Cache
-from palpate.geometry import ObjectModel
+from palpate.base.errors import InputError
+from palpate.base.files.array_file import map_arrays, write_arrays
+from palpate.base.files.cache import Cache
+from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
 from palpate.rig.catalogue.preparation import prepared_catalogue
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import waiting_work
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.rig.catalogue.processes import in_processes
 
 

@@ -17,15 +17,15 @@ from sampling import sample
 from shapely_bench import Placed
 from simulated_touches import SimulatedTouches
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 from palpate.rig.catalogue.reachability import HOPELESS, Finding, Trouble, findings_of
 from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
 from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict
 
 BENCH = load_rig(firm_rig())
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")

@@ -7,8 +7,8 @@ import pytest
 import shapely
 from stacked_parts import polygon, rectangle
 
+from palpate.base.geometry import Floats
 from palpate.cad.congruence_search import Motion, apart_mm
-from palpate.geometry import Floats
 from palpate.rig.catalogue.reached_regions import ReachedRegion, certainly_within
 
 HOLE = np.array(polygon(8, 5.0))

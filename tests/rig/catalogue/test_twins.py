@@ -28,15 +28,15 @@ from stacked_parts import (
     section,
 )
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import TipShape
 from palpate.config import load_objects, load_rig
-from palpate.errors import InputError
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, heights_in_words, rig_fingers
 from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, state_sections
 from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating_heights
 from palpate.rig.catalogue.tip_reach import filled, unreached
 from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
-from palpate.vocabulary import TipShape
 
 LIMIT = 2 * BOUND_MM
 

@@ -11,6 +11,7 @@ import pytest
 from repository import EXAMPLES
 from simulated_prober import SimulatedRig
 
+from palpate.base.errors import InputError
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.gauge_freedom import RigidMotion, align_to_nominal, nominal_poses
 from palpate.calibration.run_record import RunRecord
@@ -28,7 +29,6 @@ from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceC
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import load_references
 from palpate.drivers.emulators.mechanics import ArmTruth
-from palpate.errors import InputError
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
 from palpate.rig.commissioning.rig_prober import joint_ways
 from palpate.rig.conversion import arm_kinematics

@@ -15,6 +15,7 @@ from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 from wording import missing
 
+from palpate.base.errors import InputError, OutputError
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
@@ -25,7 +26,6 @@ from palpate.config.calibration_file import load_calibration
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.shipped import shipped_references
-from palpate.errors import InputError, OutputError
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, ConnectedRig, calibrate
 
 FRESH = EXAMPLES / "fresh-rig.toml"

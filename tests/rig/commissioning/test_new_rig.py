@@ -5,10 +5,10 @@ import tomllib
 import pytest
 from contact_sweep import describe
 
+from palpate.base.errors import InputError
 from palpate.config import RigFile
 from palpate.config.scan_result import ScannedServoOut
 from palpate.drivers.tactile.description import Shape
-from palpate.errors import InputError
 from palpate.rig.arrays import pad_problem
 from palpate.rig.commissioning.new_rig import FoundArray, rig_text
 

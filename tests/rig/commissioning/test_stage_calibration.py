@@ -15,6 +15,7 @@ from quick_rig import STAGE, quick_bench
 from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
+from palpate.base.errors import InputError
 from palpate.calibration.gauge_freedom import RigidMotion, align_to_nominal, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
@@ -36,7 +37,6 @@ from palpate.config.references_file import load_references
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import EmulatedStage, FingerTruth
 from palpate.drivers.emulators.tip import PartSection
-from palpate.errors import InputError
 from palpate.rig.bench import emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, steps_of
 from palpate.rig.commissioning.calibration_hand import rig_connector

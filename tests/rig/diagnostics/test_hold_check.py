@@ -14,11 +14,11 @@ from json_schema import violations
 from quick_rig import small_objects, small_rig
 
 import palpate
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.config.check_result import HoldCheckOut
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.schema import schema_text
-from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.rig.bench import connect
 from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n
 from palpate.rig.motion.slip_push import is_sliding

@@ -14,6 +14,7 @@ from rich.console import Console
 from simulated_prober import SimulatedProber, SimulatedRig
 from truth_calibration import bench_calibration, truth_calibration
 
+from palpate.base.errors import InputError
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
@@ -27,7 +28,6 @@ from palpate.config.check_result import (
     TouchForceOut,
 )
 from palpate.config.schema import schema_text
-from palpate.errors import InputError
 from palpate.rig.diagnostics.calibration_check import with_touch
 from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.views.check_table import show

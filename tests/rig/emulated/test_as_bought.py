@@ -3,7 +3,7 @@
 import pytest
 from first_day import ROWS, rig_of, run_row
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.contact_peak import expected_peak_n
 

@@ -13,11 +13,12 @@ from quick_rig import small_objects, small_rig
 from sampling import sample
 from upright_tips import Block, Stack, drawn_stack, model_of
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, TipShape
 from palpate.config import RigFile, load_contacts
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.skin import Skin
 from palpate.drivers.emulators.tip import separation_mm
-from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect
 from palpate.rig.catalogue.finger_model import contact_bound_mm
@@ -27,7 +28,6 @@ from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import identify
 from palpate.rig.study.simulation import with_motion
-from palpate.vocabulary import IdentificationVerdict, PartMotion, TipShape
 
 BODY = shapely.box(-29, -14, 18, 12)
 FOOT = Stack((Block(shapely.box(-26, -18, 26, 18), (0.0, 6.0)), Block(BODY, (6.0, 30.0))))

@@ -13,10 +13,11 @@ from firm_rig import firm_rig
 from quick_rig import small, small_objects, small_rig
 from repository import EXAMPLES
 
-from palpate.api.recognition import plan
+from palpate.base.errors import DeviceError, InputError
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, TipShape
 from palpate.config import RigFile, load_contacts, load_rig
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import DeviceError, InputError
+from palpate.jobs.recognition import plan
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.arrays import extractor_of, pad_problem, shape_warning, threshold_problem
 from palpate.rig.catalogue.reachability_text import finding_lines
@@ -25,7 +26,6 @@ from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.devices import description_of
 from palpate.rig.study.simulation import with_motion
 from palpate.views.recognition import contacts_json
-from palpate.vocabulary import IdentificationVerdict, PartMotion, TipShape
 
 EXAMPLE = EXAMPLES / "pad-rig.toml"
 Change = dict[str, object]

@@ -7,9 +7,9 @@ import pytest
 from firm_rig import firm_rig
 from repository import EXAMPLES
 
+from palpate.base.errors import InputError
 from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.errors import InputError
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.emulated_truth import dead_taxels, start_angles_rad
 

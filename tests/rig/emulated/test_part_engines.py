@@ -15,13 +15,13 @@ import pytest
 from quick_rig import quick_bench
 
 import palpate
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.mujoco_part import Body, MujocoPart
 from palpate.drivers.emulators.part import Displacement, Part, PointForce
 from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
 from palpate.drivers.emulators.support import Support
 from palpate.drivers.emulators.tip import PartSection, tip_load
 from palpate.drivers.emulators.tip_friction import Shear, sheared
-from palpate.geometry import Floats
 
 MASS_KG, FRICTION = 0.15, 0.3
 SLIP_N = MASS_KG * FRICTION * 9.80665

@@ -10,12 +10,12 @@ import pytest
 import shapely
 from firm_rig import firm_rig
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.part import Displacement, StillPart
 from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of, support_of
 from palpate.rig.emulated.scene import Placement, draw_placement, moved, shape_of

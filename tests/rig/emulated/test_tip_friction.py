@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.tip import PartSection, tip_load
 from palpate.drivers.emulators.tip_friction import Shear, sheared
-from palpate.geometry import Floats
 
 RADIUS, STIFFNESS = 5.0, 3.0
 ALONG = 0.7 * STIFFNESS

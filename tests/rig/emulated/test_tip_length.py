@@ -10,6 +10,7 @@ from quick_rig import small_rig
 from sampling import sample
 from upright_tips import Block, Stack, drawn_stack, model_of, slices
 
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.skin import Skin
@@ -20,7 +21,6 @@ from palpate.rig.catalogue.tip_lengths import overhangs_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
-from palpate.vocabulary import IdentificationVerdict
 
 FOOT = shapely.box(-30, -20, 30, 20)
 BODY = shapely.box(-22, -14, 38, 8)

@@ -10,13 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from quick_rig import small_rig
 
+from palpate.base.geometry import Floats
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.drivers.emulators.part import Displacement
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import PartSection
-from palpate.geometry import Floats
 from palpate.rig.conversion import deflection_mm, deflection_rad, shear_rad
 from palpate.rig.emulated.devices import emulate
 

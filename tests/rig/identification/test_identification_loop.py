@@ -22,15 +22,15 @@ from shapely_bench import (
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from simulated_touches import SimulatedTouches, as_predicted
 
+from palpate.base.errors import OutputError
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig
-from palpate.errors import OutputError
-from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, FingerApproach, Grip
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 RIG = load_rig(firm_rig())
 REACH = reach_of(RIG)

@@ -7,11 +7,11 @@ from emulated_session import emulated_session, identify_checked
 from sampling import sample
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
+from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement
-from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict
 
 NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
 RUNS = [(name, 11 + k % 2) for k, name in enumerate(NAMES)]

@@ -8,6 +8,7 @@ from emulated_session import EmulatedSession, emulated_session, identify_checked
 from quick_rig import small_objects, small_rig
 from sampling import sample
 
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
@@ -15,7 +16,6 @@ from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observer, Observers, TouchEvent
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 RIG, OBJECTS = small_rig(), small_objects()
 PLACE = (6.0, -8.0, 1.1)

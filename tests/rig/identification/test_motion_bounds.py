@@ -14,6 +14,7 @@ from scipy.optimize import linprog
 from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, place_within, turned, unit
 from simulated_touches import SimulatedTouches
 
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
@@ -27,7 +28,6 @@ from palpate.rig.motion.contact_from_touch import Touch
 from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)

@@ -7,11 +7,11 @@ from emulated_session import emulated_session, identify_checked
 from quick_rig import small_objects, small_rig
 from sampling import sample
 
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.drivers.dynamixel.specifications import specification
 from palpate.recognizer import Catalogue
-from palpate.vocabulary import IdentificationVerdict
 
 
 def drawn_pairs() -> list[tuple[str, str]]:

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from pushed_stack import Block, drawn_pushes, drawn_stack, state_of, worst_lean_rad
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines
 
+from palpate.base.geometry import Polygon, Section, State
+from palpate.base.vocabulary import PushResponse
 from palpate.config import load_rig, shipped_rig
-from palpate.geometry import Polygon, Section, State
 from palpate.recognizer import Catalogue, recognise
 from palpate.rig.identification.stability import FRICTION_MOST, RESERVE, stability_of
 from palpate.rig.identification.stability_table import StabilityTable
-from palpate.vocabulary import PushResponse
 
 RIG = load_rig(shipped_rig())
 HEIGHT = 10.0

@@ -14,13 +14,13 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines
 from simulated_touches import SimulatedTouches
 
+from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_rig
-from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict
 
 RIG = load_rig(firm_rig())
 REACH = reach_of(RIG)

@@ -5,11 +5,11 @@ import pytest
 from tactile_tip import COLS, DESCRIPTION, ROWS
 from watched_tip import WatchedTip
 
-from palpate.api.files import load_rig
-from palpate.api.monitor import Monitor, check_streaming
+from palpate.base.errors import DeviceError
 from palpate.cli.monitor.updates import obey
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.errors import DeviceError
+from palpate.jobs.files import load_rig
+from palpate.jobs.monitor import Monitor, check_streaming
 from palpate.rig.monitor.finger_monitor import TareState
 from palpate.rig.monitor.paced_clock import PacedClock
 

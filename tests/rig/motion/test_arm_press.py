@@ -10,13 +10,13 @@ from emulated_session import emulated_session
 from probed_rig import probed_rig
 from repository import EXAMPLES
 
+from palpate.base.geometry import Floats
 from palpate.calibration.measurements import FREE, IN, OUT
 from palpate.calibration.prober import Probe, ServoPath
 from palpate.config import load_rig
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.emulators.mechanics import ArmTruth
 from palpate.drivers.finger import Turn
-from palpate.geometry import Floats
 from palpate.rig.bench import connect
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.press import _Drive

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from contact_sweep import describe
 
+from palpate.base.geometry import Floats
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
-from palpate.geometry import Floats
 from palpate.rig.motion.contact_load import TIP_FRICTION, friction_factor
 from palpate.rig.motion.load_meter import LoadMeter
 

@@ -11,8 +11,8 @@ from command import log_events
 from emulated_session import EmulatedSession, small_session
 from sampling import sample
 
+from palpate.base.errors import DeviceError, PalpateError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.bench import connect
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
 

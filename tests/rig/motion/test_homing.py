@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from quick_rig import small_objects, small_rig
 
+from palpate.base.errors import DeviceError
 from palpate.config import RigFile, SlideFingerConfig, shipped_rig
 from palpate.drivers.dynamixel.models import model_named, models_known
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
 from palpate.drivers.dynamixel.turn_mark import LARGEST_TURNS, NO_MARK, mark_item, mark_value, turns_in
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.errors import DeviceError
 from palpate.rig.bench import connect
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.homing import Home, back_stop_distances_mm

@@ -12,9 +12,9 @@ from pad_touches import DrawnPad, PadTrial, face_stop_mm, outline_of, seen_along
 from sampling import sample
 from shapely import affinity
 
+from palpate.base.geometry import Floats, ObjectModel
 from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE
-from palpate.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue, Contact, face_offsets_mm, recognise
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 

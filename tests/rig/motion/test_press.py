@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
-from palpate.errors import DeviceError, SafetyStop
 
 
 def test_two_fingers_press_at_once() -> None:

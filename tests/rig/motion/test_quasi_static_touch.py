@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from probed_rig import HARD_N, ProbedRig, probed_rig
 
+from palpate.base.errors import SafetyStop
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
-from palpate.errors import SafetyStop
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.guarded_approach import Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand

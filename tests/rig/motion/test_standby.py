@@ -11,10 +11,10 @@ from quick_rig import small_objects
 from repository import EXAMPLES
 from sampling import sample
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry.segments import distance_range
 from palpate.config import ArmFingerConfig, RigFile, load_rig
 from palpate.drivers.finger import Servos, Turn
-from palpate.errors import DeviceError
-from palpate.geometry.segments import distance_range
 from palpate.rig.bench import connect
 from palpate.rig.conversion import arm_kinematics, kinematics_of
 from palpate.rig.motion.hand import Hand

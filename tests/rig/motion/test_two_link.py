@@ -12,16 +12,16 @@ from repository import EXAMPLES
 from sampling import sample
 from touch_check import check_touch
 
+from palpate.base.errors import DeviceError, InputError
+from palpate.base.geometry.segments import distance_range
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.drivers.arm_finger import ArmKinematics
-from palpate.errors import DeviceError, InputError
-from palpate.geometry.segments import distance_range
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect, place
 from palpate.rig.conversion import arm_kinematics, line_of
 from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import IdentificationVerdict
 
 EXAMPLE = EXAMPLES / "two-link-rig.toml"
 ARMS = load_rig(EXAMPLE)

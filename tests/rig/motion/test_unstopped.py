@@ -10,8 +10,8 @@ from firm_rig import firm_rig
 from quick_rig import small, small_objects
 from sampling import sample
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import RigFile
-from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.contact_peak import unstopped_peak_n
 
 

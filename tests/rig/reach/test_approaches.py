@@ -10,8 +10,8 @@ import pytest
 import shapely
 from firm_rig import firm_rig
 
+from palpate.base.errors import InputError
 from palpate.config import RigFile, SlideFingerConfig, load_rig
-from palpate.errors import InputError
 from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
 from palpate.rig.motion.guarded_approach import FingerApproach
 from palpate.rig.reach.approaches import Reach, reach_of

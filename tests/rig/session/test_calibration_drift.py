@@ -19,6 +19,7 @@ from simulated_touches import SimulatedTouches
 from truth_calibration import MADE, bench_calibration, truth_calibration
 from wording import missing
 
+from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -38,7 +39,6 @@ from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.session.calibration_drift import calibration_used, session_agreement
 from palpate.views.answer import answer_lines
-from palpate.vocabulary import IdentificationVerdict, Strategy
 
 Here = Callable[..., Ended]
 RIG = load_rig(firm_rig())

@@ -21,7 +21,7 @@ WORDS = ("study", "--rig", "rig.toml", "--objects", "small-parts.json", "--runs"
 @pytest.fixture
 def bench(tmp_path: Path) -> Path:
     """A folder with a small rig and its parts."""
-    (tmp_path / "rig.toml").write_text(small(ROOT / "config/rigs/bench.toml"), encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(small(ROOT / "src/palpate/config/rigs/bench.toml"), encoding="utf-8")
     small_parts(tmp_path)
     return tmp_path
 

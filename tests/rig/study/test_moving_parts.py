@@ -5,13 +5,13 @@ import pytest
 from repository import EXAMPLES
 from sampling import sample
 
-from palpate.api.study import study
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.errors import InputError
+from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import is_wrong
-from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 

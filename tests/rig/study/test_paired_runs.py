@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config.study_result import ComparedOut, StudyRunOut
 from palpate.rig.study.paired_runs import LEAST_PAIRS
 from palpate.rig.study.variations import compared
-from palpate.vocabulary import IdentificationVerdict
 
 IDENTIFIED, UNRESOLVED = IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED
 

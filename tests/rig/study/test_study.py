@@ -13,15 +13,15 @@ from report_page import Page
 from repository import EXAMPLES
 from sampling import sample
 
-from palpate.api.study import study
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.config.study_result import StudyRunOut
-from palpate.errors import InputError
+from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import is_wrong, study_out
 from palpate.views.study_text import study_lines
-from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 

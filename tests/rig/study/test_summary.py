@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.api.study import study
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import PairStudiedOut, RivalOut, StudyOut, StudyRunOut
-from palpate.errors import InputError
+from palpate.jobs.study import study
 from palpate.rig.study.draws import draw_for_study, shares_drawn
 from palpate.rig.study.runs_file import RunsFile
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import Limits, study_out
 from palpate.views.study_words import pairs_lasting
-from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 LIMITS = Limits(1.0, math.radians(1.0), 8)

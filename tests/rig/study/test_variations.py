@@ -9,12 +9,12 @@ from command import run
 from report_page import Page
 from stacked_parts import L_SHAPE, objects, part, section
 
-from palpate.api.study import study
+from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import StudyRunOut
+from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.variations import AS_IT_IS, compared, noise_budget, without_errors
-from palpate.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 STILL = with_motion(RIG, SIX, PartMotion.STILL)

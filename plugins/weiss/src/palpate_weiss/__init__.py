@@ -18,9 +18,9 @@ from palpate.plugins import (
     Taxels,
     mounting_of,
 )
-from palpate.plugins.weiss.arrays import DsaArray, WtsArray
-from palpate.plugins.weiss.emulated_arrays import EmulatedDsa, EmulatedWts
-from palpate.plugins.weiss.messages import MatrixInfo
+from palpate_weiss.arrays import DsaArray, WtsArray
+from palpate_weiss.emulated_arrays import EmulatedDsa, EmulatedWts
+from palpate_weiss.messages import MatrixInfo
 
 __all__ = ["DSA", "WTS", "DsaConfig", "WtsConfig"]
 

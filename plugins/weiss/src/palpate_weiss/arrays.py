@@ -7,10 +7,10 @@ with a `Mounting`.
 import math
 
 from palpate.plugins import Description, DeviceError
-from palpate.plugins.weiss.codec import WeissDialect, WeissPacket
-from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.plugins.weiss.messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
-from palpate.plugins.weiss.weiss_array import BOOT_ATTEMPTS, WeissArray, text_of
+from palpate_weiss.codec import WeissDialect, WeissPacket
+from palpate_weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate_weiss.messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
+from palpate_weiss.weiss_array import BOOT_ATTEMPTS, WeissArray, text_of
 
 __all__ = ["DsaArray", "WtsArray"]
 

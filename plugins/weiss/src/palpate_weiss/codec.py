@@ -15,7 +15,7 @@ import struct
 from collections import Counter
 from dataclasses import dataclass
 
-from palpate.plugins.weiss.crc import RunningCrc, crc16
+from palpate_weiss.crc import RunningCrc, crc16
 
 __all__ = [
     "MAX_PAYLOAD",

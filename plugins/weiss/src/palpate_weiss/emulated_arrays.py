@@ -13,10 +13,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from palpate.plugins import Counts, Taxels
-from palpate.plugins.weiss.codec import WeissDialect, WeissPacket
-from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.plugins.weiss.emulated_weiss import EmulatedWeiss
-from palpate.plugins.weiss.messages import (
+from palpate_weiss.codec import WeissDialect, WeissPacket
+from palpate_weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate_weiss.emulated_weiss import EmulatedWeiss
+from palpate_weiss.messages import (
     COMPRESSED,
     FRAME,
     MAX_TEXEL,

@@ -8,8 +8,8 @@ from collections import deque
 from collections.abc import Callable
 
 from palpate.plugins import Counts, Description, Emission, Floats, Taxels, wire_time_s
-from palpate.plugins.weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
-from palpate.plugins.weiss.messages import FRAME, frame_payload
+from palpate_weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
+from palpate_weiss.messages import FRAME, frame_payload
 
 __all__ = ["EmulatedWeiss"]
 

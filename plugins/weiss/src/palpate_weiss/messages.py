@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.geometry import Counts
+from palpate.plugins import Counts
 
 __all__ = [
     "COMPRESSED",

@@ -25,7 +25,7 @@ from palpate.plugins import (
     TactileFrame,
     printable,
 )
-from palpate.plugins.weiss.codec import (
+from palpate_weiss.codec import (
     MAX_PAYLOAD,
     WeissDecoder,
     WeissDialect,
@@ -33,7 +33,7 @@ from palpate.plugins.weiss.codec import (
     WeissPacket,
     encode,
 )
-from palpate.plugins.weiss.messages import (
+from palpate_weiss.messages import (
     FRAME,
     MAX_TEXEL,
     STATUS_SIZE,

@@ -8,7 +8,7 @@ distribution is looked at, as long as only built-in devices are named.
 from collections.abc import Iterable
 from importlib.metadata import entry_points
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 
 __all__ = ["SERVO_MODELS", "TACTILE_ARRAYS", "available", "broken", "load"]
 

@@ -4,7 +4,7 @@ Beneath every layer but `errors`: files are read through `read_bytes`, and by fo
 `confined`.
 """
 
-from palpate.files.confined import confined
-from palpate.files.opening import check_file, read_bytes
+from palpate.base.files.confined import confined
+from palpate.base.files.opening import check_file, read_bytes
 
 __all__ = ["check_file", "confined", "read_bytes"]

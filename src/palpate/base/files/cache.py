@@ -14,7 +14,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from palpate.files.array_file import PARTIAL, ArrayFileError, Arrays, map_arrays, write_arrays
+from palpate.base.files.array_file import PARTIAL, ArrayFileError, Arrays, map_arrays, write_arrays
 
 __all__ = ["CACHE_BYTES", "CACHE_PLACE", "Cache", "user_cache"]
 

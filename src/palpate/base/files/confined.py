@@ -14,16 +14,16 @@ from collections.abc import Callable
 from tempfile import TemporaryDirectory
 from typing import ParamSpec, TypeVar
 
-from palpate.errors import InputError
-from palpate.files.limits import READING_BYTES, READING_S, READING_WALL_S
-from palpate.files.opening import size_in_words
+from palpate.base.errors import InputError
+from palpate.base.files.limits import READING_BYTES, READING_S, READING_WALL_S
+from palpate.base.files.opening import size_in_words
 
 __all__ = ["TOO_LARGE", "confined"]
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-_CHILD = "palpate.files.reading_process"
+_CHILD = "palpate.base.files.reading_process"
 _INSIDE = "PALPATE_READING_PROCESS"
 """Set in the environment of such a process, in which no second one is needed."""
 

@@ -4,7 +4,7 @@ import os
 import stat
 from pathlib import Path
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 
 __all__ = ["check_file", "kind_in_words", "read_bytes", "size_in_words"]
 

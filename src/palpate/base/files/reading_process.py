@@ -5,9 +5,9 @@ import pickle
 import resource
 import sys
 
-from palpate.errors import InputError
-from palpate.files.confined import TOO_LARGE
-from palpate.files.limits import READING_BYTES, READING_S
+from palpate.base.errors import InputError
+from palpate.base.files.confined import TOO_LARGE
+from palpate.base.files.limits import READING_BYTES, READING_S
 
 __all__ = ["main"]
 

@@ -8,8 +8,8 @@ from contextlib import suppress
 from itertools import chain, combinations, product
 from pathlib import Path
 
-from palpate.errors import InputError, OutputError
-from palpate.files.opening import kind_in_words
+from palpate.base.errors import InputError, OutputError
+from palpate.base.files.opening import kind_in_words
 
 __all__ = ["check_different", "check_place", "check_places", "write_text"]
 

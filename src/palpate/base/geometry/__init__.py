@@ -5,9 +5,9 @@ and point-in-polygon tests, `segments` distances and intersections of straight s
 files or knows devices.
 """
 
-from palpate.geometry.arrays import Bools, Complexes, Counts, Floats, Ints, Singles
-from palpate.geometry.curves import Circle, Curve
-from palpate.geometry.object_model import ObjectModel, Polygon, Section, State
+from palpate.base.geometry.arrays import Bools, Complexes, Counts, Floats, Ints, Singles
+from palpate.base.geometry.curves import Circle, Curve
+from palpate.base.geometry.object_model import ObjectModel, Polygon, Section, State
 
 __all__ = [
     "Bools",

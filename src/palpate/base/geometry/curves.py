@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry.arrays import Floats
+from palpate.base.geometry.arrays import Floats
 
 __all__ = ["Circle", "Curve", "FlatCurve", "arcs_polygon", "circle_facets", "circle_polygon"]
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry.arrays import Floats
-from palpate.geometry.curves import Circle, Curve
-from palpate.vocabulary.short_repr import ShortRepr
+from palpate.base.geometry.arrays import Floats
+from palpate.base.geometry.curves import Circle, Curve
+from palpate.base.vocabulary.short_repr import ShortRepr
 
 __all__ = ["ObjectModel", "Polygon", "Section", "State"]
 

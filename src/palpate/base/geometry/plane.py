@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from palpate.geometry.arrays import Bools, Floats
+from palpate.base.geometry.arrays import Bools, Floats
 
 __all__ = ["points_in_polygon", "rotate", "rotation_matrix", "wrap_angle"]
 

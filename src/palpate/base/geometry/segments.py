@@ -6,7 +6,7 @@ be stopped by an outline that is known only to within a distance.
 
 import numpy as np
 
-from palpate.geometry.arrays import Floats
+from palpate.base.geometry.arrays import Floats
 
 __all__ = ["capsule_interval", "cross", "distance_range", "point_segment_distance"]
 

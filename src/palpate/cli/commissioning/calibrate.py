@@ -48,16 +48,16 @@ def calibrate(
     """
     import time
 
-    from palpate.api.calibration import CalibrationPaths, check_references
-    from palpate.api.files import load_references
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places
     from palpate.cli.commissioning.calibration_text import Progress, announce, calibrate_out, show
     from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Terminal
     from palpate.cli.view_process import view_starter
     from palpate.config.results import to_json
-    from palpate.files.writing import check_places
+    from palpate.jobs.calibration import CalibrationPaths, check_references
+    from palpate.jobs.files import load_references
+    from palpate.jobs.rig import open_rig
     from palpate.rig.commissioning.calibration import STEPS, steps_of
 
     begin = time.perf_counter()

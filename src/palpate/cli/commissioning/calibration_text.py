@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.api.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.calibration.finger_step import plan_placements
 from palpate.cli.terminal import Doing
 from palpate.config import RigFile, SlideFingerConfig
@@ -14,6 +13,7 @@ from palpate.config.calibrate_result import CalibratedFingerOut, CalibratedStage
 from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration
 from palpate.config.calibration_stage import StageCalibration
 from palpate.config.references_file import ReferencesFile
+from palpate.jobs.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.rig.commissioning.calibration import STEPS, build_references
 from palpate.views.calibration.numbers import at_most
 from palpate.views.tables import table

@@ -2,8 +2,8 @@
 
 from rich.console import Console
 
+from palpate.base.errors import InputError
 from palpate.cli.terminal import check_can_ask
-from palpate.errors import InputError
 
 __all__ = ["ask_to_move", "check_can_ask_to_move"]
 

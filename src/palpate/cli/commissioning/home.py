@@ -24,11 +24,11 @@ def home(
     One after the other, slides go back until they meet their back stop (stops_mm in the rig file). Runs
     home slides whose turn is unknown by themselves; this command homes all of them.
     """
-    from palpate.api.rig import open_rig
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.terminal import Terminal
     from palpate.config.home_result import HomedSlideOut, HomeOut
     from palpate.config.results import to_json
+    from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     opened.check_homable()

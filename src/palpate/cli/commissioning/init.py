@@ -36,12 +36,12 @@ def init(
     Servos are paired in order of their ids, the one next to the base first. What must be measured is marked
     MEASURE in the file; then `palpate check --rig FILE` says what is wrong.
     """
-    from palpate.api import bus
+    from palpate.base.errors import DeviceError, InputError, counted
+    from palpate.base.files.writing import check_places
     from palpate.cli.terminal import Terminal, print_notices
     from palpate.config.shipped import SHIPPED_RIGS, shipped_rig
     from palpate.drivers.dynamixel.specifications import supply_warnings
-    from palpate.errors import DeviceError, InputError, counted
-    from palpate.files.writing import check_places
+    from palpate.jobs import bus
     from palpate.rig.commissioning.new_rig import FoundArray, describe_array, rig_text
 
     if (port is None) == (bench is None):
@@ -82,8 +82,8 @@ def init(
 
 
 def _write(out: Path, text: str, schema: Path) -> None:
+    from palpate.base.files.writing import write_text
     from palpate.config.schema import schema_text
-    from palpate.files.writing import write_text
 
     write_text(out, text)
     write_text(schema, schema_text("rig"))

@@ -3,8 +3,8 @@
 from rich.console import Console
 from rich.markup import escape
 
+from palpate.base.errors import InputError
 from palpate.calibration.reference import Reference
-from palpate.errors import InputError
 
 __all__ = ["ConsoleTable"]
 

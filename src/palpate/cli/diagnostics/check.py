@@ -50,12 +50,12 @@ def check(
     """
     from rich.markup import escape
 
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.rig import open_rig
     from palpate.views.check_table import show
     from palpate.views.rig_drawing import draw_rig
 

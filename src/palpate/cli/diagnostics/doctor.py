@@ -39,11 +39,11 @@ def doctor(
 
     Exit code 1: something is wrong. 3: a port or device is missing or silent. Warnings alone: 0.
     """
-    from palpate.api.rig import open_rig
+    from palpate.base.files.writing import check_places, write_text
     from palpate.cli.commissioning.confirm_motion import ask_to_move, check_can_ask_to_move
     from palpate.cli.output_places import rig_files
     from palpate.cli.terminal import Doing, Terminal
-    from palpate.files.writing import check_places, write_text
+    from palpate.jobs.rig import open_rig
     from palpate.views.doctor_text import show
 
     with if_interrupted("torque is off" if move else "torque was left as it was"), ExitStack() as looking:
@@ -96,7 +96,7 @@ class _Person:
                 return answer.startswith("y")
 
     def _ask(self, what: str) -> str:
-        from palpate.errors import InputError
+        from palpate.base.errors import InputError
 
         try:
             return self._console.input(f"{what} ", markup=False)

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.errors import InputError
 from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import JsonOption, PortOption, RigOption
-from palpate.errors import InputError
 
 __all__ = ["ids_of", "scan"]
 

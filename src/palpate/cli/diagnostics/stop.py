@@ -24,9 +24,9 @@ def stop(
 
     Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
     """
-    from palpate.api import bus
     from palpate.cli.terminal import Terminal
     from palpate.config.results import to_json
+    from palpate.jobs import bus
     from palpate.views.stop_text import show
 
     out = bus.stop(port=port, rig=rig, baudrate=baud)

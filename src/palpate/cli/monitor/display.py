@@ -11,10 +11,10 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
+from palpate.base.files.writing import write_text
 from palpate.cli.terminal import Terminal
 from palpate.config import RigFile
 from palpate.config.results import to_json
-from palpate.files.writing import write_text
 from palpate.rig.monitor.finger_monitor import FingerView
 from palpate.views.monitor.lines import line_of, out_of, summary_of
 from palpate.views.monitor.screen import WatchPicture, watch_view

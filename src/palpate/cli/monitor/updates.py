@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from palpate.api.monitor import Monitor
 from palpate.cli.monitor.display import How, Shown, shown_on
 from palpate.cli.monitor.keys import Keys
+from palpate.jobs.monitor import Monitor
 from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 
 __all__ = ["obey", "show_updates"]

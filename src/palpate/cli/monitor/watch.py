@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from palpate.base.errors import InputError
 from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import VIEW_PORT, NoCalibrationOption, RigOption, ViewOption, ViewPortOption
-from palpate.errors import InputError
 
 __all__ = ["watch"]
 
@@ -48,14 +48,14 @@ def watch(
 
     Keys: q ends, t tares, r resets the counts. Exit code 3: an array is missing or goes away.
     """
-    from palpate.api.rig import open_rig
-    from palpate.api.session import open_session
+    from palpate.base.files.writing import check_places
     from palpate.cli.monitor.display import forget_stdout, how_to_show, write_picture
     from palpate.cli.monitor.keys import Keys
     from palpate.cli.monitor.updates import show_updates
     from palpate.cli.output_places import rig_files, session_files
     from palpate.cli.view_process import view_starter
-    from palpate.files.writing import check_places
+    from palpate.jobs.rig import open_rig
+    from palpate.jobs.session import open_session
 
     own = rig is None and rate is None and tare and not no_calibration
     if session is None and speed is not None:

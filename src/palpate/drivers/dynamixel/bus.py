@@ -13,6 +13,7 @@ from typing import Generic, TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel.control_table import (
     HARDWARE_ERROR_STATUS,
     RETURN_DELAY_TIME,
@@ -40,7 +41,6 @@ from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
 from palpate.drivers.dynamixel.transceiver import Loss, Lost, SizeMismatch, Transceiver, combine_losses
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS
-from palpate.errors import DeviceError
 
 __all__ = ["Bus", "GroupRead", "Ping"]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, StatusError
@@ -18,7 +19,6 @@ from palpate.drivers.dynamixel.models import model_numbered
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
-from palpate.errors import DeviceError, InputError
 
 __all__ = ["ALL_IDS", "FoundServo", "Scan", "model_name", "scan", "scan_rate"]
 

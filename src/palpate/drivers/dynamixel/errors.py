@@ -2,9 +2,9 @@
 
 from collections.abc import Collection, Sequence
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
-from palpate.errors import DeviceError, SafetyStop
 
 __all__ = [
     "AnsweringLate",

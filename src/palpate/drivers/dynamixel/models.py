@@ -11,13 +11,13 @@ from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
+from palpate.base.errors import InputError
+from palpate.base.extensions import SERVO_MODELS, available
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, ServoSpecification, specification
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES
-from palpate.errors import InputError
-from palpate.extensions import SERVO_MODELS, available
 
 __all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
 

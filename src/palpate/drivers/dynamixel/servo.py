@@ -11,6 +11,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 
+from palpate.base.errors import InputError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item, OperatingMode
@@ -22,7 +23,6 @@ from palpate.drivers.dynamixel.errors import (
     raise_first,
 )
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
-from palpate.errors import InputError, SafetyStop
 
 __all__ = ["Servo", "stop_at", "write_goals"]
 

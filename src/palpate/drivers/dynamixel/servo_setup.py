@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, model_name
@@ -20,7 +21,6 @@ from palpate.drivers.dynamixel.health import read_items
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["ItemChange", "ServoPort", "apply_changes", "find_changes", "only_servo", "setup_items"]
 

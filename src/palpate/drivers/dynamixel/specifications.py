@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
+from palpate.base.extensions import SERVO_MODELS, broken, load
 from palpate.drivers.dynamixel.emanual_tables import TableItem
 from palpate.drivers.dynamixel.x_series import X_SERIES, XModel, table_of
-from palpate.extensions import SERVO_MODELS, broken, load
 
 __all__ = ["SPECIFICATIONS", "MotorConstants", "ServoSpecification", "specification", "supply_warnings"]
 

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, GroupRead
 from palpate.drivers.dynamixel.control_table import HardwareError, Item
@@ -25,7 +26,6 @@ from palpate.drivers.dynamixel.packet import StatusPacket
 from palpate.drivers.dynamixel.pending import Block
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
-from palpate.errors import DeviceError, InputError
 
 __all__ = ["STATE_BYTES", "ServoState", "StateReader", "state_in"]
 

@@ -7,12 +7,12 @@ packet, therefore an emergency stop repeats it. Confirming reads, and needs the 
 import contextlib
 from collections.abc import Iterable
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE, Item
 from palpate.drivers.dynamixel.errors import HardwareAlert, PortFailed
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["broadcast_torque_off", "confirm_torque_off", "disable_torque"]
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.array_self_test import examine
 from palpate.drivers.emulators.array_zero import Taring
 from palpate.drivers.emulators.taxels import Taxels
@@ -39,7 +40,6 @@ from palpate.drivers.tactile.messages import (
 )
 from palpate.drivers.tactile.protocol import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.transport.wire import Emission
-from palpate.geometry import Floats
 
 __all__ = ["EmulatedArray"]
 

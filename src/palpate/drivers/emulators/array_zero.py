@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.geometry import Counts, Ints
+from palpate.base.geometry import Counts, Ints
 
 __all__ = ["Taring"]
 

@@ -11,6 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.emulators.mechanics import (
     ArmMechanics,
     ArmTruth,
@@ -27,8 +29,6 @@ from palpate.drivers.emulators.tip_friction import Shear
 from palpate.drivers.emulators.tip_rows import rows_facing
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
-from palpate.geometry import Floats
-from palpate.geometry.plane import wrap_angle
 
 __all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.joints import Joint, JointYield, Play
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.geometry import Floats
 
 __all__ = [
     "ArmMechanics",

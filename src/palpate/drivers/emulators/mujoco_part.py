@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement, TipForces
 from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
-from palpate.geometry import Floats
 
 __all__ = ["Body", "MujocoPart"]
 

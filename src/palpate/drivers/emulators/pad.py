@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement
 from palpate.drivers.emulators.skin import Press
 from palpate.drivers.emulators.tip import PartSection
-from palpate.geometry import Floats
 
 __all__ = ["FaceLoad", "PadFace"]
 

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["IN_PLACE", "Displacement", "Part", "PointForce", "StillPart", "TipForces"]
 

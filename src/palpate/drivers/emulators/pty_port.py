@@ -11,9 +11,9 @@ import struct
 import termios
 import tty
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.served_port import CHUNK, ServedPort
 from palpate.drivers.transport.wire import Device
-from palpate.errors import DeviceError
 
 __all__ = ["PtyPort", "baud_rate"]
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement, PointForce, TipForces
 from palpate.drivers.emulators.support import Support
-from palpate.geometry import Floats
 
 __all__ = ["QuasiStaticPart"]
 

@@ -14,12 +14,12 @@ import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.pty_port import PtyPort
 from palpate.drivers.emulators.served_port import ServedPort
 from palpate.drivers.emulators.tcp_port import LOOPBACK, TcpPort
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device
-from palpate.errors import DeviceError
 
 __all__ = ["Service", "serve_pty", "serve_tcp"]
 

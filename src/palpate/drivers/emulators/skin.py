@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement, PointForce
 from palpate.drivers.emulators.tip import PartSection, TipLoad, tip_load
 from palpate.drivers.emulators.tip_friction import Shear, sheared
-from palpate.geometry import Floats
 
 __all__ = ["Load", "Press", "Skin"]
 

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["GRAVITY_M_S2", "Support"]
 

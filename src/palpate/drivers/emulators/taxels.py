@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.geometry import Counts, Floats
 from palpate.drivers.tactile.messages import Description
-from palpate.geometry import Counts, Floats
 
 __all__ = ["Taxels"]
 

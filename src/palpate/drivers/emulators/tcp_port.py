@@ -8,9 +8,9 @@ import contextlib
 import os
 import socket
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.served_port import CHUNK, ServedPort
 from palpate.drivers.transport.wire import Device
-from palpate.errors import DeviceError
 
 __all__ = ["LOOPBACK", "TcpPort"]
 

@@ -17,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints
 
 __all__ = ["PartSection", "SkinContact", "TipLoad", "separation_mm", "tip_load"]
 

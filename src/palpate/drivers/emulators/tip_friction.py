@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.tip import TipLoad
-from palpate.geometry import Floats
 
 __all__ = ["Shear", "sheared"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["rows_facing"]
 

@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, printable
 from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frame_plausibility import FramePlausibility
 from palpate.drivers.tactile.frames import ArrayLost, ArraySilent, TactileFrame
@@ -36,7 +37,6 @@ from palpate.drivers.tactile.protocol import frame_bytes
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.tactile.streamed_array import StreamedArray
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, printable
 
 __all__ = ["TactileArray"]
 

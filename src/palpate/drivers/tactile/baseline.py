@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Counts, Floats, Ints
 from palpate.drivers.tactile.zero_intervals import SIGMAS, Block, ZeroBounds, ZeroIntervals
-from palpate.errors import InputError
-from palpate.geometry import Bools, Counts, Floats, Ints
 
 __all__ = ["SIGMAS", "Baseline", "BaselineTracker", "SumsOfTaxels", "Zeros", "baseline_of"]
 

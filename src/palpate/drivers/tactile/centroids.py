@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.drivers.tactile.baseline import SIGMAS
-from palpate.geometry import Bools, Floats
 
 __all__ = ["Load", "Unseen", "centroids"]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats
+from palpate.base.geometry import Bools, Floats
 
 __all__ = ["WINDOW_COLUMNS", "column_windows", "windows_within"]
 

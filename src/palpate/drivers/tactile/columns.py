@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.patches import TipCalibration
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Columns", "Runs", "columns_of", "runs_of"]
 

@@ -19,6 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Counts, Floats
 from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, SumsOfTaxels, baseline_of
 from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.cylinder import CylinderTip
@@ -29,8 +31,6 @@ from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, Ti
 from palpate.drivers.tactile.surface import TaxelSurface, surface_of
 from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.drivers.tactile.zero_intervals import ZeroBounds
-from palpate.errors import InputError
-from palpate.geometry import Bools, Counts, Floats
 
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
 

@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
@@ -16,8 +18,6 @@ from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, 
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 from palpate.drivers.tactile.unobserved_load import load_beyond_edge, log_concave_limit_n
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]
 

@@ -12,8 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.errors import DeviceError
-from palpate.geometry import Floats
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Floats
 
 __all__ = ["MAX_TAXELS", "REALS_PER_TAXEL", "Description", "Shape", "unusable_places"]
 

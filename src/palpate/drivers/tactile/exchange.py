@@ -10,6 +10,7 @@ from typing import TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.messages import (
     Body,
     Describe,
@@ -25,7 +26,6 @@ from palpate.drivers.tactile.protocol import DELIMITER, VERSION, DecodeFault, De
 from palpate.drivers.tactile.restarts import RestartWatch
 from palpate.drivers.tactile.stream import FrameStream, Port
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["ArrayExchange"]
 

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile.messages import Description
-from palpate.errors import DeviceError
-from palpate.geometry import Counts
 
 __all__ = ["ArrayCounters", "ArrayDriver", "ArrayLost", "ArraySilent", "TactileFrame"]
 

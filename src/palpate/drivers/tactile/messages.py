@@ -9,8 +9,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, Description, Shape
-from palpate.geometry import Counts
 
 __all__ = [
     "MAX_LISTED",

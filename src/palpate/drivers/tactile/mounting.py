@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Counts
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.geometry import Counts
 
 __all__ = ["Corner", "Mounting"]
 

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_filter
 
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.patches import (
@@ -25,8 +27,6 @@ from palpate.drivers.tactile.pressed_columns import loaded_places_mm, pressed_co
 from palpate.drivers.tactile.surface import TaxelSurface
 from palpate.drivers.tactile.taxel_forces import TaxelForces
 from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import wrap_angle
 
 __all__ = ["pad_patches"]
 

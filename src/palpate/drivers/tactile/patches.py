@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 __all__ = [
     "ContactPatch",

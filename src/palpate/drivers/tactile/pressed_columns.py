@@ -7,10 +7,10 @@ If not, something presses on it.
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.patches import TipCalibration
 from palpate.drivers.tactile.taxel_forces import TaxelForces
-from palpate.geometry import Bools, Floats
 
 __all__ = ["loaded_places_mm", "pressed_columns", "pressed_places_mm"]
 

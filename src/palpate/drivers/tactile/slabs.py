@@ -16,8 +16,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints, Singles
 from palpate.drivers.tactile.templates import MARGIN_COLUMNS, TemplateSet
-from palpate.geometry import Bools, Floats, Ints, Singles
 
 __all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
 

@@ -12,9 +12,9 @@ from typing import Protocol, cast
 import serial
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["FrameStream", "Port"]
 

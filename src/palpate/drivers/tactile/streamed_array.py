@@ -2,11 +2,11 @@
 
 from abc import ABC, abstractmethod
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
 from palpate.drivers.tactile.stream import FrameStream
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["StreamedArray"]
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.geometry import Bools, Floats
-from palpate.geometry.plane import wrap_angle
 
 __all__ = ["TaxelSurface", "surface_of"]
 

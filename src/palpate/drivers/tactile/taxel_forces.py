@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, fields
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.drivers.tactile.baseline import SIGMAS
-from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["TaxelForces"]
 

@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.geometry import Bools, Floats, Singles
+from palpate.base.geometry import Bools, Floats, Singles
 
 __all__ = ["MARGIN_COLUMNS", "ColumnProfile", "Match", "TemplateSet", "template_set"]
 

@@ -10,7 +10,7 @@ by the same ratio.
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["crosstalk_limit_n", "load_beyond_edge", "log_concave_limit_n"]
 

@@ -11,8 +11,8 @@ from typing import Protocol
 from serial.serialutil import SerialBase
 from serial.tools.list_ports import comports
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.transport.port import PortMissing, open_port
-from palpate.errors import DeviceError
 
 __all__ = ["FollowedPorts", "Plugs", "SystemPlugs", "renamed"]
 

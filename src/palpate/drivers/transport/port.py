@@ -10,7 +10,7 @@ import os
 import serial
 from serial.serialutil import SerialBase
 
-from palpate.errors import DeviceError
+from palpate.base.errors import DeviceError
 
 try:
     from termios import error as _terminal_error

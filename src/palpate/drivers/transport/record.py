@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import OutputError
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port_calls import CalledPort
 from palpate.drivers.transport.recording import (
@@ -20,7 +21,6 @@ from palpate.drivers.transport.recording import (
     PortOpened,
     port_call,
 )
-from palpate.errors import OutputError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import PalpateError
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port_calls import CalledPort
 from palpate.drivers.transport.recording import (
@@ -27,7 +28,6 @@ from palpate.drivers.transport.recording import (
     in_words,
     port_call,
 )
-from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

@@ -13,6 +13,8 @@ from typing import TypeVar
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError
+from palpate.base.files import confined
 from palpate.cad.as_drawn import volume_mm3
 from palpate.cad.orbits import NEGLIGIBLE
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
@@ -22,8 +24,6 @@ from palpate.cad.values import Drawing, DrawingFile, Solid
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
 from palpate.config.objects_tables import ObjectText, SectionText, StateText
-from palpate.errors import InputError
-from palpate.files import confined
 from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
 from palpate.rig.catalogue.objects_text import Height, bound_mm, edges_of, frame_out, polygons_text, rounded
 from palpate.rig.catalogue.round_drawings import RoundDrawing, round_drawing

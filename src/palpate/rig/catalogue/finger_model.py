@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import TipShape
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.finger import Line
-from palpate.errors import InputError
 from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
 from palpate.rig.turning_stage import planned_turn
-from palpate.vocabulary import TipShape
 
 __all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_in_words", "rig_fingers"]
 

@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from palpate.cad.optional_imports import MissingPackageError
+from palpate.base.errors import InputError, PalpateError
+from palpate.base.files import read_bytes
+from palpate.base.files.limits import CAD_BYTES
+from palpate.base.optional_imports import MissingPackageError
 from palpate.cad.part_size import GIVE_NO_UNITS
 from palpate.cad.readers import SUFFIXES, is_drawing
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, RefusedText, SourceText
-from palpate.errors import InputError, PalpateError
-from palpate.files import read_bytes
-from palpate.files.limits import CAD_BYTES
 from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, LossError, import_file
 from palpate.rig.catalogue.processes import in_processes
 

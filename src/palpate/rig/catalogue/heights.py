@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from palpate.base.errors import InputError, counted
+from palpate.base.geometry import ObjectModel, State
 from palpate.config.objects_checks import heights_in_words
-from palpate.errors import InputError, counted
-from palpate.geometry import ObjectModel, State
 from palpate.recognizer import Contact, Finger
 
 __all__ = ["FingerAtHeight", "HasHeight", "check_known", "fingers_of", "span_text"]

@@ -12,6 +12,8 @@ from multiprocessing import parent_process
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.cad.as_drawn import as_drawn
 from palpate.cad.merging import MergedState, merge_states
 from palpate.cad.resting_surface import RestingSurface, surface_of
@@ -22,8 +24,6 @@ from palpate.cad.stable import LeftOut, stable_states
 from palpate.cad.values import CrossSection, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_tables import StateText
-from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.rig.catalogue.objects_text import (
     NEGLIGIBLE_MM,
     Height,

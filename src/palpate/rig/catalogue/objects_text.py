@@ -5,13 +5,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.cad.values import CrossSection, Region
 from palpate.config.import_result import FrameOut
 from palpate.config.objects_rings import outline_edges
 from palpate.config.objects_tables import PolygonText, SectionText
 from palpate.config.outlines import MIN_EDGE_MM
 from palpate.config.results import DECIMALS
-from palpate.geometry import Floats
 
 __all__ = [
     "NEGLIGIBLE_MM",

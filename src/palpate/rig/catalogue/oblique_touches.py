@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import InputError, counted
+from palpate.base.geometry import ObjectModel, State
 from palpate.config import RigFile
-from palpate.errors import InputError, counted
-from palpate.geometry import ObjectModel, State
 from palpate.recognizer.ball_section import met_by_ball
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.symmetry import Symmetry

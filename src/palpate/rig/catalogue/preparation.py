@@ -15,9 +15,9 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from palpate.files.cache import Cache, user_cache
-from palpate.files.code_digest import code_digest
-from palpate.geometry import Ints, ObjectModel
+from palpate.base.files.cache import Cache, user_cache
+from palpate.base.files.code_digest import code_digest
+from palpate.base.geometry import Ints, ObjectModel
 from palpate.recognizer.ball_section import is_exact
 from palpate.recognizer.catalogue import FACET_ERROR_MM, Catalogue, prepare_states
 from palpate.recognizer.contact import Finger
@@ -32,7 +32,7 @@ __all__ = ["prepared_catalogue"]
 _FEW_VERTICES = 2000  # of a catalogue that is prepared in hardly more time than it takes to look for it
 _ALONE_S = 1.0  # after which the rest is prepared on all cores
 _CHUNK_VERTICES = 2000  # of states that are prepared at once
-_CODE = "palpate.recognizer", "palpate.geometry"
+_CODE = "palpate.recognizer", "palpate.base.geometry"
 _LOOKED_THROUGH = 3  # files of other catalogues, for states that are the same
 
 _T = TypeVar("_T")

@@ -9,7 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import active_children, connection, parent_process
 from typing import Any, TypeVar
 
-from palpate.errors import InputError
+from palpate.base.errors import InputError
 
 __all__ = ["in_processes"]
 

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import shapely
 
+from palpate.base.geometry import ObjectModel, State
 from palpate.config import ArmFingerConfig, RigFile
-from palpate.geometry import ObjectModel, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.section_stack import region_within
 

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from itertools import groupby
 
+from palpate.base.errors import InputError, counted
+from palpate.base.geometry import ObjectModel
 from palpate.config import RigFile
-from palpate.errors import InputError, counted
-from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, heights_in_words
 from palpate.rig.catalogue.oblique_touches import oblique_lines
 from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of

@@ -7,8 +7,8 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from palpate.base.geometry import Floats
 from palpate.cad.congruence_search import Motion
-from palpate.geometry import Floats
 from palpate.rig.catalogue.region_measures import measures
 
 __all__ = ["ReachedRegion", "certainly_within"]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats
+from palpate.base.geometry import Bools, Floats
 
 __all__ = ["measures", "within_reach"]
 

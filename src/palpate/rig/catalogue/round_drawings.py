@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.cad.values import Drawing
 from palpate.config.objects_rings import CircleText
 from palpate.config.objects_tables import PolygonText
 from palpate.config.results import DECIMALS
-from palpate.geometry import Floats
 
 __all__ = ["RoundDrawing", "round_drawing"]
 

@@ -15,11 +15,11 @@ from itertools import combinations
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.cad.values import CrossSection, Region, Solid, StableState
 from palpate.config.objects_rings import CircleText
 from palpate.config.objects_tables import PolygonText, SectionText
 from palpate.config.results import DECIMALS
-from palpate.geometry import Floats
 
 __all__ = ["RoundSections", "round_sections"]
 

@@ -9,8 +9,8 @@ from functools import cached_property
 
 import shapely
 
+from palpate.base.geometry import Section, State
 from palpate.config import ObjectsFile
-from palpate.geometry import Section, State
 
 __all__ = ["Level", "Range", "StateSections", "joined_ranges", "region_within", "state_sections", "steps_mm"]
 

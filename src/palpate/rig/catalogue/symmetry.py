@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats, Polygon, Section, State
+from palpate.base.geometry import Floats, Polygon, Section, State
 from palpate.recognizer.catalogue import SYMMETRY_TOLERANCE_MM
 from palpate.recognizer.symmetry import centroid, rotational_symmetry
 from palpate.rig.catalogue.section_stack import StateSections

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from palpate.base.errors import counted
+from palpate.base.geometry import Floats, ObjectModel, State
 from palpate.config import RigFile
-from palpate.errors import counted
-from palpate.geometry import Floats, ObjectModel, State
 from palpate.rig.catalogue.section_stack import region_within
 
 __all__ = ["Overhang", "overhang_lines", "overhangs_of"]

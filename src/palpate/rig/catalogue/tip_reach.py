@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import shapely
 
-from palpate.vocabulary import LEAST_BALL_SHARE
+from palpate.base.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["beside_ball", "filled", "unreached"]
 

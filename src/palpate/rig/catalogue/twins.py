@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.cad.congruence_search import Motion, apart_mm, motions
-from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 from palpate.rig.catalogue.reached_regions import ReachedRegion
 from palpate.rig.catalogue.region_measures import measures, within_reach

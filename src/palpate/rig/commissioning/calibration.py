@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches
 from palpate.calibration.finger_model import calibrated_models
@@ -50,7 +51,6 @@ from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description
-from palpate.errors import InputError
 from palpate.rig.arrays import calibration_of, doubt_warning
 from palpate.rig.background import BackgroundCall
 from palpate.rig.commissioning.rig_prober import approaches_of

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
+from palpate.base.errors import DeviceError
 from palpate.config import RigFile
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
@@ -22,7 +23,6 @@ from palpate.drivers.dynamixel.servo_setup import (
     only_servo,
     setup_items,
 )
-from palpate.errors import DeviceError
 from palpate.rig.servo_settings import servo_settings
 
 __all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]

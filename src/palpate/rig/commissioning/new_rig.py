@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from palpate.base.errors import InputError
 from palpate.config.rig_servos import without_current
 from palpate.config.scan_result import ScannedServoOut
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import InputError
 
 __all__ = ["FoundArray", "describe_array", "rig_text"]
 

@@ -10,6 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.measurements import (
     IdleMeasurement,
     PressMeasurement,
@@ -20,8 +22,6 @@ from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
 from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD, FingerKinematics, Line
-from palpate.geometry import Floats
-from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import kinematics_of, line_of
 from palpate.rig.motion.approach_state import ApproachState

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from palpate.base.errors import InputError
+from palpate.base.files.writing import write_text
 from palpate.calibration.run_record import RunRecord
 from palpate.config.loading import load_json
-from palpate.errors import InputError
-from palpate.files.writing import write_text
 
 __all__ = ["RunRecordFile"]
 

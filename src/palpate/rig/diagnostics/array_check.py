@@ -5,6 +5,7 @@ The array is left as after `connect`, and stopped.
 
 from collections.abc import Collection, Sequence
 
+from palpate.base.errors import DeviceError, counted
 from palpate.config import FingerConfig, RigFile
 from palpate.config.check_result import ArrayCheckOut
 from palpate.drivers.tactile.array import TactileArray
@@ -13,7 +14,6 @@ from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestReport, SelfTestResult
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, counted
 from palpate.rig.arrays import (
     array_of,
     calibration_of,

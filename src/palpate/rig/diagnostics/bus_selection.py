@@ -6,10 +6,10 @@ from pathlib import Path
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import InputError
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s, port_latency_s
 
 __all__ = ["BusEndpoint", "RigServo", "check_dxl_ids", "endpoint_of_rig", "find_endpoint", "list_servos"]

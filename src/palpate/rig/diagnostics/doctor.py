@@ -7,6 +7,7 @@ answers at another baud rate is asked nothing else, and a cause is not reported 
 from collections.abc import Callable, Sequence
 from datetime import datetime
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.config.doctor_result import (
     DEVICE_CAUSES,
     Cause,
@@ -16,7 +17,6 @@ from palpate.config.doctor_result import (
     Outcome,
     Severity,
 )
-from palpate.errors import DeviceError, InputError
 from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.diagnostics.doctor_array_steps import judge_arrays
 from palpate.rig.diagnostics.doctor_arrays import look_at_arrays

@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError, counted
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.messages import Shape
-from palpate.errors import InputError, counted
 from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, threshold_problem
 from palpate.rig.diagnostics.doctor_arrays import LISTEN_S, ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong

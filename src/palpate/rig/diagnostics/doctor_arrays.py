@@ -9,6 +9,7 @@ from typing import cast
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, PalpateError
 from palpate.config import FingerConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL, SHIPPED_PROTOCOLS, ArrayConfig
 from palpate.drivers.tactile.array import TactileArray
@@ -17,7 +18,6 @@ from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Describe, Description, Hello, SelfTestReport
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.port import has_baudrate
-from palpate.errors import DeviceError, PalpateError
 from palpate.rig.arrays import array_of, array_plugin
 from palpate.rig.diagnostics.array_check import listen
 from palpate.rig.diagnostics.doctor_steps import Case

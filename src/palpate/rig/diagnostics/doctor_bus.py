@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 
+from palpate.base.errors import DeviceError, counted
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import ALL_IDS, FoundServo, model_name, scan
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering
-from palpate.errors import DeviceError, counted
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, wrong
 from palpate.rig.diagnostics.scan_check import usual_baudrates

@@ -6,12 +6,12 @@ A servo knows its own angle only: which way a tip goes is seen by a person, or b
 import math
 from typing import Protocol
 
+from palpate.base.errors import counted
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.dynamixel.guarded import ServoMover
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.errors import counted
 from palpate.rig.bench import BenchRig
 from palpate.rig.diagnostics.doctor_steps import step, wrong
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD

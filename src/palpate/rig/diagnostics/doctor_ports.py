@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from palpate.base.errors import DeviceError, counted
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.transport.port import PortForbidden, PortMissing, PortTaken
-from palpate.errors import DeviceError, counted
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong
 
 __all__ = ["PortsSeen", "examine_ports"]

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
+from palpate.base.errors import counted
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, supply_warnings
-from palpate.errors import counted
 from palpate.rig.diagnostics.doctor_servos import ServoSeen, ServosSeen
 from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, listed, skipped, step, warning, wrong
 from palpate.rig.diagnostics.servo_check import rate_in_run_hz

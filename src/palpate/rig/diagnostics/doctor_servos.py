@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.config.check_result import LoopOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S
@@ -15,7 +16,6 @@ from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
-from palpate.errors import DeviceError, InputError
 from palpate.rig.diagnostics.doctor_steps import Case
 from palpate.rig.diagnostics.servo_check import check_loop
 from palpate.rig.servo_settings import ServoSettings, finger_settings, servo_settings

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import counted
+from palpate.base.geometry import Bools
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.tactile.messages import SelfTestResult, TaxelFault
-from palpate.errors import counted
-from palpate.geometry import Bools
 from palpate.rig.diagnostics.doctor_arrays import ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, step, wrong
 from palpate.rig.diagnostics.untouched_frames import UntouchedFrames

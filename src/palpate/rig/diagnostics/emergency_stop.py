@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from contextlib import closing
 
+from palpate.base.errors import DeviceError
 from palpate.config.stop_result import StopOut, StoppedServoOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.torque import broadcast_torque_off, confirm_torque_off
 from palpate.drivers.transport.port import PortTaken
-from palpate.errors import DeviceError
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, list_servos
 
 __all__ = ["stop_all"]

@@ -8,12 +8,12 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+from palpate.base.errors import InputError
 from palpate.calibration.fitted_kinematics import FingerModel, SlideModel
 from palpate.calibration.friction import estimate_friction
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference_search import LocatedReference, probes_at_bearing
 from palpate.config import RigFile, SlideFingerConfig
-from palpate.errors import InputError
 from palpate.rig.conversion import slide_force_n
 
 __all__ = ["friction_warnings", "measure_friction"]

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.config import RigFile
 from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
 from palpate.drivers.tactile.contact import ContactPatch
-from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.recognizer import FingerApproach
 from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.rig.identification.exploration import exploring_grip, outside_fast

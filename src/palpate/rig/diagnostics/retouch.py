@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.calibration.agreement import (
     Agreement,
     ContactUncertainty,
@@ -37,7 +38,6 @@ from palpate.calibration.reference_search import (
 )
 from palpate.config import FingerConfig, RigFile
 from palpate.config.check_result import FingerTouchOut
-from palpate.errors import InputError
 from palpate.rig.conversion import deflection_mm
 from palpate.rig.diagnostics.friction_check import measure_friction
 from palpate.rig.motion.contact_from_touch import dent_range_mm

@@ -7,6 +7,7 @@ all servos are read over and over, as a run does.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 
+from palpate.base.errors import DeviceError, InputError, counted
 from palpate.config import RigFile
 from palpate.config.check_result import (
     AdapterCheckOut,
@@ -20,7 +21,6 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.specifications import supply_warnings
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
-from palpate.errors import DeviceError, InputError, counted
 from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.bus_selection import BusEndpoint

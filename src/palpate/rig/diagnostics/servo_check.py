@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.config.check_result import LoopOut, ServoCheckOut, SettingOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S
@@ -15,7 +16,6 @@ from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, InputError
 from palpate.rig.servo_settings import ServoSettings
 
 __all__ = ["LOOP_S", "check_loop", "check_servo", "rate_in_run_hz"]

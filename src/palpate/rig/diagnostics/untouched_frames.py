@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Bools, Floats
 
 __all__ = ["UntouchedFrames", "untouched_frames"]
 

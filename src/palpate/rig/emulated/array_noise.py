@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Floats
 from palpate.rig.arrays import calibration_of
 from palpate.rig.emulated.devices import description_of
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.tip import PartSection
-from palpate.geometry import Floats
 
 __all__ = ["outline_beside_ball"]
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
@@ -26,7 +27,6 @@ from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
-from palpate.errors import InputError
 from palpate.rig.arrays import emulated_array
 from palpate.rig.emulated.adapters import behind_adapters
 from palpate.rig.emulated.emulated_truth import (

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement, Part, PointForce
 from palpate.drivers.emulators.skin import Press, Skin
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
-from palpate.geometry import Floats
 
 __all__ = ["DrivenTip", "DrivenTips"]
 

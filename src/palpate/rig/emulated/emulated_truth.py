@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.config import (
     ArmFingerConfig,
     EmulationConfig,
@@ -16,7 +17,6 @@ from palpate.config import (
 from palpate.drivers.emulators.joints import JointYield
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.errors import InputError
 from palpate.rig.conversion import arm_kinematics, slide_kinematics
 from palpate.rig.standby_geometry import on_circle, wait_radius_mm
 

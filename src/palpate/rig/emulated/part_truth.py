@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.cad.optional_imports import needed
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
+from palpate.base.optional_imports import needed
 from palpate.config.emulated_part import EmulatedPartConfig, Range
 from palpate.drivers.emulators.part import Part, StillPart
 from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
 from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
-from palpate.errors import InputError
-from palpate.geometry import Floats
 from palpate.rig.emulated.scene import Placement, shape_of
 
 __all__ = ["PartTruth", "draw_part", "part_of", "support_of"]

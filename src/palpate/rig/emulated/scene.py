@@ -11,11 +11,11 @@ import numpy as np
 import shapely
 from shapely import affinity
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Section, State
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators.part import Displacement
 from palpate.drivers.emulators.tip import PartSection
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel, Section, State
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.ball_outline import outline_beside_ball
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import Body, Servos, Turn
-from palpate.errors import InputError
 from palpate.rig.conversion import kinematics_of, slide_kinematics
 from palpate.rig.emulated.emulated_truth import start_angles_rad
 from palpate.rig.emulated.scene import Placement, shape_of

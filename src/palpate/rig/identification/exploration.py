@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.recognizer import Contact, FingerApproach, already_used
 from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.rig.reach.approaches import Reach

@@ -17,8 +17,9 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.geometry import Ints
+from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import RigFile
-from palpate.geometry import Ints
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -49,7 +50,6 @@ from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, p
 from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 
 __all__ = ["GripExecutor", "Identification", "PushTables", "identify", "search"]
 

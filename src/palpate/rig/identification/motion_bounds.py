@@ -13,9 +13,10 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.geometry import Floats, Ints
+from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
-from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Contact, Motion, Recognition
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.rig.contact_peak import expected_peak_n
@@ -26,7 +27,6 @@ from palpate.rig.identification.support import SupportTable, supports_of
 from palpate.rig.motion.contact_from_touch import Touch
 from palpate.rig.motion.contact_load import HIDDEN_FACTOR, LoadTrace, friction_factor, friction_of
 from palpate.rig.motion.guarded_approach import MEASURE_FRAMES
-from palpate.vocabulary import LEAST_BALL_SHARE
 
 __all__ = ["GripMotion", "MotionBounds"]
 

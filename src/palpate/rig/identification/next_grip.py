@@ -6,9 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools
+from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config import RigFile
-from palpate.errors import InputError
-from palpate.geometry import Bools
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -31,8 +33,6 @@ from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.stability_table import StabilityTable
 from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Choice", "GripChooser", "Planned", "plan_for", "sets_alike"]
 

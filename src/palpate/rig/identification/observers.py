@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from palpate.errors import PalpateError
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer import Grip, Recognition
 from palpate.rig.background import BackgroundCall
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "Event",

@@ -2,9 +2,9 @@
 
 import math
 
+from palpate.base.errors import InputError
 from palpate.config import RigFile
 from palpate.drivers.finger import Line
-from palpate.errors import InputError
 from palpate.rig.conversion import kinematics_of, tip_bound_mm
 from palpate.rig.pads import has_pads
 

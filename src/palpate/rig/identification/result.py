@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from palpate.base.vocabulary import Strategy
 from palpate.config.identification_result import (
     AlternativeOut,
     CalibrationUsedOut,
@@ -19,7 +20,6 @@ from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.stability_table import NotBounded
-from palpate.vocabulary import Strategy
 
 __all__ = ["hypotheses_of", "identification_out", "state_names"]
 

@@ -13,8 +13,8 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats, Section, State
-from palpate.vocabulary import PushResponse
+from palpate.base.geometry import Bools, Floats, Section, State
+from palpate.base.vocabulary import PushResponse
 
 __all__ = ["DIRECTIONS", "FRICTION_MOST", "RESERVE", "Stability", "stability_of"]
 

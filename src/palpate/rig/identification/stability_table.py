@@ -5,13 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.geometry import Floats, Ints
+from palpate.base.vocabulary import PushResponse
 from palpate.config import RigFile
-from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Recognition
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.stability import DIRECTIONS, FRICTION_MOST, RESERVE, Stability, stability_of
-from palpate.vocabulary import PushResponse
 
 __all__ = ["NotBounded", "StabilityTable"]
 

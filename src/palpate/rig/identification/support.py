@@ -11,9 +11,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.object_model import State
 from palpate.config.rig_tables import SearchConfig
-from palpate.geometry import Floats, Ints
-from palpate.geometry.object_model import State
 from palpate.recognizer import Catalogue
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.tables import Table

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.geometry import Section, State
+from palpate.base.geometry import Section, State
 from palpate.recognizer import Approach, Catalogue, Contact, Finger, FingerApproach, already_used
 from palpate.rig.reach.approaches import Reach
 

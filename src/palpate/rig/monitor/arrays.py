@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
 from palpate.drivers.transport.record import Recorder, Sink
-from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of, extractor_of
 from palpate.rig.bench import set_up
 from palpate.rig.monitor.finger_monitor import MonitoredFinger

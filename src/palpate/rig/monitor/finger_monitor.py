@@ -10,12 +10,12 @@ from enum import Enum
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Counts, Floats
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch
 from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.clock import Clock
-from palpate.geometry import Bools, Counts, Floats
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["SILENT_S", "FingerView", "MonitoredFinger", "TareState"]
 

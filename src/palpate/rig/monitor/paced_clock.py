@@ -2,8 +2,8 @@
 
 import math
 
+from palpate.base.errors import InputError
 from palpate.drivers.transport.clock import Clock, MonotonicClock
-from palpate.errors import InputError
 
 __all__ = ["PacedClock", "paced"]
 

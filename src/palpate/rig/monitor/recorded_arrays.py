@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.config import RigFile
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
 from palpate.drivers.transport.recording import PortBytes, SessionEvent
-from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of
 from palpate.rig.monitor.arrays import monitor_finger, select_fingers
 from palpate.rig.monitor.finger_monitor import MonitoredFinger

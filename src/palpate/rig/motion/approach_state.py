@@ -6,11 +6,11 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
 from palpate.drivers.tactile.messages import Shape
-from palpate.geometry import Floats
-from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import array_bound_rad, line_of, measured_force_share, shear_rad
 from palpate.rig.host_finger import HostFinger

@@ -6,10 +6,10 @@ The hand looks through it wherever time passes with torque on, so that no motion
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from palpate.base.errors import SafetyStop
 from palpate.config import ClosingConfig
 from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.sample_times import SampleTimes

@@ -5,9 +5,9 @@ An array or a servo that was replaced has other gains, another play, another zer
 
 from collections.abc import Mapping
 
+from palpate.base.errors import InputError
 from palpate.config import CalibrationDevice, CalibrationFile
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.errors import InputError
 from palpate.rig.motion.hand import Hand
 
 __all__ = ["check_arrays", "check_devices", "devices_of", "other_device"]

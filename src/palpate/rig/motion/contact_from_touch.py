@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
@@ -23,7 +24,6 @@ from palpate.rig.conversion import (
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
 from palpate.rig.motion.pad_touch import PadTouch, face_contact, face_points_of, touched_points
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
 

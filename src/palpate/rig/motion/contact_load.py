@@ -6,8 +6,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.config import TipConfig
-from palpate.geometry import Bools, Floats
 
 __all__ = [
     "HIDDEN_FACTOR",

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.dynamixel.guarded import End, Guard, ServoMover
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.errors import DeviceError, InputError
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_SPEED_RAD_S, AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.finger_movers import ARRIVED_MM

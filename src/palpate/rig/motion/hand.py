@@ -14,6 +14,7 @@ from typing import Self, TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import FingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.errors import Restarted, WatchdogTripped
@@ -24,7 +25,6 @@ from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.plugged_ports import renamed
-from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.arrays import extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive

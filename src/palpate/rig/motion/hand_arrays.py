@@ -5,13 +5,13 @@ from contextlib import suppress
 
 from serial.serialutil import SerialBase
 
+from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.plugged_ports import renamed
 from palpate.drivers.transport.reopened_port import ReopenedPort
-from palpate.errors import DeviceError
 from palpate.rig.arrays import array_of
 from palpate.rig.host_finger import HostFinger
 

@@ -17,6 +17,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.errors import DeviceError
 from palpate.config import SlideFingerConfig
 from palpate.config.rig_servos import SlideConfig
 from palpate.drivers.dynamixel.bus import Bus
@@ -27,7 +28,6 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.dynamixel.turn_mark import LARGEST_TURNS, NO_MARK, mark_item, mark_value, turns_in
 from palpate.drivers.finger import Servos
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.errors import DeviceError
 from palpate.rig.drives import ACCELERATION_RAD_S2
 from palpate.rig.host_finger import HostFinger
 

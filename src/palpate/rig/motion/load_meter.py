@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.drivers.tactile.column_windows import windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Bools, Floats, Ints
 from palpate.rig.motion.contact_load import (
     TIP_FRICTION,
     ContactLoad,

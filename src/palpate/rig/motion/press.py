@@ -10,13 +10,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from palpate.base.errors import DeviceError, SafetyStop
+from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, StopMeasurement
 from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.finger import TICK_RAD, FingerKinematics, Servos
-from palpate.errors import DeviceError, SafetyStop
-from palpate.geometry import Floats, Ints
-from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FingerApproach
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover

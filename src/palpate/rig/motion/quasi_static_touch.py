@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from palpate.base.geometry import Ints
 from palpate.drivers.dynamixel.guarded import End
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.finger import TICK_RAD, Servos
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Ints
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import measure_at_rest

@@ -4,7 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 
 __all__ = ["STEADY_FRAMES", "QuietMean"]
 

@@ -6,9 +6,9 @@ which the rig file knows the stops are looked at.
 
 from collections.abc import Mapping
 
+from palpate.base.errors import DeviceError
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
-from palpate.errors import DeviceError
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.end_stops import slide_of, stall
 from palpate.rig.motion.hand import Hand

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.drivers.dynamixel.guarded import End
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.geometry import Floats
 from palpate.rig.conversion import softest_n_per_mm
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState

@@ -14,14 +14,14 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Floats
 from palpate.config import RigFile
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.finger import Servos, Turn
-from palpate.errors import DeviceError
-from palpate.geometry import Floats
 from palpate.rig.arm_drive import ArmDrive
 from palpate.rig.drives import AIM_TOLERANCE_RAD, ARM_AIM_SPEED_MM_S
 from palpate.rig.host_finger import HostFinger

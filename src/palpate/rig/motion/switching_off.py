@@ -5,6 +5,7 @@ What is said beside an error, whose it is, because of it or of what else it may 
 
 from collections.abc import Callable, Sequence
 
+from palpate.base.errors import DeviceError
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.errors import (
@@ -18,7 +19,6 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.tactile.frames import ArrayLost, ArraySilent
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
 
 __all__ = ["despite_interruptions", "name_owners", "note_other_causes", "note_what_is_on", "switch_off"]
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.base.geometry import Floats
 from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import Body, Line
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.geometry import Floats
 from palpate.rig.conversion import arm_kinematics, array_bound_rad, slide_kinematics
 from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
 from palpate.rig.reach.standby_poses import body_of

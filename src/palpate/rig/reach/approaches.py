@@ -11,9 +11,9 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.config import ClosingConfig, RigFile
 from palpate.drivers.finger import FingerKinematics
-from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import dent_allowance_mm, finger_of, kinematics_of, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD

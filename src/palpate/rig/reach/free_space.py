@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats
 from palpate.config import ArmFingerConfig, RigFile
 from palpate.drivers.finger import Turn
-from palpate.errors import InputError
-from palpate.geometry import Bools, Floats
 from palpate.rig.reach.approach_paths import ApproachPath, joint_sweep, paths_of
 from palpate.rig.reach.standby_poses import StandbyPoses, clear_aims, free_ranges, standby_poses_of
 from palpate.rig.reach.swept_volume import Capsules, gap_mm, longest_way_mm, polygon_gap_mm

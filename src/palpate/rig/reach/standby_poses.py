@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
-from palpate.geometry import Bools, Floats
 from palpate.rig.conversion import arm_kinematics, slide_kinematics, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.reach.swept_volume import Capsules, capsules_of, gaps_mm, polygon_gap_mm

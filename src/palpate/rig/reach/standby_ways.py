@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.finger import FingerKinematics, Servos, Turn
-from palpate.geometry import Bools, Floats
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.reach.free_space import furthest_mm
 from palpate.rig.reach.standby_poses import (

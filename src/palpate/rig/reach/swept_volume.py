@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import points_in_polygon
+from palpate.base.geometry.segments import distance_range
 from palpate.drivers.finger import Body
-from palpate.geometry import Bools, Floats, Ints
-from palpate.geometry.plane import points_in_polygon
-from palpate.geometry.segments import distance_range
 
 __all__ = [
     "Capsules",

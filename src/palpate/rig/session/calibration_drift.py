@@ -11,6 +11,9 @@ from datetime import datetime
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import rotate, rotation_matrix
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.calibration.agreement import (
     Agreement,
     ContactUncertainty,
@@ -21,15 +24,12 @@ from palpate.calibration.agreement import (
 )
 from palpate.config import CalibrationFile, RigFile, StageConfig
 from palpate.config.identification_result import CalibrationUsedOut
-from palpate.geometry import Floats
-from palpate.geometry.plane import rotate, rotation_matrix
 from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
 from palpate.rig.motion.guarded_approach import Touch
 from palpate.rig.turning_stage import planned_turn
-from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["calibration_used", "session_agreement"]
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from serial import PortNotOpenError, SerialException, SerialTimeoutException
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
-from palpate.errors import DeviceError
 from palpate.rig.session.signals import Interrupted
 
 __all__ = ["INTERRUPTS", "KINDS", "error_of", "values_of"]

@@ -8,10 +8,10 @@ from dataclasses import replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
+from palpate.base.errors import InputError
+from palpate.base.files.writing import write_text
 from palpate.config import ObjectsFile, Scene, calibration_path, load_objects, load_scene
 from palpate.config.writers import file_text
-from palpate.errors import InputError
-from palpate.files.writing import write_text
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.session.log_reader import SessionFile
 

@@ -16,10 +16,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from palpate.base.errors import InputError, OutputError
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.record import Noted
 from palpate.drivers.transport.recording import ErrorRaised, PortBytes, PortOpened
-from palpate.errors import InputError, OutputError
 from palpate.rig.background import CAPACITY, Background
 from palpate.rig.session.error_values import values_of
 from palpate.rig.session.events import SessionEvents, plain

@@ -13,11 +13,11 @@ from typing import BinaryIO
 
 import zstandard
 
-from palpate.errors import InputError
-from palpate.files import read_bytes
-from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES
-from palpate.files.opening import size_in_words
-from palpate.vocabulary import SESSIONS_FOLDER
+from palpate.base.errors import InputError
+from palpate.base.files import read_bytes
+from palpate.base.files.limits import LOG_BYTES, LOG_LINE_BYTES
+from palpate.base.files.opening import size_in_words
+from palpate.base.vocabulary import SESSIONS_FOLDER
 
 __all__ = [
     "LOG_NAME",

@@ -14,6 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
+from palpate.base.errors import InputError
+from palpate.base.files.limits import LOG_LINES, LOG_VALUES
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config.problems import shown
 from palpate.drivers.transport.recording import (
     CALLS,
@@ -25,12 +28,9 @@ from palpate.drivers.transport.recording import (
     RecordedEvent,
     SessionEvent,
 )
-from palpate.errors import InputError
-from palpate.files.limits import LOG_LINES, LOG_VALUES
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
 from palpate.rig.session.log import check_sum
 from palpate.rig.session.log_file import check_line_length, check_session, log_lines, log_path
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
 

@@ -7,8 +7,8 @@ from typing import BinaryIO
 
 import zstandard
 
+from palpate.base.errors import InputError
 from palpate.drivers.transport.recording import Entry
-from palpate.errors import InputError
 from palpate.rig.session.log_file import is_locked, log_path
 from palpate.rig.session.log_reader import entry_in
 

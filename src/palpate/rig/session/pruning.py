@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from palpate.base.errors import InputError, OutputError
 from palpate.config.sessions_result import SessionOut
-from palpate.errors import InputError, OutputError
 from palpate.rig.session.log_file import is_written_now, log_path
 
 __all__ = ["Pruned", "discard_session", "recorded_files", "remove_sessions", "to_prune"]

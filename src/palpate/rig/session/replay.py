@@ -9,15 +9,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.drivers.dynamixel.packet import Instruction
 from palpate.drivers.transport.replay import RecordEnded, Replayer
-from palpate.errors import PalpateError
 from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents, plain
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
 from palpate.rig.session.truth_event import EVENT, recorded_truth
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Replayed", "first_difference", "replay", "replay_with"]
 

@@ -4,9 +4,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from palpate.base.errors import PalpateError
+from palpate.base.vocabulary import Strategy
+from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
-from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Configuration
 from palpate.rig.background import BackgroundCall
 from palpate.rig.emulated.scene import Placement
@@ -21,8 +23,6 @@ from palpate.rig.motion.slip_check import check_slips, slides_at_stops
 from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Environment
 from palpate.rig.session.truth_event import Truth
-from palpate.vocabulary import Strategy
-from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
 

@@ -7,6 +7,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import ObjectModel
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.models import Model, model_named
 from palpate.drivers.dynamixel.state_traffic import StateTraffic
@@ -15,8 +17,6 @@ from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
 from palpate.drivers.transport.recording import Direction, Entry, PortBytes, SessionEvent
-from palpate.errors import DeviceError
-from palpate.geometry import ObjectModel
 from palpate.rig.arrays import array_of
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.session.inputs import calibrated_run, kept_inputs

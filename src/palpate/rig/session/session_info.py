@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from palpate.base.errors import InputError
 from palpate.config import FingerConfig, RigFile, load_rig
 from palpate.config.sessions_result import PortOfSessionOut, SessionInfoOut, VersionsOut
-from palpate.errors import InputError
 from palpate.rig.session.summary import summary_of
 
 __all__ = ["session_info"]

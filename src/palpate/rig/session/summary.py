@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import Strategy
 from palpate.config.replay_result import EndOut
 from palpate.config.sessions_result import SessionOut, UnreadableOut
-from palpate.errors import InputError
 from palpate.rig.session.log_file import is_written_now, log_lines, log_path
-from palpate.vocabulary import Strategy
 
 __all__ = ["FoundSessions", "find_sessions", "summary_of"]
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, replace
 
 from pydantic import BaseModel, ValidationError
 
+from palpate.base.errors import InputError
 from palpate.config.fields import Number
-from palpate.errors import InputError
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.part_truth import PartTruth
 from palpate.rig.emulated.scene import Placement

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 
+from palpate.base.errors import InputError
+from palpate.base.files.code_digest import source_digest
 from palpate.config.study_result import StudyRunOut
-from palpate.errors import InputError
-from palpate.files.code_digest import source_digest
 from palpate.rig.catalogue.processes import in_processes
 from palpate.rig.study.runs_file import DECIDING_CODE, RunsFile
 from palpate.rig.study.simulation import Simulation

@@ -11,9 +11,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from palpate.cad.optional_imports import needed
+from palpate.base.errors import InputError
+from palpate.base.optional_imports import needed
 from palpate.config.study_result import StudyRunOut
-from palpate.errors import InputError
 from palpate.rig.study.campaign import Chunk, Executor, runs_of
 
 __all__ = ["on_cluster"]

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from palpate.base.geometry import Floats, ObjectModel
 from palpate.config import ObjectsFile, RigFile
-from palpate.geometry import Floats, ObjectModel
 from palpate.rig.emulated.scene import Placement, put_down
 
 __all__ = ["draw_for_study", "has_probabilities", "placed_within_mm", "shares_drawn"]

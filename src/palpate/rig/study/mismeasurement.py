@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from palpate.base.geometry import Floats
 from palpate.drivers.emulators.part import Displacement
-from palpate.geometry import Floats
 from palpate.recognizer import Contact, FingerApproach, NormalRange, Resolution
 
 __all__ = ["FingerErrors", "Mismeasurement"]

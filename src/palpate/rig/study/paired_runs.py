@@ -13,9 +13,9 @@ from typing import Literal, Self
 import numpy as np
 from scipy import special
 
+from palpate.base.geometry import Floats
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config.study_result import StudyRunOut
-from palpate.geometry import Floats
-from palpate.vocabulary import IdentificationVerdict
 
 __all__ = ["LEAST_PAIRS", "PairedRuns"]
 

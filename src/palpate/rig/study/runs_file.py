@@ -10,18 +10,24 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from palpate.base.errors import InputError, OutputError
+from palpate.base.files import read_bytes
+from palpate.base.files.code_digest import source_digest
+from palpate.base.files.limits import RUNS_BYTES
 from palpate.config.problems import shown
 from palpate.config.study_result import StudyRunOut
 from palpate.config.writers import file_text
-from palpate.errors import InputError, OutputError
-from palpate.files import read_bytes
-from palpate.files.code_digest import source_digest
-from palpate.files.limits import RUNS_BYTES
 from palpate.rig.study.simulation import Simulation
 
 __all__ = ["DECIDING_CODE", "RunsFile"]
 
-DECIDING_CODE = "palpate.recognizer", "palpate.geometry", "palpate.drivers", "palpate.config", "palpate.rig"
+DECIDING_CODE = (
+    "palpate.recognizer",
+    "palpate.base.geometry",
+    "palpate.drivers",
+    "palpate.config",
+    "palpate.rig",
+)
 """Packages on whose code it depends what becomes of a run."""
 
 _FORMAT = "palpate/study-runs@1"

@@ -5,9 +5,9 @@ from collections import deque
 
 import numpy as np
 
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
 from palpate.config import FingerConfig, RigFile
-from palpate.geometry import Floats
-from palpate.geometry.plane import wrap_angle
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
 from palpate.rig.emulated.array_noise import ArrayNoise

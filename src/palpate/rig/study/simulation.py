@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import ErrorSource, PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.study_result import RivalOut, StudyRunOut
 from palpate.drivers.emulators.part import Part
-from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Recognition, Resolution
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of, resolution_of
@@ -27,7 +28,6 @@ from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.study.draws import draw_for_study, placed_within_mm
 from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
-from palpate.vocabulary import ErrorSource, PartMotion, Strategy
 
 __all__ = ["Simulation", "motion_of", "with_motion"]
 

@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import RigFile
 from palpate.config.study_result import (
     AccuracyOut,
@@ -24,7 +25,6 @@ from palpate.config.study_result import (
     TwinsOut,
     VerdictCountOut,
 )
-from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 __all__ = ["Advice", "Drawn", "Limits", "confusion_of", "is_wrong", "study_out"]
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.base.vocabulary import ErrorSource, PartMotion
 from palpate.config import RigFile
 from palpate.config.study_result import ComparedOut, NoiseCostOut, StudyRunOut
 from palpate.rig.study.paired_runs import PairedRuns
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
-from palpate.vocabulary import ErrorSource, PartMotion
 
 __all__ = ["AS_IT_IS", "at_heights", "compared", "heights_name", "noise_budget", "without_errors"]
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError
 from palpate.rig.arrays import array_of
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos

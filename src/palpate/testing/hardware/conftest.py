@@ -6,9 +6,9 @@ from typing import NoReturn
 
 import pytest
 
+from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Ping
-from palpate.errors import DeviceError
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos

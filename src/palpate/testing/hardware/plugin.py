@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate.base.errors import InputError
 from palpate.config import load_objects, shipped_objects
-from palpate.errors import InputError
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 
 __all__ = ["RIG", "ask_to_move"]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from palpate.base.errors import SafetyStop
 from palpate.config import RigFile
 from palpate.config.check_result import ServoCheckOut
 from palpate.drivers.dynamixel.bus import Bus
@@ -14,7 +15,6 @@ from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.errors import SafetyStop
 from palpate.rig.arrays import calibration_of, threshold_problem
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, loses_too_many

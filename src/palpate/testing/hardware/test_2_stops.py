@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import pytest
 
+from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.control_table import ITEMS
 from palpate.drivers.dynamixel.errors import WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.motion.guarded_approach import look, move_tips
 from palpate.rig.motion.hand import WATCHDOG_S, Hand

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from palpate.api.rig import open_rig
+from palpate.base.vocabulary import SESSIONS_FOLDER
 from palpate.config import RigFile
+from palpate.jobs.rig import open_rig
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 from palpate.testing.hardware.bench import Note
-from palpate.vocabulary import SESSIONS_FOLDER
 
 _AIMS = 41
 _SESSIONS = Path(SESSIONS_FOLDER)

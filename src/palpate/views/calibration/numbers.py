@@ -11,6 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from palpate.base.geometry import Bools
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
@@ -25,7 +26,6 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
 )
 from palpate.config.calibration_stage import StageCalibration
-from palpate.geometry import Bools
 
 __all__ = ["RowGroup", "at_most", "finger_tables", "never_pressed", "plus_minus", "residuals_mm", "summary"]
 

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
+from palpate.base.geometry import Floats
 from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
-from palpate.geometry import Floats
 from palpate.views.calibration.numbers import never_pressed, residuals_mm
 from palpate.views.table_picture.frame import nice_step
 from palpate.views.table_picture.style import (

@@ -8,9 +8,9 @@ from base64 import b64encode
 from pathlib import Path
 from types import ModuleType
 
-from palpate.cad.optional_imports import install_command
+from palpate.base.files.writing import write_text
+from palpate.base.optional_imports import install_command
 from palpate.config.calibration_file import CalibrationFile
-from palpate.files.writing import write_text
 from palpate.views.calibration.numbers import RowGroup, finger_tables, summary
 from palpate.views.svg import escape
 from palpate.views.table_picture.style import CARD, INK, MUTED, PAPER, RULE

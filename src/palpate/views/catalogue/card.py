@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.errors import counted
-from palpate.geometry import Floats
+from palpate.base.errors import counted
+from palpate.base.geometry import Floats
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range
 from palpate.rig.catalogue.symmetry import SectionSymmetry, symmetry_of_region

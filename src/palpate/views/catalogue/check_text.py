@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterator, Sequence
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import TipShape
 from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightOut, RigHeightsOut, SeparatingOut
-from palpate.errors import counted
-from palpate.vocabulary import TipShape
 
 __all__ = ["check_lines", "fit_words", "help_words", "pair_lines", "rig_words"]
 

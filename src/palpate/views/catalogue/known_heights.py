@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from palpate.errors import counted
+from palpate.base.errors import counted
 from palpate.rig.catalogue.section_stack import Range
 
 __all__ = ["known_words"]

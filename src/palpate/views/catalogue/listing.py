@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from palpate.base.errors import counted
+from palpate.base.vocabulary import PushResponse
 from palpate.config.objects_result import ObjectsListingOut, StateListedOut, StateNameOut
-from palpate.errors import counted
 from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
 from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
 from palpate.views.catalogue.known_heights import known_words
 from palpate.views.tables import table
-from palpate.vocabulary import PushResponse
 
 __all__ = ["print_listing"]
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import shapely
 
-from palpate.errors import counted
+from palpate.base.errors import counted
+from palpate.base.vocabulary import TipShape
 from palpate.rig.catalogue.finger_model import RigFingers, heights_in_words
 from palpate.rig.catalogue.section_stack import StateSections
 from palpate.views.catalogue.card import CardFacts, draw_card
@@ -24,7 +25,6 @@ from palpate.views.catalogue.style import (
 )
 from palpate.views.svg import element, escape, number, text, text_width, wrap
 from palpate.views.table_picture.style import INK, MUTED, PAPER, TIP
-from palpate.vocabulary import TipShape
 
 __all__ = ["draw_objects"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from palpate.geometry import Floats, State
+from palpate.base.geometry import Floats, State
 from palpate.views.catalogue.style import BAR_WIDTH, SIDE
 from palpate.views.svg import element, path_data
 from palpate.views.table_picture.style import FOUND, FOUND_FILL, INK, THIN

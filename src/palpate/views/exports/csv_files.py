@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TextIO
 
-from palpate.errors import InputError, OutputError
+from palpate.base.errors import InputError, OutputError
 from palpate.rig.session.run_record import places_touched
 from palpate.rig.session.samples import (
     EventSample,

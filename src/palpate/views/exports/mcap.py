@@ -12,10 +12,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from palpate.cad.optional_imports import needed
+from palpate.base.errors import InputError, OutputError
+from palpate.base.geometry import ObjectModel
+from palpate.base.optional_imports import needed
 from palpate.config import RigFile
-from palpate.errors import InputError, OutputError
-from palpate.geometry import ObjectModel
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, SessionSamples, TipSample
 from palpate.views.exports.clock import LogClock
 from palpate.views.exports.scene import COLOURS, Outline, Scene, Tip, scene_changes

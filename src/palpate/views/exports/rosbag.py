@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.cad.optional_imports import needed
-from palpate.errors import InputError, OutputError
+from palpate.base.errors import InputError, OutputError
+from palpate.base.optional_imports import needed
 from palpate.rig.session.samples import (
     EventSample,
     FrameSample,

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
-from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, Sample, TipSample
 from palpate.views.logged_hypotheses import answered, heaviest_first, outlines_in_w
-from palpate.vocabulary import TipShape
 
 __all__ = ["COLOURS", "Outline", "Scene", "Tip", "scene_changes"]
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from palpate.base.errors import InputError
 from palpate.config import RigFile, load_objects
 from palpate.drivers.transport.recording import SessionEvent
-from palpate.errors import InputError
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.session.log_file import check_session
 from palpate.rig.session.log_tail import LogTail

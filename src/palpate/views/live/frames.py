@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from palpate.base.geometry import Floats, ObjectModel
+from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
-from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.run_record import places_touched
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
 from palpate.views.logged_hypotheses import answered, heaviest_first
-from palpate.vocabulary import TipShape
 
 __all__ = ["FrameStore", "setting_of"]
 

@@ -14,7 +14,7 @@ from contextlib import asynccontextmanager, closing, suppress
 from importlib.resources import files
 from typing import Any
 
-from palpate.cad.optional_imports import needed
+from palpate.base.optional_imports import needed
 from palpate.views.live.frames import FrameStore
 
 __all__ = ["HOST", "LiveView", "serve"]

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.base.errors import counted
+from palpate.base.geometry import Bools
 from palpate.config.watch_result import PatchOut, WatchedFingerOut, WatchOut
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import ArrayCounters
 from palpate.drivers.tactile.messages import Shape
-from palpate.errors import counted
-from palpate.geometry import Bools
 from palpate.rig.monitor.finger_monitor import FingerView, TareState
 
 __all__ = ["age_words", "flag_words", "line_of", "out_of", "place_words", "summary_of", "taxel_words"]

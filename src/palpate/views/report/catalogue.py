@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from itertools import chain
 
+from palpate.base.errors import counted
 from palpate.config.objects_result import ObjectsCheckOut, SeparatingOut, StateListedOut, StateNameOut
-from palpate.errors import counted
 from palpate.views.catalogue.check_text import fit_words, help_words, rig_words
 from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
 

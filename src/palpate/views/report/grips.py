@@ -4,15 +4,15 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from palpate.base.errors import counted
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
-from palpate.errors import counted
-from palpate.geometry import ObjectModel
 from palpate.rig.session.run_record import GripRecord, places_touched
 from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
 from palpate.views.report.page import columns, paragraph, picture, section, table
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
-from palpate.vocabulary import TipShape
 
 __all__ = ["grip_sections", "name_of"]
 

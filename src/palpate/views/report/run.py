@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
 from palpate.config import RigFile
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.sessions_result import SessionOut
 from palpate.drivers.transport.recording import PortOpened
-from palpate.errors import InputError
-from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue
 from palpate.recognizer.explanation import explain_object
 from palpate.rig.session.log_reader import SessionFile

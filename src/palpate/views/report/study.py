@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from typing import TypeVar
 
+from palpate.base.errors import counted
+from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import PartMotion
 from palpate.config.study_result import ComparedOut, StateStudiedOut, StudyOut
-from palpate.errors import counted
-from palpate.geometry import ObjectModel
 from palpate.views.report.page import heading, page, paragraph, picture, section, table
 from palpate.views.study_pictures import (
     MATRIX_STATES,
@@ -35,7 +36,6 @@ from palpate.views.study_words import (
     verdict_words,
     wrong_words,
 )
-from palpate.vocabulary import PartMotion
 
 __all__ = ["study_report"]
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.views.label_placement import LabelPlacer
 from palpate.views.svg import element, shorten, text, text_width
 from palpate.views.table_picture.frame import View

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from palpate.geometry import Floats
-from palpate.geometry.plane import points_in_polygon
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import points_in_polygon
 from palpate.views.label_placement import LabelPlacer
 from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
 from palpate.views.table_picture.approaches import approach_labels, draw_approach

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.views.label_placement import Box
 from palpate.views.svg import element, number, text
 from palpate.views.table_picture.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.svg import element, number, path_data, shorten, text, text_width
 from palpate.views.table_picture.frame import View

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.views.svg import element, path_data, shorten, text
 from palpate.views.table_picture.frame import View
 from palpate.views.table_picture.marks import arrow_head, heading

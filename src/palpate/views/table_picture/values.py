@@ -7,7 +7,7 @@ from a log and from a recognition without a rig alike.
 import math
 from dataclasses import dataclass
 
-from palpate.geometry import Floats
+from palpate.base.geometry import Floats
 from palpate.views.table_picture.style import BADGES, HUES
 
 __all__ = [

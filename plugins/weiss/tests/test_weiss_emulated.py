@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from emulated_weiss import MATRIX, OTHER, Bench
 
-from palpate.plugins.weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
-from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.plugins.weiss.emulated_arrays import BOOT_NOISE
-from palpate.plugins.weiss.messages import parse_frame, status_of
+from palpate_weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
+from palpate_weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate_weiss.emulated_arrays import BOOT_NOISE
+from palpate_weiss.messages import parse_frame, status_of
 
 
 class Talk:

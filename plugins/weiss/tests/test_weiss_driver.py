@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from emulated_weiss import Bench
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.transport.wire import wire_time_s
-from palpate.errors import DeviceError
-from palpate.plugins.weiss.arrays import DsaArray, WtsArray
-from palpate.plugins.weiss.codec import WeissDialect, WeissPacket, encode
-from palpate.plugins.weiss.commands import DsaCommand, WtsCommand
-from palpate.plugins.weiss.emulated_arrays import EmulatedDsa
+from palpate_weiss.arrays import DsaArray, WtsArray
+from palpate_weiss.codec import WeissDialect, WeissPacket, encode
+from palpate_weiss.commands import DsaCommand, WtsCommand
+from palpate_weiss.emulated_arrays import EmulatedDsa
 
 BOTH = ["weiss-wts", "weiss-dsa"]
 

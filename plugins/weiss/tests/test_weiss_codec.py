@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.plugins.weiss.codec import (
+from palpate_weiss.codec import (
     MAX_PAYLOAD,
     WeissDecoder,
     WeissDialect,
@@ -17,7 +17,7 @@ from palpate.plugins.weiss.codec import (
     WeissPacket,
     encode,
 )
-from palpate.plugins.weiss.crc import RunningCrc, crc16
+from palpate_weiss.crc import RunningCrc, crc16
 
 WTS_VECTORS = [
     # CNCR-NTU/wts-ft, scripts/wts_ft_interface_1.py, its three tests of the checksum

@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.transport.wire import Emission
-from palpate.errors import DeviceError
-from palpate.plugins.weiss import WTS, WtsConfig
-from palpate.plugins.weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
-from palpate.plugins.weiss.emulated_arrays import EmulatedWts
-from palpate.plugins.weiss.messages import FRAME, MatrixInfo
 from palpate.testing import ArrayBench
+from palpate_weiss import WTS, WtsConfig
+from palpate_weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
+from palpate_weiss.emulated_arrays import EmulatedWts
+from palpate_weiss.messages import FRAME, MatrixInfo
 
 SENSELESS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "texel": (lambda payload: payload[:4] + b"\0" + b"\0\x10" * 35, "texel 4096 (allowed: 0 to 4095)"),

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from palpate.drivers.tactile.frame_times import FrameTime, FrameTimes
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.plugins.weiss.messages import (
+from palpate_weiss.messages import (
     ControllerInfo,
     MatrixInfo,
     SystemInfo,
