@@ -67,10 +67,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from simulated_prober import SimulatedRig
 
 _ROOT = Path(__file__).parents[1]
+_SHIPPED = _ROOT / "src" / "palpate" / "config" / "references"
 RIGS = {
-    "slides": (_ROOT / "examples" / "fresh-rig.toml", _ROOT / "src" / "palpate" / "config" / "references" / "standard.toml"),
-    "arms": (_ROOT / "examples" / "fresh-arms.toml", _ROOT / "src" / "palpate" / "config" / "references" / "low.toml"),
-    "stage": (_ROOT / "examples" / "fresh-stage.toml", _ROOT / "src" / "palpate" / "config" / "references" / "standard.toml"),
+    "slides": (_ROOT / "examples" / "fresh-rig.toml", _SHIPPED / "standard.toml"),
+    "arms": (_ROOT / "examples" / "fresh-arms.toml", _SHIPPED / "low.toml"),
+    "stage": (_ROOT / "examples" / "fresh-stage.toml", _SHIPPED / "standard.toml"),
 }
 """Rigs that nothing has been measured of, and the references that suit them."""
 LOADED = 0.15  # taxels whose gain is known better than this have been pressed well

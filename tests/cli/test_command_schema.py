@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from command import Ended, run_here
-from repository import ROOT
+from repository import PACKAGE
 
 from palpate.config.schema import FORMATS
 
@@ -25,7 +25,7 @@ def test_all_names_are_listed(here: Here) -> None:
 
 @pytest.mark.parametrize("name", sorted(FORMATS))
 def test_what_is_printed_is_what_is_shipped(here: Here, name: str) -> None:
-    shipped = (ROOT / "src" / "palpate" / "config" / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8")
+    shipped = (PACKAGE / "config" / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8")
     ended = here("schema", name)
     assert (ended.code, ended.out) == (0, shipped)
 

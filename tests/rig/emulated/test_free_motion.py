@@ -22,7 +22,8 @@ from palpate.rig.bench import place
 from palpate.rig.emulated.devices import emulate
 
 ROOT = Path(__file__).parents[3]
-RIGS = ("src/palpate/config/rigs/bench.toml", "src/palpate/config/rigs/xl330-bench.toml", "examples/two-link-rig.toml")
+_SHIPPED = "src/palpate/config/rigs"
+RIGS = (f"{_SHIPPED}/bench.toml", f"{_SHIPPED}/xl330-bench.toml", "examples/two-link-rig.toml")
 MODE, TORQUE, WATCHDOG, PROFILE, GOAL, PRESENT = 11, 64, 98, 112, 116, 122
 EXTENDED_POSITION = 4
 EVENTS = 250
