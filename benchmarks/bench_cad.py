@@ -25,16 +25,16 @@ import trimesh
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import Strategy
+from palpate.cad.parts import Solid
 from palpate.cad.readers import read_solids
-from palpate.cad.values import Solid
 from palpate.config import ObjectsFile, RigFile, load_rig
-from palpate.config.import_result import ImportedStateOut
-from palpate.config.objects_file import checked_objects
+from palpate.config.catalogue_results import ImportedStateOut
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment, set_up
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
-from palpate.rig.catalogue.heights import check_known
+from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.session.run import IdentificationJob, run_identification
 
@@ -71,7 +71,7 @@ def solids_in(folder: Path, wanted_mm: tuple[float, ...]) -> tuple[ObjectsFile, 
             text = item.text
             lying += [cut(solid, text.name, text.tolerance, state, wanted_mm) for state in item.told.states]
     file = ObjectsFileText(format="palpate/objects@1", units="mm", objects=texts)
-    return checked_objects(file, "catalogue"), lying
+    return objects_from_text(file, "catalogue"), lying
 
 
 def cut(

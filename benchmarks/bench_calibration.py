@@ -37,9 +37,9 @@ from scipy.stats import chi2, kstest
 
 from palpate.base.errors import PalpateError
 from palpate.base.vocabulary import Strategy
-from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal, nominal_poses
-from palpate.calibration.run_record import RunRecord
+from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal, nominal_poses
+from palpate.calibration.measurements import RunRecord
 from palpate.config import (
     ArmFingerConfig,
     CalibrationFile,
@@ -49,18 +49,23 @@ from palpate.config import (
     load_rig,
     shipped_objects,
 )
+from palpate.config.calibration_file import ReferencesFile, load_references
 from palpate.config.calibration_finger import Actuators, ActuatorsCalibration, ArmPlaceCalibration
-from palpate.config.references_file import ReferencesFile, load_references
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, emulated_table, environment, set_up
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.run_record_file import RunRecordFile
-from palpate.rig.diagnostics.retouch import retouch
-from palpate.rig.emulated.calibrated_truth import built_pose, in_hand_frame
+from palpate.rig.commissioning.calibration_run import (
+    STEPS,
+    CalibrationJob,
+    RunRecordFile,
+    build_references,
+    calibrate,
+    rig_connector,
+)
+from palpate.rig.diagnostics.calibration_check import retouch
+from palpate.rig.emulated.ground_truth import built_pose, in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.identification.preconditions import check_known_well
+from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.session.run import IdentificationJob, run_identification
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
@@ -159,7 +164,7 @@ def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None
         seen = in_hand_frame(lying, rig, [finger.truth for finger in bench.mock.rig.bench.fingers])
     begin = time.perf_counter()
     try:
-        check_known_well(used, rig.name)
+        check_accuracy(used, rig.name)
         job = IdentificationJob(
             used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC)
         )

@@ -27,7 +27,7 @@ from bench_tactile import extraction_speeds
 from contact_outcomes import QUANTITIES, Outcome, extracted, processed
 from contact_sweep import Session, cylinder_session, pad_session, pressed_session
 
-from palpate.drivers.tactile.contact import PatchFlag
+from palpate.drivers.tactile.patches import PatchFlag
 
 PER_SESSION = 100
 EXTRACT_EVERY = 10

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from doctor_faults import FAULTS, WELL
 from doctor_setup import Fault, examined
 
-from palpate.config.doctor_result import FindingOut
+from palpate.config.diagnosis_results import FindingOut
 
 PAGE = Path(__file__).parents[1] / "docs" / "doctor.md"
 BEGIN, END = "<!-- table: python benchmarks/bench_doctor.py --page -->", "<!-- end of table -->"

@@ -33,7 +33,7 @@ from performance_page import markdown_table, update, versions_line
 import palpate
 from palpate.base.errors import PalpateError
 from palpate.config import load_objects, load_rig, shipped_objects
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.transport import protocol_mock
 from palpate.recognizer import Catalogue
 from palpate.rig import bench as composition
@@ -172,7 +172,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
         pass  # what is imported when it is first used is no cost of a run
     began = time.process_time()
     catalogue = Catalogue(objects.objects)
-    placement = composition.place(rig, objects, None, case["seed"])
+    placement = composition.choose_placement(rig, objects, None, case["seed"])
     if case["traced"]:
         _trace(trace, case)
     bench = composition.set_up(rig, placement, case["seed"])

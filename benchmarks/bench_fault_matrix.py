@@ -26,9 +26,9 @@ from fault_matrix import Cell, Outcome, cells, problems, run_cell
 from fault_page import write_page
 from fault_rows import FAULTS, LOOKED
 
-from palpate.drivers.dynamixel import bus, control_table, servo, state, torque
-from palpate.drivers.transport import record
-from palpate.rig.motion import array_guard, finger_movers, hand, switching_off
+from palpate.drivers.dynamixel import bus, control_table, servo, servo_state
+from palpate.drivers.transport import recorder
+from palpate.rig.motion import array_guard, device_loss, finger_movers, hand
 from palpate.rig.session import log
 
 Result = tuple[Cell, Outcome, list[str]]
@@ -53,7 +53,7 @@ def without_silence() -> None:
 def without_stall() -> None:
     """Fingers on their way may stand still for ever."""
     replace_guard(finger_movers, "_STALL_S", 1e9)
-    replace_guard(finger_movers, "_LONGEST_S", 30.0)
+    replace_guard(finger_movers, "_MOVE_TIMEOUT_S", 30.0)
 
 
 def without_torque_check() -> None:
@@ -83,7 +83,7 @@ def without_alerts() -> None:
 
 def without_restart_check() -> None:
     """A servo that has forgotten everything passes for one that has not."""
-    layout = state._LAYOUT
+    layout = servo_state._STATE_LAYOUT
 
     class Forgiving:
         size = layout.size
@@ -92,7 +92,7 @@ def without_restart_check() -> None:
             *measured, _torque, watchdog, _level = layout.unpack(data)
             return (*measured, 1, watchdog, control_table.ANSWERS_ALL)
 
-    replace_guard(state, "_LAYOUT", Forgiving())
+    replace_guard(servo_state, "_STATE_LAYOUT", Forgiving())
 
 
 def without_watchdog() -> None:
@@ -107,7 +107,7 @@ def without_output_check() -> None:
 
 def without_shield() -> None:
     """What a recording raises goes through, and the log is written by the thread that drives devices."""
-    replace_guard(record.Recorder, "note", lambda self, what: self._sink.note(what))
+    replace_guard(recorder.Recorder, "note", lambda self, what: self._sink.note(what))
     replace_guard(log.SessionLog, "_put", lambda self, line: self._write([(line, "")]))
 
 
@@ -118,13 +118,13 @@ def without_sure_off() -> None:
 
 def without_reconnecting() -> None:
     """An adapter that comes back is not waited for."""
-    replace_guard(switching_off, "_REPLUG_S", 0.0)
+    replace_guard(device_loss, "_REPLUG_S", 0.0)
 
 
 def without_asking_again() -> None:
     """Torque off and goals are told once, and answers asked for once."""
-    replace_guard(torque, "_ROUNDS", 1)
-    replace_guard(servo, "_CONFIRMATIONS", 1)
+    replace_guard(servo, "_TORQUE_OFF_ROUNDS", 1)
+    replace_guard(servo, "_MAX_GOAL_WRITES", 1)
     begin = bus.Bus.__init__
     replace_guard(bus.Bus, "__init__", lambda self, *args, **kw: begin(self, *args, **kw | {"retries": 0}))
 

@@ -26,7 +26,7 @@ from firmware_build import build_firmware
 
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 ROWS, COLUMNS = 8, 8
 SIP = 65536  # bytes

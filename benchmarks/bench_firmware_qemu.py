@@ -39,7 +39,7 @@ from palpate.base.errors import DeviceError
 from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.rig.bench import place
+from palpate.rig.bench import choose_placement
 
 ICOUNT = 6  # 2^6 ns an instruction
 _WORTH_A_ROW = 100  # instructions
@@ -125,7 +125,7 @@ def part_row(seed: int) -> Row:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rig, parts = slow_bench(folder)
-        truth = place(load_rig(rig), load_objects(parts), None, seed)
+        truth = choose_placement(load_rig(rig), load_objects(parts), None, seed)
         assert truth is not None
         with board_bench(load_rig(rig), truth, seed, folder) as bench:
             real = write_real_rig(rig, bench.paths, folder / "real.toml")

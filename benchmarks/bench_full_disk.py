@@ -34,14 +34,12 @@ from truth_calibration import bench_calibration
 
 from palpate.base.errors import OutputError
 from palpate.config import load_rig
-from palpate.config.calibration_writer import calibration_toml
-from palpate.config.references_file import load_references
-from palpate.config.shipped import shipped_references
+from palpate.config.calibration_file import load_references
+from palpate.config.loading import shipped_references
+from palpate.config.writers import calibration_toml
 from palpate.rig.bench import environment
-from palpate.rig.commissioning.calibration import CalibrationJob, calibrate
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.run_record_file import RunRecordFile
-from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.commissioning.calibration_run import CalibrationJob, RunRecordFile, calibrate, rig_connector
+from palpate.rig.emulated.scene import ReferencePlacer
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (0, 4096, 65536, 400_000, 900_000, 1_500_000)
@@ -130,7 +128,7 @@ def calibrated_here(seed: int, disk: Path) -> bool:
     job = CalibrationJob(
         rig, "0" * 64, load_references(shipped_references()), ("actuators",), 0.999, datetime.now(UTC), None
     )
-    table = EmulatedTable(session.bench, seed)
+    table = ReferencePlacer(session.bench, seed)
     connect = rig_connector(environment(session.bench_rig), table, lambda _: None)
     said = "nothing"
     try:

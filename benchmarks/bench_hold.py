@@ -17,10 +17,10 @@ import numpy as np
 
 from palpate.base.errors import PalpateError
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.config.check_result import HoldCheckOut
-from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.rig.bench import BenchRig, connect, place, set_up
-from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n
+from palpate.config.diagnosis_results import HoldCheckOut
+from palpate.config.emulation import EmulatedPartConfig
+from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
+from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
 
 
 def drawn(seed: int, engine: str, feet: int) -> tuple[RigFile, EmulatedPartConfig]:
@@ -42,8 +42,8 @@ def measured(bench: BenchRig) -> HoldCheckOut:
     """Push the part that lies there."""
     with connect(bench) as hand:
         hand.prepare()
-        quietest_n = quietest_force_n(hand)
-    with connect(replace(bench, rig=gentle(bench.rig, quietest_n))) as hand:
+        quietest_n = least_threshold_n(hand)
+    with connect(replace(bench, rig=with_light_touch(bench.rig, quietest_n))) as hand:
         hand.prepare()
         return check_hold(hand)
 
@@ -51,7 +51,7 @@ def measured(bench: BenchRig) -> HoldCheckOut:
 def run(seed: int, engine: str, feet: int) -> tuple[float, float] | None:
     """One part: part_holds_n and least_n as shares of the true force; None if there is no answer."""
     rig, part = drawn(seed, engine, feet)
-    lies = place(rig, load_objects(shipped_objects()), None, seed)
+    lies = choose_placement(rig, load_objects(shipped_objects()), None, seed)
     assert lies is not None
     bench = set_up(rig, lies, seed)
     assert bench.emulated is not None

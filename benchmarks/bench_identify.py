@@ -31,10 +31,10 @@ from simulated_touches import as_predicted
 
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
-from palpate.recognizer import Approach, Catalogue, Grip, Recognition, already_used
+from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_approaches
 from palpate.rig.bench import BenchRig, connect, set_up
 from palpate.rig.conversion import resolution_of
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
@@ -164,7 +164,7 @@ def run(job: Job) -> Run:
         )
     assert bench.mock is not None, "the rig is emulated"
     left = result.recognition.hypotheses if result.recognition else ()
-    found = compare(watch.placement, left)
+    found = compare_answer(watch.placement, left)
     return Run(
         job,
         placement.model.name,
@@ -219,7 +219,7 @@ def _separable(result: Identification) -> bool:
     assert result.recognition is not None, "only called with an answer"
     rig = load_rig(FIRM_RIG)
     candidates = reach_of(rig).approaches
-    used = already_used(result.recognition.contacts, candidates)
+    used = used_approaches(result.recognition.contacts, candidates)
     placed = [placed_as(item) for item in result.recognition.hypotheses]
     heights = {item.finger.height_mm for item in candidates}
     shapes = {height: [item.shape_at(height) for item in placed] for height in heights}

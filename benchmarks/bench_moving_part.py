@@ -27,11 +27,11 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
-from palpate.drivers.emulators.support import Support
+from palpate.drivers.emulators.part import FrictionSupport
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import BenchRig, connect, place, set_up
+from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
 from palpate.rig.emulated.part_truth import draw_part, support_of
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
@@ -97,7 +97,7 @@ def drawn(job: Job, rig: RigFile) -> tuple[RigFile, np.random.Generator]:
     return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"part": part})}), rng
 
 
-def declared(job: Job, rig: RigFile, support: Support, rng: np.random.Generator) -> RigFile:
+def declared(job: Job, rig: RigFile, support: FrictionSupport, rng: np.random.Generator) -> RigFile:
     """The rig file with what its user would say of the part."""
     shares = rng.uniform(0.5, 1.0, 2)
     holds = support.slip_n * (2.0 if job.declare == "double" else shares[0])
@@ -115,7 +115,7 @@ def run(job: Job) -> None:
     begin = time.perf_counter()
     objects = load_objects(job.objects)
     rig, rng = drawn(job, load_rig(job.rig))
-    placement = place(rig, objects, None, job.seed)
+    placement = choose_placement(rig, objects, None, job.seed)
     assert rig.emulation is not None
     assert placement is not None
     truth = draw_part(rig.emulation.part, placement, job.seed)

@@ -30,7 +30,7 @@ from bench_recognizer import jagged
 import palpate
 from palpate.config import ObjectsFile
 from palpate.recognizer import Finger
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.preparation import prepare_catalogue
 
 _HEIGHT_MM = 10.0
 
@@ -39,7 +39,7 @@ def measured(path: str, radius_mm: str, pairs: str) -> None:
     """Print what one start costs, as JSON."""
     before, begin = _processor_s(), time.perf_counter()
     finger = Finger(float(radius_mm), _HEIGHT_MM)
-    catalogue = prepared_catalogue(palpate.load_objects(path).objects, [finger])
+    catalogue = prepare_catalogue(palpate.load_objects(path).objects, [finger])
     found = {"cpu_s": _processor_s() - before, "wall_s": time.perf_counter() - begin, "mb": _most_mb()}
     if pairs == "pairs":
         begin_s = time.process_time()

@@ -37,13 +37,11 @@ import palpate
 from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import StudyRunOut
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import carry_out, chunks_of, simulate_here
-from palpate.rig.study.draws import draw_for_study
-from palpate.rig.study.runs_file import RunsFile
-from palpate.rig.study.simulation import Simulation, with_motion
-from palpate.rig.study.variations import AS_IT_IS
+from palpate.rig.study.campaign import RunsFile, carry_out_runs, simulate_here, split_into_chunks
+from palpate.rig.study.simulation import Simulation, draw_placement, with_motion
+from palpate.rig.study.variations import UNVARIED
 
 _TARGETS = {PartMotion.STILL: 20_000, PartMotion.MOVING: 2_000}
 _DRAWS = 10_000
@@ -85,7 +83,7 @@ def throughput(objects: ObjectsFile, rig: RigFile, counts: dict[PartMotion, int]
     rows = []
     for motion, number in counts.items():
         simulation = Simulation(*with_motion(rig, objects, motion), Strategy.PLANNED, 1)
-        prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers))
+        prepare_catalogue(simulation.objects.objects, map(finger_of, rig.fingers))
         begin = _processor_s()
         runs = _simulated(simulation, number)
         processor_s = _processor_s() - begin
@@ -113,7 +111,7 @@ def _processor_s() -> float:
 def _simulated(simulation: Simulation, count: int) -> list[StudyRunOut]:
     with TemporaryDirectory() as folder:
         file = RunsFile(Path(folder, "runs.jsonl"), simulation)
-        return carry_out({AS_IT_IS: (simulation, count)}, file, lambda _: None)[AS_IT_IS]
+        return carry_out_runs({UNVARIED: (simulation, count)}, file, lambda _: None)[UNVARIED]
 
 
 def simulated_like(emulated: Sequence[Ended], simulation: Simulation, each: int, keep: Path) -> list[Ended]:
@@ -122,7 +120,7 @@ def simulated_like(emulated: Sequence[Ended], simulation: Simulation, each: int,
     done = {run.number: run for run in file.runs}
     numbers = _numbers({run.truth for run in emulated}, simulation, each)
     missing = [number for number in numbers if number not in done]
-    for runs in simulate_here(chunks_of(AS_IT_IS, simulation, missing, file.study, 1)):
+    for runs in simulate_here(split_into_chunks(UNVARIED, simulation, missing, file.study, 1)):
         file.add(runs)
         done |= {run.number: run for run in runs}
     return [read_simulated(done[number]) for number in numbers]
@@ -137,7 +135,7 @@ def _numbers(parts: set[tuple[str, str]], simulation: Simulation, each: int) -> 
             return found
         rng = np.random.default_rng([simulation.seed, number])
         workspace_mm = simulation.rig.workspace.radius_mm
-        placement = draw_for_study(simulation.objects, simulation.within_mm, rng, workspace_mm)
+        placement = draw_placement(simulation.objects, simulation.within_mm, rng, workspace_mm)
         truth = placement.model.name, placement.state.name
         if left.get(truth):
             left[truth] -= 1

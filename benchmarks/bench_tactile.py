@@ -28,8 +28,9 @@ from contact_outcomes import tared
 from contact_sweep import RATE_HZ, TARE_FRAMES, Session, cylinder_session, pad_session
 
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Ack, Describe, Description, Frame, Hello, Message, Shape, Start
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.description import Description, Shape
+from palpate.drivers.tactile.messages import Ack, Describe, Frame, Hello, Message, Start
 from palpate.drivers.transport.clock import MonotonicClock
 
 ROWS, COLS = 8, 8

@@ -27,7 +27,7 @@ from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect, set_up
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import identify
 
@@ -152,7 +152,7 @@ def run(seed: int, number: int, length_mm: float | None) -> str:
         hand.prepare()
         result = identify(hand, Catalogue(models))
     left = result.recognition.hypotheses if result.recognition else ()
-    answer = compare(placement, left)
+    answer = compare_answer(placement, left)
     names = IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE
     if result.outcome in names:
         return "right" if answer.inside_bounds else "false"

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from pushed_stack import drawn_pushes, drawn_stack, state_of, worst_lean_rad
 
 from palpate.base.vocabulary import PushResponse
-from palpate.rig.identification.stability import FRICTION_MOST, stability_of
+from palpate.rig.identification.pushing_mechanics import MAX_TABLE_FRICTION, stability_of
 
 _MOST_DEG = 0.5
 
@@ -28,7 +28,7 @@ def tried(seed: int, number: int) -> tuple[PushResponse, float, float, float]:
     rng = np.random.default_rng([seed, number])
     blocks = drawn_stack(rng)
     height = float(rng.uniform(4, min(30.0, blocks[-1].z[1] - 1)))
-    friction = float(rng.uniform(0.1, FRICTION_MOST))
+    friction = float(rng.uniform(0.1, MAX_TABLE_FRICTION))
     mass = float(np.exp(rng.uniform(np.log(0.03), np.log(1.0))))
     found = stability_of(state_of(blocks), 0.0, [(height, height)])
     lean = worst_lean_rad(blocks, mass, friction, drawn_pushes(rng, blocks, height))

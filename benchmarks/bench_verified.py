@@ -24,7 +24,7 @@ from verified_scenes import Scene, asked, drawn, refused
 
 from palpate.recognizer import Recognition
 from palpate.recognizer.verification import Poses
-from palpate.recognizer.witness_polish import polish
+from palpate.recognizer.witness_candidates import polish
 
 _PROGRESS_S = 20.0
 

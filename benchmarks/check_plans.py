@@ -25,7 +25,7 @@ from decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts
 from shapely_bench import SHIPPED_OBJECTS, place
 
 from palpate.config import load_rig
-from palpate.recognizer import Recognition, already_used, plan_grip, recognise
+from palpate.recognizer import Recognition, plan_grip, recognise, used_approaches
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.reach.approaches import reach_of
 
@@ -100,7 +100,7 @@ def timing(path: Path) -> None:
             for _ in range(_REPEATS):
                 begin = time.perf_counter()
                 reach = reach_of(rig)
-                used = already_used(answer.contacts, reach.approaches)
+                used = used_approaches(answer.contacts, reach.approaches)
                 made = len(reach.approaches)
                 plan_grip(answer, reach, resolution_of(rig), goals_of(rig), used)
                 times.append(1000 * (time.perf_counter() - begin))

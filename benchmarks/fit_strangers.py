@@ -1,4 +1,4 @@
-"""Fit what `recognizer/strangers.py` takes for granted: weights of the kinds, overlap, and free paths.
+"""Fit what `recognizer/evidence.py` takes for granted: weights of the kinds, overlap, and free paths.
 
     python benchmarks/fit_strangers.py --runs 400
 
@@ -25,7 +25,7 @@ from shapely_bench import flat
 
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue
-from palpate.recognizer.strangers import KINDS, StrangerTerms
+from palpate.recognizer.evidence import STRANGER_KINDS, StrangerTerms
 
 SIZES = (100, 30, 12)
 TURNS = ("other", "scaled", "other", "altered", "other", "scaled")
@@ -116,7 +116,7 @@ def runs_of(size: int, seeds: range) -> list[Touched]:
 
 def constants(x: Floats) -> tuple[Floats, Floats, float]:
     """Weights (m,), probabilities of free paths (m,), and overlap, from what is varied."""
-    count = len(KINDS.scale)
+    count = len(STRANGER_KINDS.scale)
     clear = np.ones(count)
     clear[0] = expit(x[count])
     return np.exp(log_softmax(x[:count])), clear, float(expit(x[count + 1]))
@@ -138,7 +138,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=400, help="for each size of the catalogue")
     options = parser.parse_args()
     runs = [item for size in SIZES for item in runs_of(size, range(options.runs))]
-    start = np.zeros(len(KINDS.scale) + 2)
+    start = np.zeros(len(STRANGER_KINDS.scale) + 2)
     found = minimize(partial(loss, runs=runs), start, method="L-BFGS-B", bounds=[(-9, 9)] * len(start))
     weight, clear, overlap = constants(found.x)
     print(

@@ -18,7 +18,7 @@ from palpate.drivers import (
     StateReader,
     disable_torque,
     guarded_move,
-    model_numbered,
+    model_by_number,
     open_port,
 )
 
@@ -29,7 +29,7 @@ WIDEST_RAD = 0.5  # to either side of where the servo stands: further goals are 
 def find_servos(bus: Bus) -> list[Servo]:
     """The servos that answer a broadcast ping, each of the model that it says it is."""
     pings = bus.broadcast_ping()
-    return [Servo(bus, dxl_id, model_numbered(ping.model_number).name) for dxl_id, ping in pings.items()]
+    return [Servo(bus, dxl_id, model_by_number(ping.model_number).name) for dxl_id, ping in pings.items()]
 
 
 def move(servo: Servo, reader: StateReader, clock: MonotonicClock, by_rad: float) -> None:

@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from palpate.jobs.recognition import recognise as recognise
     from palpate.jobs.rig import Rig as Rig
     from palpate.jobs.rig import open_rig as open_rig
+    from palpate.jobs.script import RigWarning as RigWarning
     from palpate.jobs.session import Session as Session
     from palpate.jobs.session import open_session as open_session
     from palpate.jobs.study import study as study
-    from palpate.jobs.warning import RigWarning as RigWarning
     from palpate.recognizer import Contact as Contact
     from palpate.recognizer import Finger as Finger
     from palpate.recognizer import NormalRange as NormalRange
@@ -67,7 +67,7 @@ _HOMES = {
     "jobs.rig": ("Rig", "open_rig"),
     "jobs.session": ("Session", "open_session"),
     "jobs.study": ("study",),
-    "jobs.warning": ("RigWarning",),
+    "jobs.script": ("RigWarning",),
     "recognizer": ("Contact", "Finger", "NormalRange"),
     "rig.identification.observers": (
         "MoveEvent",

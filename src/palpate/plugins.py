@@ -4,22 +4,33 @@
 `palpate.testing` holds the checks that a plug-in has to pass.
 """
 
-from palpate.base.errors import DeviceError, InputError, printable
+from palpate.base.errors import DeviceError, InputError, printable_text
 from palpate.base.geometry import Counts, Floats
 from palpate.config import ArrayConfig, MountedArrayConfig
-from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Access, Area, TableItem
-from palpate.drivers.dynamixel.specifications import MotorConstants, ServoSpecification
-from palpate.drivers.dynamixel.x_series import table_of
-from palpate.drivers.emulators.bench import SampledArray
-from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.description import Description, Shape
-from palpate.drivers.tactile.frame_times import FrameTimes
-from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
-from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.drivers.tactile.stream import FrameStream, Port
-from palpate.drivers.tactile.streamed_array import StreamedArray
-from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.wire import Device, Emission, wire_time_s
+from palpate.drivers.dynamixel import (
+    COMMON_ITEMS,
+    Access,
+    Area,
+    MotorConstants,
+    ServoSpecification,
+    TableItem,
+    table_of,
+)
+from palpate.drivers.emulators import SampledArray, Taxels
+from palpate.drivers.tactile import (
+    ArrayCounters,
+    ArrayDriver,
+    Corner,
+    Description,
+    FrameStream,
+    FrameTimes,
+    Mounting,
+    Port,
+    Shape,
+    StreamedArray,
+    TactileFrame,
+)
+from palpate.drivers.transport import Clock, Device, Emission, wire_time_s
 from palpate.rig.arrays import ArrayPlugin
 from palpate.rig.conversion import mounting_of
 
@@ -54,7 +65,7 @@ __all__ = [
     "TactileFrame",
     "Taxels",
     "mounting_of",
-    "printable",
+    "printable_text",
     "table_of",
     "wire_time_s",
 ]

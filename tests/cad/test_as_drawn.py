@@ -7,8 +7,8 @@ import pytest
 import trimesh
 from solids import ELL, prism
 
-from palpate.cad.as_drawn import as_drawn, volume_mm3
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.stable_states import state_as_drawn, volume_mm3
 
 
 def solid_of(mesh: trimesh.Trimesh) -> Solid:
@@ -27,7 +27,7 @@ def test_volume(mesh: trimesh.Trimesh) -> None:
 def test_it_lies_with_its_axes_on_its_lowest_point() -> None:
     mesh = prism(ELL, 20)
     mesh.apply_translation([100, 200, -35])
-    state = as_drawn(solid_of(mesh))
+    state = state_as_drawn(solid_of(mesh))
     placed = mesh.vertices @ state.rotation.T + state.offset_mm
     assert placed[:, 2].min() == pytest.approx(0)
     np.testing.assert_array_equal(state.rotation, np.eye(3))
@@ -37,7 +37,7 @@ def test_it_lies_with_its_axes_on_its_lowest_point() -> None:
 
 
 def test_the_tipping_angle_of_a_box() -> None:
-    state = as_drawn(solid_of(trimesh.creation.box((20, 60, 40))))
+    state = state_as_drawn(solid_of(trimesh.creation.box((20, 60, 40))))
     assert state.tipping_angle_rad == pytest.approx(math.atan2(10, 20))
     assert len(state.support_mm) == 4
 
@@ -47,7 +47,7 @@ def test_what_would_topple_has_no_tipping_angle() -> None:
     shear = np.eye(4)
     shear[0, 2] = 1.0
     leaning.apply_transform(shear)
-    assert as_drawn(solid_of(leaning)).tipping_angle_rad == 0.0
+    assert state_as_drawn(solid_of(leaning)).tipping_angle_rad == 0.0
     tip = trimesh.creation.cone(5, 30)
     tip.apply_transform(trimesh.transformations.rotation_matrix(math.pi, [1, 0, 0]))
-    assert as_drawn(solid_of(tip)).tipping_angle_rad == 0.0
+    assert state_as_drawn(solid_of(tip)).tipping_angle_rad == 0.0

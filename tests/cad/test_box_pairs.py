@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.cad.box_pairs import overlapping_pairs
+from palpate.cad.mesh_topology import overlapping_pairs
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 5, 17, 100, 600])

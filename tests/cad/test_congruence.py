@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from trimesh.transformations import rotation_matrix
 
-from palpate.cad.congruence import surface_apart_mm
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.surface_congruence import solid_congruence_bound_mm
 
 CUBE = trimesh.creation.box((20, 20, 20))
 
@@ -24,7 +24,7 @@ def turn(degrees, axis):
 
 
 def apart(mesh, rotation, within, shift=(0.0, 0.0, 0.0)):
-    return surface_apart_mm(solid(mesh), rotation, np.array(shift, dtype=float), within)
+    return solid_congruence_bound_mm(solid(mesh), rotation, np.array(shift, dtype=float), within)
 
 
 def sampled_mm(mesh, rotation, shift, seed=0, count=60):
@@ -151,5 +151,5 @@ def test_needles_and_doubled_points_are_no_trouble():
     # A corner of the cube's lid twice, 1e-9 mm apart: two facets without a normal.
     points = np.vstack([CUBE.vertices, CUBE.vertices[0] + [0.0, 0.0, 1e-9]])
     faces = np.vstack([CUBE.faces, [(0, 1, 8), (0, 8, 1)]])
-    found = surface_apart_mm(Solid("part", points, faces), turn(180, [0, 0, 1]), np.zeros(3), 0.05)
+    found = solid_congruence_bound_mm(Solid("part", points, faces), turn(180, [0, 0, 1]), np.zeros(3), 0.05)
     assert found < 1e-4

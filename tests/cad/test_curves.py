@@ -11,14 +11,25 @@ from scipy.interpolate import BSpline
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.cad.curves import TURN_RAD, Arc, Bezier, Curve, bulge, chords, hull, line, mapped, spline
+from palpate.cad.curves import (
+    MAX_CHORD_TURN_RAD,
+    Arc,
+    Bezier,
+    DrawnCurve,
+    bezier,
+    bulge_curve,
+    chords,
+    control_hull,
+    spline,
+    transform_curve,
+)
 
 numbers = st.floats(-20, 20).map(lambda value: round(value, 3))
 points = st.tuples(numbers, numbers)
 tolerances = st.sampled_from([0.3, 0.05, 0.004])
 
 
-def at(curve: Curve, share: Floats) -> Floats:
+def at(curve: DrawnCurve, share: Floats) -> Floats:
     """Points of a curve by its definition; `share` from 0 to 1."""
     if isinstance(curve, Arc):
         t = curve.start_rad + share * curve.sweep_rad
@@ -29,7 +40,7 @@ def at(curve: Curve, share: Floats) -> Floats:
     return (weighted / weighted.sum(axis=1, keepdims=True)) @ curve.points
 
 
-def check(curve: Curve, curve_mm: float) -> Floats:
+def check(curve: DrawnCurve, curve_mm: float) -> Floats:
     """The chords' ends are on the curve, in order, and it is within the stated deviation of them."""
     found, off = chords(curve, curve_mm)
     assert 0 <= off <= curve_mm * (1 + 1e-12)
@@ -66,7 +77,7 @@ def test_bezier_curves_with_and_without_weights(
     control: list[tuple[float, float]], curve_mm: float, data: st.DataObject
 ) -> None:
     given_points = np.array(control)
-    check(line(given_points), curve_mm)
+    check(bezier(given_points), curve_mm)
     weights = data.draw(
         st.lists(st.sampled_from([0.2, 1.0, 3.0]), min_size=len(control), max_size=len(control))
     )
@@ -79,7 +90,7 @@ def test_normals_differ_by_no_more_than_the_deviation_allows(
     control: list[tuple[float, float]], curve_mm: float
 ) -> None:
     """asin(4 · deviation / length of the chord), as a `CrossSection` promises."""
-    curve = line(np.array(control))
+    curve = bezier(np.array(control))
     found, off = chords(curve, curve_mm)
     dense = at(curve, np.linspace(0, 1, 4001))
     steps = np.diff(dense, axis=0)
@@ -105,7 +116,7 @@ def test_circle_has_as_few_chords_as_allowed(radius: float, curve_mm: float) -> 
     found = check(circle, curve_mm)
     assert np.array_equal(found[0], found[-1])
     count = len(found) - 1
-    needed = max(math.pi / math.acos(1 - min(curve_mm / radius, 1)), 2 * math.pi / TURN_RAD)
+    needed = max(math.pi / math.acos(1 - min(curve_mm / radius, 1)), 2 * math.pi / MAX_CHORD_TURN_RAD)
     assert needed - 1e-6 <= count < needed + 1
     _, off = chords(circle, curve_mm)
     assert off == pytest.approx(radius * (1 - math.cos(math.pi / count)), rel=1e-9)
@@ -115,23 +126,23 @@ def test_flat_ellipse_turns_gently() -> None:
     found = check(Arc(np.zeros(2), np.array([[40.0, 0.0], [0.0, 2.0]]), 0.0, 2 * math.pi), 0.05)
     steps = np.diff(found, axis=0)
     directions = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    assert np.abs(np.diff(directions)).max() <= 2 * TURN_RAD
-    assert directions[-1] - directions[0] > 2 * math.pi - 2 * TURN_RAD
+    assert np.abs(np.diff(directions)).max() <= 2 * MAX_CHORD_TURN_RAD
+    assert directions[-1] - directions[0] > 2 * math.pi - 2 * MAX_CHORD_TURN_RAD
 
 
 def test_bulge_is_the_arc_of_the_reference() -> None:
     """tan(sweep / 4): 1 is a half circle, counter-clockwise from start to end."""
-    half = bulge(np.array([0.0, 0.0]), np.array([10.0, 0.0]), 1.0)
+    half = bulge_curve(np.array([0.0, 0.0]), np.array([10.0, 0.0]), 1.0)
     assert np.allclose(at(half, np.array([0.0, 0.5, 1.0])), [[0, 0], [5, -5], [10, 0]])
-    quarter = bulge(np.array([10.0, 0.0]), np.array([0.0, 10.0]), math.tan(math.pi / 8))
+    quarter = bulge_curve(np.array([10.0, 0.0]), np.array([0.0, 10.0]), math.tan(math.pi / 8))
     assert np.allclose(np.hypot(*at(quarter, np.linspace(0, 1, 9)).T), 10.0)
-    back = bulge(np.array([0.0, 10.0]), np.array([10.0, 0.0]), -math.tan(math.pi / 8))
+    back = bulge_curve(np.array([0.0, 10.0]), np.array([10.0, 0.0]), -math.tan(math.pi / 8))
     assert np.allclose(np.hypot(*at(back, np.linspace(0, 1, 9)).T), 10.0)
 
 
 @pytest.mark.parametrize("value", [9e-8, -9e-8, 1.1e-7])
 def test_hardly_bulged_edge_has_the_height_that_it_says(value: float) -> None:
-    curve = bulge(np.array([100.0, 200.0]), np.array([100.0, 300.0]), value)
+    curve = bulge_curve(np.array([100.0, 200.0]), np.array([100.0, 300.0]), value)
     assert at(curve, np.array([0.5]))[0] == pytest.approx([100.0 + value * 50.0, 250.0], abs=1e-7)
 
 
@@ -165,9 +176,11 @@ def test_mapped_curve_is_the_curve_of_the_mapped_points() -> None:
         Arc(np.array([1.0, 2.0]), np.array([[3.0, 1.0], [0.0, 2.0]]), 0.4, -3.0),
         Bezier(np.array([[0.0, 0.0], [4.0, 1.0], [2.0, 5.0]]), np.array([1.0, 2.0, 1.0])),
     ):
-        assert np.allclose(at(mapped(curve, matrix, shift), share), at(curve, share) @ matrix.T + shift)
+        assert np.allclose(
+            at(transform_curve(curve, matrix, shift), share), at(curve, share) @ matrix.T + shift
+        )
         assert (
-            shapely.MultiPoint(hull(curve))
+            shapely.MultiPoint(control_hull(curve))
             .convex_hull.buffer(1e-9)
             .covers(shapely.MultiPoint(at(curve, share)))
         )
@@ -176,4 +189,4 @@ def test_mapped_curve_is_the_curve_of_the_mapped_points() -> None:
 @pytest.mark.parametrize("curve_mm", [0.0, -1.0, math.nan])
 def test_no_tolerance(curve_mm: float) -> None:
     with pytest.raises(InputError, match="more than 0 mm"):
-        chords(line(np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]])), curve_mm)
+        chords(bezier(np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]])), curve_mm)

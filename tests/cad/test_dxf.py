@@ -16,8 +16,8 @@ from ezdxf.math import Vec2, rational_bspline_from_arc
 from shared_files import cad_file
 
 from palpate.base.errors import InputError
-from palpate.cad.dxf import _INSUNITS, read_dxf
-from palpate.cad.values import Drawing
+from palpate.cad.dxf_files import _INSUNITS, read_dxf
+from palpate.cad.parts import Drawing
 
 Draw = Callable[[BaseLayout], object]
 SQUARE = [(0, 0), (30, 0), (30, 20), (0, 20)]

@@ -11,11 +11,9 @@ from hypothesis import strategies as st
 from wording import missing
 
 from palpate.base.errors import InputError
-from palpate.cad.curves import Arc, bulge, line
-from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
-from palpate.cad.part_size import size_problem
-from palpate.cad.ring_nesting import parts
-from palpate.cad.values import Drawing
+from palpate.cad.curves import Arc, bezier, bulge_curve
+from palpate.cad.drawing_outlines import Sheet, Stroke, close_loops, nest_loops
+from palpate.cad.parts import Drawing, size_problem
 
 SHEET = Sheet("part.dxf", "inch", (1 / 25.4, 1 / 25.4))
 
@@ -23,7 +21,7 @@ SHEET = Sheet("part.dxf", "inch", (1 / 25.4, 1 / 25.4))
 def lines(points: list[tuple[float, float]], closed: bool = True) -> list[Stroke]:
     ends = points[1:] + points[:1] if closed else points[1:]
     return [
-        Stroke("layer 'cut'", (line(np.array([a, b])),)) for a, b in zip(points, ends, strict=False)
+        Stroke("layer 'cut'", (bezier(np.array([a, b])),)) for a, b in zip(points, ends, strict=False)
     ]  # fmt: skip
 
 
@@ -36,7 +34,7 @@ def circle(x: float, y: float, radius: float) -> Stroke:
 
 
 def drawn(strokes: list[Stroke], curve_mm: float = 0.01) -> tuple[Drawing, ...]:
-    return parts(closed_loops(strokes, curve_mm, SHEET), "part", "mm", SHEET)
+    return nest_loops(close_loops(strokes, curve_mm, SHEET), "part", "mm", SHEET)
 
 
 def area(drawing: Drawing) -> float:
@@ -84,7 +82,7 @@ def test_shuffled_pieces_are_found_again(
         if sweep:
             radius = math.dist(start, end) / 2 / math.sin(sweep / 2)
             exact += radius**2 * (sweep - math.sin(sweep)) / 2
-        strokes.append(Stroke("layer 'cut'", (bulge(start, end, math.tan(sweep / 4)),)))
+        strokes.append(Stroke("layer 'cut'", (bulge_curve(start, end, math.tan(sweep / 4)),)))
     for k in range(holes):
         strokes += lines(box(-1.2 + 0.9 * k, -0.3, 0.6, 0.6))
     shuffled = [
@@ -104,12 +102,12 @@ def turned(stroke: Stroke) -> Stroke:
     if isinstance(curve, Arc):
         back = Arc(curve.centre, curve.axes, curve.start_rad + curve.sweep_rad, -curve.sweep_rad)
         return Stroke(stroke.label, (back,))
-    return Stroke(stroke.label, (line(curve.points[::-1]),))
+    return Stroke(stroke.label, (bezier(curve.points[::-1]),))
 
 
 def test_ends_within_the_joining_distance_are_one_point() -> None:
     strokes = lines(box(0, 0, 30, 20))
-    strokes[1] = Stroke("layer 'cut'", (line(np.array([[30.003, 0.0], [30.0, 20.002]])),))
+    strokes[1] = Stroke("layer 'cut'", (bezier(np.array([[30.003, 0.0], [30.0, 20.002]])),))
     (found,) = drawn(strokes)
     assert len(found.region.outer) == 4
     assert 0.003 <= found.off_mm <= 0.0031
@@ -119,7 +117,7 @@ def test_ends_within_the_joining_distance_are_one_point() -> None:
 
 def test_gap_is_named_in_the_files_unit() -> None:
     strokes = lines(box(0, 0, 25.4, 50.8))
-    strokes[2] = Stroke("layer 'cut'", (line(np.array([[25.4, 50.8], [0.3, 50.8]])),))
+    strokes[2] = Stroke("layer 'cut'", (bezier(np.array([[25.4, 50.8], [0.3, 50.8]])),))
     with pytest.raises(InputError) as raised:
         drawn(strokes)
     words = ("part.dxf", "layer 'cut'", "gap of 0.3 mm", "(0.011811, 2)", "(0, 2) inch", "0.005 mm")
@@ -137,7 +135,7 @@ def test_loose_line_and_branch() -> None:
 
 
 def test_what_is_drawn_twice_is_taken_once() -> None:
-    arc = Stroke("layer '0'", (bulge(np.array([30.0, 0.0]), np.array([30.0, 20.0]), 0.7),))
+    arc = Stroke("layer '0'", (bulge_curve(np.array([30.0, 0.0]), np.array([30.0, 20.0]), 0.7),))
     outline = [*(s for k, s in enumerate(lines(box(0, 0, 30, 20))) if k != 1), arc, circle(10, 10, 4)]
     (once,) = drawn(outline)
     (twice,) = drawn(outline + [turned(stroke) for stroke in outline])
@@ -145,7 +143,7 @@ def test_what_is_drawn_twice_is_taken_once() -> None:
     assert len(twice.region.holes) == 1
     # The same outline as a polyline that starts elsewhere.
     around = pairwise([(30, 20), (0, 20), (0, 0), (30, 0), (30, 20)])
-    closed = Stroke("layer '1'", tuple(line(np.array(ends)) for ends in around))
+    closed = Stroke("layer '1'", tuple(bezier(np.array(ends)) for ends in around))
     (square,) = drawn([*lines(box(0, 0, 30, 20)), closed])
     assert len(square.region.outer) == 4
 

@@ -8,9 +8,9 @@ import shapely
 import trimesh
 from shared_files import cad_file
 
-from palpate.cad.merging import merge_states
-from palpate.cad.stable import stable_states
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.stable_states import stable_states
+from palpate.cad.state_merging import merge_states
 
 
 def solid(mesh):

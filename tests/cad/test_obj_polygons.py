@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
-from palpate.cad.obj_polygons import with_triangles
+from palpate.cad.mesh_files import triangulate_concave
 from palpate.cad.readers import read_solids
 
 HEIGHT_MM = 7.0
@@ -82,7 +82,7 @@ def test_an_outline_that_crosses_itself_stays_refused(tmp_path):
     ids=["triangles", "convex polygons", "corners that are not there", "a number that is none"],
 )
 def test_what_needs_no_cut_or_cannot_be_cut_is_left_to_trimesh(data):
-    assert with_triangles(data) is data
+    assert triangulate_concave(data) is data
 
 
 @given(st.lists(st.floats(2.0, 40.0), min_size=4, max_size=12), st.floats(0.0, 2 * math.pi))
@@ -93,7 +93,7 @@ def test_triangles_cover_the_polygon_and_turn_with_it(radii, tilt):
     points = flat @ np.array([u, v])
     text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in points.tolist())
     text += "f " + " ".join(str(i + 1) for i in range(len(radii))) + "\n"
-    lines = with_triangles(text.encode()).decode().split("\n")
+    lines = triangulate_concave(text.encode()).decode().split("\n")
     faces = [[int(token) - 1 for token in line.split()[1:]] for line in lines if line.startswith("f ")]
     if len(faces) == 1:  # convex
         hull = shapely.Polygon(flat).convex_hull

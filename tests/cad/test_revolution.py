@@ -7,10 +7,10 @@ import pytest
 import shapely
 import trimesh
 
-from palpate.cad.merging import merge_states
-from palpate.cad.revolution import as_revolved
-from palpate.cad.stable import stable_states
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.revolution import solid_of_revolution
+from palpate.cad.stable_states import stable_states
+from palpate.cad.state_merging import merge_states
 from palpate.rig.catalogue.import_states import Shares, import_states
 
 WITHIN = 0.3
@@ -44,7 +44,7 @@ def off_true_mm(solid, profile):
 @pytest.mark.parametrize("seed", range(3))
 def test_an_irregular_cone_is_turned_anew_and_no_further_off_than_it_says(seed):
     cone = drawn(CONE, seed)
-    made = as_revolved(cone, WITHIN)
+    made = solid_of_revolution(cone, WITHIN)
     assert made is not None
     assert 0 < made.off_mm <= WITHIN
     sagitta = 15 * (1 - math.cos(1.6 * math.pi / 90))  # of the widest gap between corners
@@ -59,7 +59,7 @@ def test_its_lying_states_become_one_as_probable_as_trimesh_finds_them():
         side: sum(p for pose, p in zip(down, share, strict=True) if side * pose[2, 2] > 0.9)
         for side in (1, -1)
     }
-    made = as_revolved(drawn(CONE, 5), WITHIN)
+    made = solid_of_revolution(drawn(CONE, 5), WITHIN)
     found = import_states(made, Shares(0.6 + made.off_mm, 0.01, (10.0,), 0.001, as_is=False), lambda _: None)
     lying, *standing = [state.text.probability for state in found.states]
     assert lying == pytest.approx(1 - sum(upright.values()), abs=2e-3)
@@ -69,7 +69,7 @@ def test_its_lying_states_become_one_as_probable_as_trimesh_finds_them():
 def test_an_axis_may_lie_anyhow_in_the_file():
     turn = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))
     turn[:3, 3] = [40, -7, 3]
-    made = as_revolved(drawn(CONE, 1, turn=turn), WITHIN)
+    made = solid_of_revolution(drawn(CONE, 1, turn=turn), WITHIN)
     assert abs(made.axis @ turn[:3, 2]) == pytest.approx(1.0, abs=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_a_dome_stands_upright_on_its_round_side():
     """Its centre of mass is 3/8 of the radius from the flat face: the axis is upright."""
     polar = np.linspace(0.0, math.pi / 2, 40)
     profile = [[0, 15], *np.column_stack([15 * np.sin(polar), 15 * (1 - np.cos(polar))])[::-1], [0, 0]]
-    made = as_revolved(drawn(profile[1:-1], 3), WITHIN / 2)
+    made = solid_of_revolution(drawn(profile[1:-1], 3), WITHIN / 2)
     states, _ = stable_states(made)
     found, out = merge_states(made, states, no_sections, 0.01, 0.005)
     assert [abs(item.state.rotation[2] @ made.axis) for item in found] == pytest.approx([1.0, 1.0])
@@ -93,7 +93,7 @@ def test_a_ball_is_a_ball():
     points = rng.normal(size=(6000, 3))
     mesh = trimesh.convex.convex_hull(10 * points / np.linalg.norm(points, axis=1)[:, None])
     ball = Solid("ball", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
-    made = as_revolved(ball, WITHIN)
+    made = solid_of_revolution(ball, WITHIN)
     surface = trimesh.Trimesh(made.vertices_mm, made.faces, process=False)
     radius = np.linalg.norm(trimesh.sample.sample_surface(surface, 20_000, seed=1)[0], axis=1)
     inner = np.linalg.norm(mesh.triangles.mean(axis=1), axis=1).min()
@@ -115,7 +115,7 @@ def test_a_ball_is_a_ball():
 )
 def test_what_is_none_or_a_prism_is_left_as_it_is(mesh):
     part = Solid("part", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
-    assert as_revolved(part, WITHIN) is None
+    assert solid_of_revolution(part, WITHIN) is None
 
 
 @pytest.mark.parametrize("sections", [64, 315])
@@ -124,7 +124,7 @@ def test_what_is_alike_all_round_keeps_its_facets(sections):
     mesh = trimesh.creation.cylinder(radius=10, height=30, sections=sections)
     vertices = np.asarray(mesh.vertices).astype(np.float32).astype(float)
     part = Solid("part", vertices, np.asarray(mesh.faces, dtype=np.int64))
-    made = as_revolved(part, WITHIN)
+    made = solid_of_revolution(part, WITHIN)
     assert np.array_equal(made.faces, part.faces)
     assert np.linalg.norm(made.vertices_mm - vertices, axis=1).max() <= made.off_mm < 1e-5
     assert made.symmetry.order == sections
@@ -140,4 +140,4 @@ def test_a_flat_on_a_shaft_is_not_turned_away():
     points = points[points[:, 0] < 7.0]
     mesh = trimesh.convex.convex_hull(points)
     part = Solid("shaft", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
-    assert as_revolved(part, WITHIN) is None
+    assert solid_of_revolution(part, WITHIN) is None

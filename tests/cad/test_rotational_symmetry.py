@@ -8,10 +8,9 @@ import shapely
 import trimesh
 from solids import prism
 
-from palpate.cad.orbits import orbits_of
-from palpate.cad.rotational_symmetry import with_symmetry
-from palpate.cad.stable import stable_states
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.solid_symmetries import orbits_of, with_symmetry
+from palpate.cad.stable_states import stable_states
 
 WITHIN_MM = 0.003
 

@@ -11,8 +11,8 @@ from shared_files import cad_file
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
+from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.sections import sections_of
-from palpate.cad.values import CrossSection, Solid, StableState
 
 UPRIGHT = np.eye(3)
 

@@ -6,9 +6,8 @@ import trimesh
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from palpate.cad.height_fields import height_fields
-from palpate.cad.self_crossing import crossings
-from palpate.cad.surface import rounding, surface_of
+from palpate.cad.mesh_topology import triangle_surface_of, vertex_rounding
+from palpate.cad.self_crossing import find_crossings, height_fields
 
 TETRAHEDRON = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
 
@@ -35,7 +34,7 @@ def grid_box(lo, hi, cells, rng):
 
 
 def crossed(vertices, faces):
-    return len(crossings(surface_of(vertices, faces, rounding(vertices))).pairs)
+    return len(find_crossings(triangle_surface_of(vertices, faces, vertex_rounding(vertices))).pairs)
 
 
 def test_boxes_on_a_grid():
@@ -109,8 +108,8 @@ def test_a_crumpled_sphere_crosses_itself_where_edges_pierce_faces(seed):
     sphere = trimesh.creation.icosphere(subdivisions=2)
     vertices = np.asarray(sphere.vertices) + rng.normal(scale=0.12, size=(len(sphere.vertices), 3))
     faces = np.asarray(sphere.faces)
-    surface = surface_of(vertices, faces, rounding(vertices))
-    found = {tuple(sorted(pair)) for pair in crossings(surface).pairs.tolist()}
+    surface = triangle_surface_of(vertices, faces, vertex_rounding(vertices))
+    found = {tuple(sorted(pair)) for pair in find_crossings(surface).pairs.tolist()}
     assert found
     assert found == pierced_pairs(vertices, faces)
 
@@ -130,7 +129,9 @@ def test_good_surfaces_do_not_cross_themselves_in_any_position(shape):
     turn = Rotation.random(rng=np.random.default_rng(3))
     for vertices in (np.asarray(shape.vertices), turn.apply(shape.vertices).astype(np.float32).astype(float)):
         assert crossed(vertices, faces) == 0
-        assert (height_fields(surface_of(vertices, faces, rounding(vertices))) >= 0).mean() > 0.9
+        assert (
+            height_fields(triangle_surface_of(vertices, faces, vertex_rounding(vertices))) >= 0
+        ).mean() > 0.9
 
 
 def test_a_face_folded_onto_its_neighbour_overlaps_it():

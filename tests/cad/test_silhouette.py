@@ -7,8 +7,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from solids import ELL, prism
 
-from palpate.cad.silhouette import silhouette
-from palpate.cad.values import Solid, StableState
+from palpate.cad.parts import Solid, StableState
+from palpate.cad.resting_surface import silhouette
 
 
 def resting(mesh, rotation):

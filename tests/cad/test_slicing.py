@@ -7,9 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.cad.resting_surface import RestingSurface, surface_of
-from palpate.cad.slicing import area_of, regions_of, slice_surface
-from palpate.cad.values import Region, Solid, StableState
+from palpate.cad.parts import Region, Solid, StableState
+from palpate.cad.resting_surface import (
+    RestingSurface,
+    regions_of,
+    resting_surface_of,
+    signed_area,
+    slice_surface,
+)
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 
@@ -18,11 +23,11 @@ def surface_from(mesh: trimesh.Trimesh, rotation: Floats) -> RestingSurface:
     solid = Solid("part", np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64))
     lowest = (solid.vertices_mm @ rotation.T)[:, 2].min()
     state = StableState("a", rotation, np.array([0.0, 0.0, -lowest]), 1.0, 0.5, np.zeros((3, 2)))
-    return surface_of(solid, state)
+    return resting_surface_of(solid, state)
 
 
 def area(regions: tuple[Region, ...]) -> float:
-    return sum(area_of(r.outer) + sum(area_of(h) for h in r.holes) for r in regions)
+    return sum(signed_area(r.outer) + sum(signed_area(h) for h in r.holes) for r in regions)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -47,17 +52,17 @@ def test_areas_are_those_of_trimesh(mesh: trimesh.Trimesh, seed: int) -> None:
         outward = normal[:, :2] / np.hypot(*normal[:, :2].T)[:, None]
         flux = np.sum((start + end) / 2 * outward, axis=1) @ np.hypot(*(end - start).T) / 2
         assert area(regions) == pytest.approx(flux, rel=1e-9)
-        assert all(area_of(r.outer) > 0 and all(area_of(h) < 0 for h in r.holes) for r in regions)
+        assert all(signed_area(r.outer) > 0 and all(signed_area(h) < 0 for h in r.holes) for r in regions)
 
 
 def test_a_plane_through_vertices_is_no_special_case() -> None:
     surface = surface_from(trimesh.creation.icosphere(2, radius=7), np.eye(3))
     for height in np.unique(surface.vertices_mm[:, 2])[1:-1]:
         (region,) = regions_of(
-            [r.points for r in slice_surface(surface, height) if abs(area_of(r.points)) > 1e-9]
+            [r.points for r in slice_surface(surface, height) if abs(signed_area(r.points)) > 1e-9]
         )
         (above,) = regions_of([r.points for r in slice_surface(surface, height + 1e-9)])
-        assert area_of(region.outer) == pytest.approx(area_of(above.outer), abs=1e-6)
+        assert signed_area(region.outer) == pytest.approx(signed_area(above.outer), abs=1e-6)
 
 
 def test_every_edge_lies_on_its_facet() -> None:

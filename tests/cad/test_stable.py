@@ -11,9 +11,8 @@ from shared_files import cad_file
 
 from palpate.base.errors import InputError
 from palpate.cad.hull import centre_of_mass, hull_of
-from palpate.cad.resting_probability import solid_angles
-from palpate.cad.stable import LEAST_TIPPING_RAD, stable_states
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.stable_states import LEAST_TIPPING_RAD, solid_angles, stable_states
 
 MADE = {
     "box": trimesh.creation.box((30, 20, 10)),

@@ -11,8 +11,8 @@ import shapely
 import svgelements
 
 from palpate.base.errors import InputError
-from palpate.cad.svg import read_svg
-from palpate.cad.values import Drawing
+from palpate.cad.parts import Drawing
+from palpate.cad.svg_files import read_svg
 
 ROOT = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 PAGE = 'width="200mm" height="100mm" viewBox="0 0 200 100"'

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.cad.congruence import surface_apart_mm
-from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.symmetries import KnownSymmetries, SolidSymmetry
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
+from palpate.cad.solid_symmetries import KnownSymmetries, SolidSymmetry
+from palpate.cad.surface_congruence import SurfaceDistance, solid_congruence_bound_mm
 
 CORNERS = 16
 CENTRE = np.array([5.0, -3.0, 2.0])
@@ -36,7 +35,7 @@ def test_two_in_a_row_are_bounded_by_both_together(prism):
     first, second = (SolidSymmetry(*about_the_axis(turn(k, off), 0.02)) for k, off in ((3, 8e-4), (4, 9e-4)))
     both = first.then(second)
     assert both.apart_mm == pytest.approx(0.04)
-    really = surface_apart_mm(prism, both.rotation, both.shift_mm, 0.1)
+    really = solid_congruence_bound_mm(prism, both.rotation, both.shift_mm, 0.1)
     assert 0.005 < really <= both.apart_mm
     undone = first.then(first.back())
     assert undone.rotation == pytest.approx(np.eye(3))
@@ -52,14 +51,14 @@ def test_what_is_asked_for_is_made_of_two(prism):
     for steps in (3, 5, -3, -5, 8, 2, 6, 10):
         found = known.taking(x, turn(steps) @ x, 1e-3)
         assert found.rotation == pytest.approx(turn(steps))
-        assert surface_apart_mm(prism, found.rotation, found.shift_mm, 0.01) <= 1e-6
+        assert solid_congruence_bound_mm(prism, found.rotation, found.shift_mm, 0.01) <= 1e-6
     assert known.taking(x, turn(1) @ x, 1e-3) is None
 
 
 def test_a_rough_one_is_made_exact(prism):
     known = KnownSymmetries(SurfaceDistance(prism))
     rough = about_the_axis(turn(3, 2e-4), 0.005)
-    assert surface_apart_mm(prism, *rough[:2], 0.01) > 5e-4
+    assert solid_congruence_bound_mm(prism, *rough[:2], 0.01) > 5e-4
     known.proven(*rough)
     x = np.array([1.0, 0.0, 0.0])
     found = known.taking(x, turn(3) @ x, 1e-3)

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from truth_calibration import truth_calibration
 
 from palpate.base.geometry import Floats
-from palpate.calibration.agreement import (
-    FALSE_ALARMS,
+from palpate.calibration.drift_test import (
+    FALSE_ALARM_RATE,
     ContactUncertainty,
     SurfaceContacts,
     compare_touches,
@@ -64,8 +64,8 @@ def test_alarms_are_false_as_seldom_as_stated() -> None:
         alarms += found.drifted
         squares += found.chi_square
     assert squares / runs == pytest.approx(13, abs=4 * math.sqrt(26 / runs))
-    assert alarms <= 3 * FALSE_ALARMS * runs
-    assert chi2.sf(34.53, 13) == pytest.approx(FALSE_ALARMS, rel=0.01), "a table's value"
+    assert alarms <= 3 * FALSE_ALARM_RATE * runs
+    assert chi2.sf(34.53, 13) == pytest.approx(FALSE_ALARM_RATE, rel=0.01), "a table's value"
 
 
 def test_a_finger_that_moved_is_noticed() -> None:

@@ -15,14 +15,13 @@ from scipy.stats import chi2
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
 from palpate.calibration.finger_fit import (
-    Fit,
+    FingerFit,
     ReferencePlacement,
-    Touches,
+    TouchArrays,
     fit_fingers,
     predict_residuals,
 )
-from palpate.calibration.finger_model import nominal_models
-from palpate.calibration.fitted_kinematics import (
+from palpate.calibration.finger_model import (
     ELBOW_PLAY,
     ELBOW_ZERO,
     FORE,
@@ -31,9 +30,9 @@ from palpate.calibration.fitted_kinematics import (
     SHOULDER_PLAY,
     UPPER,
     ArmModel,
+    nominal_models,
 )
-from palpate.calibration.frame_alignment import align_fit
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal, nominal_poses
+from palpate.calibration.frame_alignment import BasePose, align_fit, align_to_nominal, nominal_poses
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.config import load_rig
 
@@ -65,9 +64,9 @@ class Touched:
 
     values: Floats
     poses: Floats
-    touches: Touches
+    touches: TouchArrays
 
-    def fit(self) -> Fit:
+    def fit(self) -> FingerFit:
         begin = self.poses + np.array([0.4, -0.3, 0.0])
         return fit_fingers(models(), PLACINGS, self.touches, (np.array([m.prior for m in models()]), begin))
 
@@ -106,7 +105,7 @@ def touched(seed: int) -> Touched:
                 rows.append((finger, number, *servos_of(model, own, centre, ways), *ways, dent))
     table = np.array(rows)
     whole, count = table[:, :2].astype(np.int64), len(table)
-    given = Touches(
+    given = TouchArrays(
         whole[:, 0],
         whole[:, 1],
         table[:, 2:4],

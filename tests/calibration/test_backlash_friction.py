@@ -11,12 +11,16 @@ from slide_press import slide_press
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints
-from palpate.calibration.backlash import Backlash, combine_backlash, estimate_backlash
-from palpate.calibration.friction import estimate_friction
-from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
+from palpate.calibration.actuator_estimators import (
+    Backlash,
+    combine_backlash,
+    estimate_backlash,
+    estimate_friction,
+)
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMeasurement
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
 MM_PER_RAD = 100 / (2 * np.pi)
 TOUCH_MM = 60.0  # where a tip without play begins to be dented
@@ -51,7 +55,9 @@ def simulated(
     tip_in, tip_out = goes_in - half_mm, np.minimum(back + half_mm, top - half_mm)
     tip = np.concatenate([tip_in, np.full(40, top - half_mm), tip_out])
     dent = np.maximum(0.0, tip - TOUCH_MM)
-    leg = np.concatenate([np.where(tip_in < TOUCH_MM, FREE, IN), np.full(40, IN), np.full(len(back), OUT)])
+    leg = np.concatenate(
+        [np.where(tip_in < TOUCH_MM, LEG_FREE, LEG_IN), np.full(40, LEG_IN), np.full(len(back), LEG_OUT)]
+    )
     force = STIFFNESS * DENT_MM * (dent / DENT_MM) ** power + rng.normal(0, noise_n, len(dent))
     return press_of(drive, leg, mm_per_rad, np.full(len(leg), 0.03)), force
 
@@ -96,7 +102,7 @@ def test_a_force_that_is_older_than_the_angle_is_no_play() -> None:
 
 def test_a_drive_that_winds_up_counts_as_lost_motion() -> None:
     press, force = simulated(0.05, 2)
-    wound = np.select([press.leg == IN, press.leg == OUT], [0.02, -0.02]) / MM_PER_RAD
+    wound = np.select([press.leg == LEG_IN, press.leg == LEG_OUT], [0.02, -0.02]) / MM_PER_RAD
     wound_up = replace(press, travel_mm=press.travel_mm + MM_PER_RAD * wound)
     assert estimate_backlash(wound_up, force).half_mm == pytest.approx(0.05 + 0.02, abs=0.005)
 
@@ -104,7 +110,9 @@ def test_a_drive_that_winds_up_counts_as_lost_motion() -> None:
 def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
     press, force = simulated(0.1, 2)
     full = force.max()
-    lost = np.where(press.leg == OUT, 0.15 * 4 * force * (full - force) / full**2, 0.0)  # N, none at the ends
+    lost = np.where(
+        press.leg == LEG_OUT, 0.15 * 4 * force * (full - force) / full**2, 0.0
+    )  # N, none at the ends
     plain, hidden = (estimate_backlash(press, each) for each in (force, force - lost))
     # on average over the slices 0.12 N less going back, at 3 N/mm
     assert plain.half_mm - hidden.half_mm == pytest.approx(0.02, abs=0.005)
@@ -113,7 +121,7 @@ def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
 
 def test_a_press_without_a_way_back_is_refused() -> None:
     press, force = simulated(0.05, 3)
-    cut = press.leg != OUT
+    cut = press.leg != LEG_OUT
     slide = press.travel_mm[cut] / MM_PER_RAD
     short = slide_press(slide, MM_PER_RAD, press.push_n[cut], press.leg[cut], placing=4)
     with pytest.raises(InputError, match=r"finger f1, placing 4: .* press harder or more slowly"):
@@ -148,13 +156,13 @@ def emulated_press(half_mm: float) -> tuple[PressMeasurement, Floats]:
     mechanics = SlideMechanics(truth, EmulatedServo(2), console.servo)
     console.start(5, current=400, velocity=11)  # current-based position; 0.229 rpm a unit
     leg, slide, current, force = [], [], [], []
-    for goal, way in ((2048 + 470, IN), (2048, OUT)):
+    for goal, way in ((2048 + 470, LEG_IN), (2048, LEG_OUT)):
         console.write(116, goal, 4)
         for _ in range(700):
             for _ in range(4):
                 push = STIFFNESS * max(0.0, float(mechanics.centre_mm[0]) - TOUCH_MM)
                 mechanics.step(1e-3, np.array([-push, 0.0]))
-            leg.append(FREE if way == IN and push == 0 else way)
+            leg.append(LEG_FREE if way == LEG_IN and push == 0 else way)
             slide.append((console.read(132, 4) - 2048) * TICK_RAD)
             current.append(console.read(126, 2) * 2.69e-3)
             force.append(push)
@@ -178,14 +186,14 @@ def test_friction_of_moving_samples_only(sign: float) -> None:
     rng = np.random.default_rng(5)
     drive = np.concatenate([np.zeros(100), np.linspace(0, 3, 200), np.full(100, 3.0)])
     current = np.where((drive > 0) & (drive < 3), 0.05, 0.4) + rng.normal(0, 0.01, 400)
-    press = press_of(drive, np.full(400, FREE), sign * MM_PER_RAD, current)
+    press = press_of(drive, np.full(400, LEG_FREE), sign * MM_PER_RAD, current)
     found = estimate_friction([press])
     assert found.push_n == pytest.approx(0.05, abs=0.005)
     assert found.direction == 1
-    assert estimate_friction([press_of(drive, np.full(400, FREE), MM_PER_RAD, -current)]).direction == -1
+    assert estimate_friction([press_of(drive, np.full(400, LEG_FREE), MM_PER_RAD, -current)]).direction == -1
 
 
 def test_friction_needs_motion() -> None:
-    press = press_of(np.zeros(100), np.full(100, FREE), MM_PER_RAD, np.zeros(100))
+    press = press_of(np.zeros(100), np.full(100, LEG_FREE), MM_PER_RAD, np.zeros(100))
     with pytest.raises(InputError, match=r"finger f1: .* in 0 samples only"):
         estimate_friction([press])

@@ -17,11 +17,11 @@ from touched_references import (
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints
-from palpate.calibration.consistency import check_fit, check_still, estimate_growth
-from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
+from palpate.calibration.consistency_checks import check_fit, check_still, estimate_growth
+from palpate.calibration.finger_fit import FingerFit, TouchArrays, fit_fingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
 PLATES = np.array([False, False, True, True])
 
@@ -37,17 +37,17 @@ def within_bounds(rng: np.random.Generator) -> Floats:
 
 def touched(
     seed: int, grown_mm: tuple[float, float] = (0.0, 0.0), sigma_mm: float = SIGMA_MM
-) -> tuple[list[Laid], Touches]:
+) -> tuple[list[Laid], TouchArrays]:
     rng = np.random.default_rng(seed)
     values, where = within_bounds(rng), some_places(rng, grown_mm)
     return where, touches(values, where, rng, sigma_mm=sigma_mm)
 
 
-def fitted(where: list[Laid], given: Touches) -> Fit:
+def fitted(where: list[Laid], given: TouchArrays) -> FingerFit:
     return fit_fingers(models(), placings(), given, nearly(where))
 
 
-def checked(where: list[Laid], given: Touches) -> None:
+def checked(where: list[Laid], given: TouchArrays) -> None:
     check_fit(SPECS, models(), placings(), given, fitted(where, given))
 
 
@@ -118,10 +118,10 @@ def test_one_that_moved_between_touches_is_refused(number: int) -> None:
         checked(where, given)
 
 
-def joined(one: Touches, first: Ints, other: Touches, second: Ints) -> Touches:
+def joined(one: TouchArrays, first: Ints, other: TouchArrays, second: Ints) -> TouchArrays:
     """Some touches of both."""
     names = ("finger", "placing", "servos_rad", "ways", "dent_mm", "sigma_mm", "used")
-    return Touches(*(np.concatenate([getattr(one, k)[first], getattr(other, k)[second]]) for k in names))
+    return TouchArrays(*(np.concatenate([getattr(one, k)[first], getattr(other, k)[second]]) for k in names))
 
 
 def test_references_that_are_all_too_large_make_a_tip_too_large() -> None:

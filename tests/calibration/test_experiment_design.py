@@ -28,8 +28,8 @@ from palpate.calibration.experiment_design import (
     predict_touches,
     probes_towards,
 )
-from palpate.calibration.finger_fit import Fit, fit_fingers
-from palpate.calibration.prober import ServoPath
+from palpate.calibration.finger_fit import FingerFit, fit_fingers
+from palpate.calibration.measurements import ServoPath
 
 FIRST_MM, LAST_MM = 50.0, 245.0
 AIMS = 25
@@ -50,7 +50,7 @@ def approaches() -> list[ServoPath]:
 
 
 @pytest.fixture(scope="module")
-def fit() -> Fit:
+def fit() -> FingerFit:
     """A fit of many touches of a disc, and of few of a plate that has just been found."""
     rng = np.random.default_rng(15)
     values, where = drawn(rng), some_places(rng)[: PLACING + 1]
@@ -64,21 +64,23 @@ def fit() -> Fit:
 
 
 @pytest.fixture(scope="module")
-def predicted(fit: Fit) -> PredictedTouches:
+def predicted(fit: FingerFit) -> PredictedTouches:
     return predict_touches(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
 
 
-def as_fitted(fit: Fit) -> Laid:
+def as_fitted(fit: FingerFit) -> Laid:
     x, y, theta = fit.poses[PLACING]
     return laid(placings()[PLACING].reference, float(x), float(y), float(theta))
 
 
-def direction_rad(fit: Fit, approach: ServoPath) -> float:
+def direction_rad(fit: FingerFit, approach: ServoPath) -> float:
     own = approach.finger
     return float(fit.values[own, HEADING] + (approach.servos_rad[0, 0] - AIM_ZEROS_RAD[own]) / GEARS[own])
 
 
-def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, predicted: PredictedTouches) -> None:
+def test_approaches_end_where_they_would_if_the_fit_were_true(
+    fit: FingerFit, predicted: PredictedTouches
+) -> None:
     plate, hits = as_fitted(fit), 0
     for k, approach in enumerate(approaches()):
         own = fit.values[approach.finger]
@@ -106,7 +108,7 @@ def told(predicted: PredictedTouches, covariance: Floats, numbers: list[int]) ->
     return float(np.linalg.slogdet(np.eye(len(rows)) + rows @ covariance @ rows.T / SIGMA_MM**2)[1])
 
 
-def test_chosen_touches_say_more_than_random_ones(fit: Fit, predicted: PredictedTouches) -> None:
+def test_chosen_touches_say_more_than_random_ones(fit: FingerFit, predicted: PredictedTouches) -> None:
     count, every = 3, approaches()
     grips = choose_touches(predicted, every, models(), fit.covariance, SIGMA_MM, count)
     chosen = [probe.approach for grip in grips for probe in grip]
@@ -127,7 +129,7 @@ def test_chosen_touches_say_more_than_random_ones(fit: Fit, predicted: Predicted
 
 
 def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
-    fit: Fit, predicted: PredictedTouches
+    fit: FingerFit, predicted: PredictedTouches
 ) -> None:
     every = approaches()
     for grip in choose_touches(predicted, every, models(), fit.covariance, SIGMA_MM, 4):
@@ -138,7 +140,7 @@ def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
             assert beyond == pytest.approx(min(12.0, left))
 
 
-def test_a_finger_without_good_touches_takes_no_part(fit: Fit, predicted: PredictedTouches) -> None:
+def test_a_finger_without_good_touches_takes_no_part(fit: FingerFit, predicted: PredictedTouches) -> None:
     every = approaches()
     mine = np.array([approach.finger == 1 for approach in every])
     nowhere = PredictedTouches(

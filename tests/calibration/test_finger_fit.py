@@ -22,9 +22,8 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.finger_fit import Fit, Touches, fit_fingers, predict_residuals
-from palpate.calibration.frame_alignment import align_fit
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.calibration.finger_fit import FingerFit, TouchArrays, fit_fingers, predict_residuals
+from palpate.calibration.frame_alignment import BasePose, align_fit, align_to_nominal
 
 GAUGE = 3  # a shift and a turn of everything: what touches cannot show
 
@@ -34,10 +33,10 @@ class Simulated:
     """Touches, the values behind them, and what a fit of them begins with."""
 
     values: Floats
-    touches: Touches
+    touches: TouchArrays
     start: tuple[Floats, Floats]
 
-    def fit(self, given: Touches | None = None) -> Fit:
+    def fit(self, given: TouchArrays | None = None) -> FingerFit:
         return fit_fingers(models(), placings(), given or self.touches, self.start)
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from touched_references import SPECS
 
-from palpate.calibration.backlash import Backlash
-from palpate.calibration.finger_model import finger_model, slide_in_contact, zero_in_file_mm
-from palpate.calibration.homing import StopStalls
+from palpate.calibration.actuator_estimators import Backlash, StopStalls
+from palpate.calibration.finger_model import slide_in_contact, slide_model, zero_in_file_mm
 
 STOPS_MM = (43.0, 255.0)
 TICK_RAD = 2 * math.pi / 4096
@@ -76,7 +75,7 @@ def test_a_measured_play_counts_before_the_described_one() -> None:
 
 def test_a_model_says_what_the_rig_file_says() -> None:
     slide = slide_in_contact(SPEC, Backlash(0.06, 0.004))
-    model = finger_model(SPEC, slide)
+    model = slide_model(SPEC, slide)
     x, y, heading, radius, zero, play, scale = model.prior
     assert (x, y) == SPEC.base_mm
     assert heading == pytest.approx(math.radians(270.0))

@@ -21,7 +21,7 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
+from palpate.calibration.finger_fit import FingerFit, TouchArrays, fit_fingers
 from palpate.calibration.frame_alignment import (
     AlignedFit,
     align_fit,
@@ -35,7 +35,7 @@ SIZE = 3 * COLUMNS
 
 
 @pytest.fixture(scope="module")
-def fitted() -> tuple[Touches, Fit]:
+def fitted() -> tuple[TouchArrays, FingerFit]:
     rng = np.random.default_rng(12)
     values, where = drawn(rng), some_places(rng)[:3]
     given = touches(values, where, rng)
@@ -50,7 +50,7 @@ def motions(values: Floats) -> Floats:
     return rows.reshape(3, -1)
 
 
-def test_moving_all_places_rigidly_has_no_variance(fitted: tuple[Touches, Fit]) -> None:
+def test_moving_all_places_rigidly_has_no_variance(fitted: tuple[TouchArrays, FingerFit]) -> None:
     _, fit = fitted
     rigid = motions(fit.values)
     only = np.zeros_like(fit.covariance)
@@ -61,7 +61,9 @@ def test_moving_all_places_rigidly_has_no_variance(fitted: tuple[Touches, Fit]) 
     assert more.covariance == pytest.approx(hand.covariance, abs=1e-6)
 
 
-def test_the_middle_of_the_bases_is_certain_and_where_the_rig_file_says(fitted: tuple[Touches, Fit]) -> None:
+def test_the_middle_of_the_bases_is_certain_and_where_the_rig_file_says(
+    fitted: tuple[TouchArrays, FingerFit],
+) -> None:
     hand = align_fit(SPECS, fitted[1])
     for axis in (0, 1):
         at = np.arange(3) * COLUMNS + axis
@@ -70,7 +72,7 @@ def test_the_middle_of_the_bases_is_certain_and_where_the_rig_file_says(fitted: 
     assert np.linalg.eigvalsh(hand.covariance).min() > -1e-9
 
 
-def test_a_fit_in_another_frame_is_the_same_hand(fitted: tuple[Touches, Fit]) -> None:
+def test_a_fit_in_another_frame_is_the_same_hand(fitted: tuple[TouchArrays, FingerFit]) -> None:
     """Turned and shifted with its covariance, a fit says the same of the hand."""
     _, fit = fitted
     angle, shift = 0.3, np.array([12.0, -5.0])
@@ -89,7 +91,7 @@ def test_a_fit_in_another_frame_is_the_same_hand(fitted: tuple[Touches, Fit]) ->
     assert there.frame.angle_rad == pytest.approx(here.frame.angle_rad - angle)
 
 
-def test_a_place_says_its_deviations_in_the_file_s_units(fitted: tuple[Touches, Fit]) -> None:
+def test_a_place_says_its_deviations_in_the_file_s_units(fitted: tuple[TouchArrays, FingerFit]) -> None:
     hand = align_fit(SPECS, fitted[1])
     for index, model in enumerate(models()):
         place = calibrate_place(model, hand, index, (math.radians(2.0), math.radians(0.1)))
@@ -109,7 +111,7 @@ def test_a_place_says_its_deviations_in_the_file_s_units(fitted: tuple[Touches, 
         assert np.array(place.covariance)[4, 4] == pytest.approx(sigma[ZERO] ** 2, rel=1e-3)
 
 
-def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> None:
+def test_arrays_look_where_touches_were_felt(fitted: tuple[TouchArrays, FingerFit]) -> None:
     """Angles felt from arrays that are turned by known angles, with a gross one among them."""
     given, fit = fitted
     turned, rng = np.radians([2.0, -1.0, 0.5]), np.random.default_rng(5)
@@ -129,7 +131,9 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
         assert 5e-4 < sigma < 1e-2
 
 
-def test_residuals_are_counted_once_and_shown_in_the_hand_frame(fitted: tuple[Touches, Fit]) -> None:
+def test_residuals_are_counted_once_and_shown_in_the_hand_frame(
+    fitted: tuple[TouchArrays, FingerFit],
+) -> None:
     given, fit = fitted
     hand: AlignedFit = align_fit(SPECS, fit)
     out = np.arange(len(given.finger)) % 6 == 5

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from palpate.calibration.gauge_freedom import HEADING_ARM_MM, BasePose, RigidMotion, align_to_nominal
+from palpate.calibration.frame_alignment import HEADING_ARM_MM, BasePose, RigidMotion, align_to_nominal
 
 ANGLES = st.floats(-math.pi, math.pi)
 NEAR = st.floats(-200.0, 200.0)

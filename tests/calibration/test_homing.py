@@ -8,9 +8,8 @@ from servo_console import Console
 from touched_references import SPECS
 
 from palpate.base.errors import InputError
-from palpate.calibration.backlash import Backlash
-from palpate.calibration.homing import Homing, StopStalls, fit_homing
-from palpate.drivers.finger import TICK_RAD
+from palpate.calibration.actuator_estimators import Backlash, Homing, StopStalls, fit_homing
+from palpate.drivers.kinematics import TICK_RAD
 
 MM_PER_RAD = 100 / (2 * np.pi)
 STOPS = (40.0, 255.0)

@@ -7,7 +7,7 @@ import pytest
 from simulated_presses import DESCRIPTION
 
 from palpate.base.errors import InputError
-from palpate.calibration.idle import IdleFit, analyse_idle, least_contact_force_n
+from palpate.calibration.idle_statistics import IdleFit, analyse_idle, least_contact_force_n
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.emulators.taxels import Taxels
 

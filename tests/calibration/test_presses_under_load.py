@@ -8,13 +8,12 @@ import pytest
 from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
-from palpate.calibration.idle import analyse_idle
-from palpate.calibration.measurements import TouchMeasurement
+from palpate.calibration.finger_fit import touch_loads
+from palpate.calibration.idle_statistics import analyse_idle
+from palpate.calibration.measurements import Probe, TouchMeasurement
 from palpate.calibration.press_levels import PressAtBearing, average_levels
 from palpate.calibration.press_model import fit_presses
-from palpate.calibration.prober import Probe
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.touch_load import touch_loads
 from palpate.config import RigFile, SlideFingerConfig, load_rig
 
 FRICTION = 0.4

@@ -8,11 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_presses import COLS, DESCRIPTION, PITCH, by_column, disc, face
 
-from palpate.calibration.pressure_distribution import (
-    PressureDistribution,
-    dent_and_bearing,
-    distribute_pressure,
-)
+from palpate.calibration.press_model import PressureDistribution, dent_and_bearing, distribute_pressure
 from palpate.drivers.emulators.tip import tip_load
 
 COLUMNS = np.array(DESCRIPTION.columns)

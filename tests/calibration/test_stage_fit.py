@@ -17,14 +17,13 @@ from touched_references import FRESH, PRIOR_SIGMA, SPECS, laid, met, models, ser
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.known_fingers import KnownFingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
+from palpate.calibration.stage_fit import CENTRE, PLAY, KnownFingers, StageFit, fit_stage, stage_touches
 from palpate.calibration.stage_step import calibrate_stage, place_disc
 from palpate.config import RigFile, StageConfig
-from palpate.config.calibration_stage import StageCalibration
-from palpate.drivers.finger import TICK_RAD
+from palpate.config.calibration_file import StageCalibration
+from palpate.drivers.kinematics import TICK_RAD
 
 DISC = ReferenceDisc("disc", 25.0)
 BACKLASH_DEG, BOUND_DEG, CENTRE_BOUND_MM = 0.1, 0.02, 1.0

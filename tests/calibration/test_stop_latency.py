@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
+from palpate.calibration.actuator_estimators import fit_latency
 from palpate.calibration.measurements import StopMeasurement
-from palpate.calibration.stop_latency import fit_latency
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
 MM_PER_RAD = 100 / (2 * np.pi)
 STEP_MM = MM_PER_RAD * TICK_RAD

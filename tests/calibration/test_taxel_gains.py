@@ -19,12 +19,12 @@ from simulated_presses import (
 from touched_references import SPECS
 
 from palpate.base.errors import InputError
-from palpate.calibration.idle import IdleFit, analyse_idle
+from palpate.calibration.idle_statistics import IdleFit, analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
-from palpate.calibration.taxel_gains import fit_gains
+from palpate.calibration.tactile_step import fit_gains
 from palpate.config import SlideFingerConfig, TactileCalibration, load_rig
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 
 CROSSTALK = 0.06
 

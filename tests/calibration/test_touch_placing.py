@@ -8,8 +8,7 @@ from touched_references import DISC, FRESH
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.finger_step import touch_placing
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe
+from palpate.calibration.measurements import Probe, TouchMeasurement
 from palpate.config import RigFile
 
 LOOKS = 3  # grips that look for the first reference

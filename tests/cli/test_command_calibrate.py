@@ -11,7 +11,7 @@ from rich.console import Console
 
 from palpate.base.errors import InputError
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
-from palpate.cli.commissioning.reference_placement import ConsoleTable
+from palpate.cli.calibration_dialogue import ConsoleTable
 
 FRESH = EXAMPLES / "fresh-rig.toml"
 

@@ -16,19 +16,19 @@ from wording import missing
 
 from palpate.base.errors import DeviceError
 from palpate.config import load_rig, shipped_rig
-from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
-from palpate.config.results import to_json
+from palpate.config.diagnosis_results import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.config.result_model import to_json
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 from palpate.rig.diagnostics.hold_check import with_hold
-from palpate.rig.diagnostics.latency_timer import timer_warnings
+from palpate.rig.diagnostics.host_ports import timer_warnings
 from palpate.rig.diagnostics.rig_check import check_rig, loop_warnings
-from palpate.views.check_table import show
+from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
+from palpate.views.check_table import show_check
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
@@ -266,7 +266,7 @@ def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str
     taxels, supply = out.problems
     assert missing(taxels, "array f1", "self-test", "2 bad taxels", "row 0 column 1 stuck low", "row 7") == []
     assert missing(supply, "array f2", "self-test", "supply", "repair or replace") == []
-    show(out, Console(width=160, soft_wrap=True))
+    show_check(out, Console(width=160, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "8 × 20 cylinder" in line]
     assert [("2 bad" in row, "done" in row, "palpate  " in row) for row in rows] == [
         (True, False, True),
@@ -279,7 +279,7 @@ def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]
     place = endpoint_of_rig(RIG)
     emulated(place)[12].power_off()
     out = check_rig(RIG, place)
-    show(out, Console(width=160, soft_wrap=True))
+    show_check(out, Console(width=160, soft_wrap=True))
     text = capsys.readouterr().out
     assert "✗     12  f1 slide" in text
     assert "6 servos" not in text
@@ -288,7 +288,7 @@ def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    show(check_rig(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
+    show_check(check_rig(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "XM430-W350" in line]
     assert [row.split()[1:] for row in rows[:1]] == [
         ["11", "f1", "aim", "XM430-W350", "45", "12.0", "V", "30", "°C", "off", "4", "differ"]
@@ -358,7 +358,7 @@ def test_what_a_part_holds_is_said_with_the_line_to_write(capsys: pytest.Capture
     assert out.warnings[-1] == (
         "the rig file declares part_holds_n = 0.5 N, and this part was only certain to hold 0.41 N"
     )
-    show(out, Console(width=200))
+    show_check(out, Console(width=200))
     said = capsys.readouterr().out
     assert (
         "holds 0.41 N at least (f1 pushed with 0.5 N, of which 0.41 N are certain); moved by 0.7 mm in all "

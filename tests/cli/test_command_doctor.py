@@ -26,18 +26,17 @@ from scipy.signal import lfilter
 from palpate import open_rig
 from palpate.base.errors import InputError
 from palpate.config import CalibrationDevice, calibration_path, calibration_toml, load_rig, shipped_rig
-from palpate.config.doctor_result import Cause, DoctorOut, Outcome
+from palpate.config.diagnosis_results import Cause, DoctorOut, Outcome
 from palpate.config.schema import schema_text
-from palpate.drivers.dynamixel.emanual_tables import Area
+from palpate.drivers.dynamixel.control_table import Area
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.transport.port import PortMissing, PortTaken, open_port
-from palpate.rig.diagnostics.computer import Computer
-from palpate.rig.diagnostics.doctor import diagnose
-from palpate.rig.diagnostics.doctor_steps import Case
-from palpate.rig.diagnostics.untouched_frames import untouched_frames
-from palpate.views.doctor_report import doctor_report
-from palpate.views.doctor_text import show
+from palpate.drivers.transport.ports import PortMissing, PortTaken, open_port
+from palpate.rig.diagnostics.diagnosis import diagnose
+from palpate.rig.diagnostics.host_ports import Computer
+from palpate.rig.diagnostics.steps import DiagnosisCase
+from palpate.rig.diagnostics.taxel_steps import analyse_untouched
+from palpate.views.doctor import doctor_report, show_doctor
 
 Here = Callable[..., Ended]
 
@@ -121,7 +120,7 @@ def test_nothing_moves_and_nothing_is_written_to_eeprom(tmp_path: Path) -> None:
     found = set_up_with(fault("limits not set"), tmp_path)
     before = [(servo.shaft_rad, eeprom(servo)) for servo in found.servos()]
     on_bench = found.on_bench()
-    case = Case(on_bench, found.place(on_bench.described), Computer(tmp_path))
+    case = DiagnosisCase(on_bench, found.place(on_bench.described), Computer(tmp_path))
     assert not diagnose(case, MADE).moved
     assert [(servo.shaft_rad, eeprom(servo)) for servo in found.servos()] == before
     assert before[5][1]["Current Limit"] == 1193, "as it was planted"
@@ -209,7 +208,7 @@ def test_exit_codes_are_those_of_the_page(here: Here, tmp_path: Path) -> None:
 
 def shown(out: DoctorOut, width: int) -> list[str]:
     written = io.StringIO()
-    show(out, Console(width=width, file=written))
+    show_doctor(out, Console(width=width, file=written))
     return [line.rstrip() for line in written.getvalue().splitlines()]
 
 
@@ -325,7 +324,7 @@ def test_still_arrays_do_not_drift(noise: float, memory: float) -> None:
     rng = np.random.default_rng(1)
     for _ in range(40):
         rough = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(0, noise, (850, 8, 20)), axis=0)
-        found = untouched_frames(frames_of(300 + rough[100:]), 4095, 0.0)
+        found = analyse_untouched(frames_of(300 + rough[100:]), 4095, 0.0)
         assert found is not None
         assert found.drifting == 0
         bad = found.dead | found.hot | found.unsteady
@@ -336,14 +335,14 @@ def test_drift_is_seen_beyond_what_is_allowed() -> None:
     rng = np.random.default_rng(2)
     time = np.arange(750)[:, None, None] / 250.0
     counts = 300 + rng.normal(0, 2.0, (750, 8, 20)) + 3.0 * time * (np.arange(20) == 4)
-    found = untouched_frames(frames_of(counts), 4095, 0.0)
+    found = analyse_untouched(frames_of(counts), 4095, 0.0)
     assert found is not None
     assert found.drifting == 8
     assert found.drift_counts_per_s == pytest.approx(3.0, abs=0.5)
-    allowed = untouched_frames(frames_of(counts), 4095, 4.0)
+    allowed = analyse_untouched(frames_of(counts), 4095, 4.0)
     assert allowed is not None
     assert allowed.drifting == 0
 
 
 def test_few_frames_say_nothing() -> None:
-    assert untouched_frames(frames_of(np.full((5, 2, 2), 300.0)), 4095, 0.0) is None
+    assert analyse_untouched(frames_of(np.full((5, 2, 2), 300.0)), 4095, 0.0) is None

@@ -15,8 +15,8 @@ from wording import missing
 
 from palpate.config.schema import schema_text
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
-from palpate.rig.diagnostics.port_search import find_unplugged, ports_out
+from palpate.drivers.transport.ports import SerialPort, serial_ports
+from palpate.rig.diagnostics.host_ports import find_unplugged, ports_out
 from palpate.views.ports_table import show_unplugged
 
 

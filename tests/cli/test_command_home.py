@@ -8,7 +8,7 @@ import pytest
 from command import Ended, run_here
 
 from palpate.config import shipped_rig
-from palpate.config.home_result import HomeOut
+from palpate.config.commissioning_results import HomeOut
 
 Here = Callable[..., Ended]
 BENCH = shipped_rig("xm430-bench")

@@ -17,7 +17,7 @@ from sampling import sample
 
 import palpate
 from palpate.config import load_rig
-from palpate.config.shipped import SHIPPED_RIGS, shipped_rig
+from palpate.config.loading import SHIPPED_RIGS, shipped_rig
 
 DOCS = Path(__file__).parents[2] / "docs"
 

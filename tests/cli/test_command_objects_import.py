@@ -19,8 +19,8 @@ from solids import ELL, WEDGE, mesh_file, prism
 
 from palpate.base.geometry import ObjectModel, State
 from palpate.config import load_objects
+from palpate.config.loading import shipped_rig
 from palpate.config.schema import schema_text
-from palpate.config.shipped import shipped_rig
 
 Ask = Callable[..., Ended]
 

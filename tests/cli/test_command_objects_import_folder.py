@@ -15,8 +15,8 @@ from palpate.base.optional_imports import MissingPackageError
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from palpate.rig.catalogue.cad_import import Imported, import_file
-from palpate.rig.catalogue.processes import in_processes
 from palpate.rig.session.signals import Interrupted
+from palpate.rig.workers import in_processes
 
 Ask = Callable[..., Ended]
 

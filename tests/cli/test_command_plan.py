@@ -29,7 +29,7 @@ from simulated_touches import felt_along
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.recognizer import Approach, Catalogue, Contact, Finger
-from palpate.rig.identification.next_grip import sets_alike
+from palpate.rig.identification.grip_choice import indistinguishable_sets
 from palpate.rig.reach.approaches import reach_of
 from palpate.views.recognition import contacts_json
 
@@ -213,7 +213,7 @@ def test_sets_alike_hold_every_pair_that_is_alike_and_no_other(seed: int) -> Non
     alike = np.triu(rng.uniform(size=(count, count)) < rng.choice([0.2, 0.6, 1.0]), 1)
     alike |= alike.T | np.eye(count, dtype=bool)
     found = np.eye(count, dtype=bool)
-    for group in sets_alike(alike):
+    for group in indistinguishable_sets(alike):
         assert len(group) > 1
         assert list(group) == sorted(set(group))
         found[np.ix_(group, group)] = True

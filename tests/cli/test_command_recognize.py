@@ -11,8 +11,8 @@ from command import Ended, run_here
 from json_schema import violations
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place
 
+from palpate.config.loading import shipped_objects
 from palpate.config.schema import schema_text
-from palpate.config.shipped import shipped_objects
 from palpate.recognizer import Contact
 from palpate.views.recognition import contacts_json
 

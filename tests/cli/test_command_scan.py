@@ -11,14 +11,13 @@ from motor_wire import MotorWire
 from served_servos import served_servos
 from wording import missing
 
-from palpate.cli.diagnostics.scan import ids_of
+from palpate.cli.ports import parse_ids
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Ping
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, scan
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
-from palpate.rig.diagnostics.scan_check import scan_result
+from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, scan_result
 
 Here = Callable[..., Ended]
 
@@ -100,7 +99,7 @@ def test_what_people_get_wrong_is_one_line(here: Here, args: list[str], code: in
 
 
 def test_ids_are_read_as_people_write_them() -> None:
-    assert ids_of("1-3,2,7, 11-12") == [1, 2, 3, 7, 11, 12]
+    assert parse_ids("1-3,2,7, 11-12") == [1, 2, 3, 7, 11, 12]
 
 
 def test_two_servos_with_one_id_are_told_from_one() -> None:

@@ -14,7 +14,7 @@ from motor_wire import MotorWire, Person
 from repository import EXAMPLES
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.cli.commissioning.motor_dialogue import set_up_motors
+from palpate.cli.motor_dialogue import set_up_motors
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import EmulatedServo

@@ -19,8 +19,8 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import PortTaken, open_port
-from palpate.rig.diagnostics.emergency_stop import stop_all
+from palpate.drivers.transport.ports import PortTaken, open_port
+from palpate.rig.diagnostics.servo_bus import stop_all
 from palpate.testing import served
 
 Here = Callable[..., Ended]

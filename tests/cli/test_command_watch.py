@@ -26,12 +26,12 @@ from serial.serialutil import SerialBase
 from palpate.base.errors import DeviceError
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
+from palpate.drivers.tactile.codec import Decoder
 from palpate.drivers.tactile.messages import Describe, Frame, Message, Stop
-from palpate.drivers.tactile.protocol import Decoder
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.port import PortTaken
+from palpate.drivers.transport.ports import PortTaken
 from palpate.jobs.session import open_session
-from palpate.rig.monitor.arrays import ArrayPorts, find_array_ports, stream_arrays
+from palpate.rig.array_monitor import ArrayPorts, find_array_ports, stream_arrays
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())

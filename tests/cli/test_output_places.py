@@ -14,11 +14,11 @@ from command import run_here
 from repository import EXAMPLES
 
 from palpate.base.errors import InputError
-from palpate.base.files.writing import check_place, check_places, write_text
+from palpate.base.file_io import check_place, check_places, write_text
 from palpate.cli.main import app
-from palpate.cli.output_places import rig_files
+from palpate.cli.options import rig_files
 from palpate.config import shipped_objects, shipped_rig
-from palpate.config.shipped import shipped_references
+from palpate.config.loading import shipped_references
 
 OUTPUTS = {"report", "keep", "picture", "out", "mcap", "csv", "rosbag", "rig_out"}
 INPUTS = {

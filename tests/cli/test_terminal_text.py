@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from rich.table import Table
 from rich.text import Text
 
-from palpate.base.errors import printable
-from palpate.cli.identification_progress import Progress
-from palpate.cli.terminal import Doing, Terminal
+from palpate.base.errors import printable_text
+from palpate.cli.run_display import IdentificationProgress
+from palpate.cli.terminal import StatusLine, Terminal
 from palpate.rig.identification.observers import MoveEvent
 from palpate.views.ports_table import show_unplugged
 from palpate.views.tables import table as plain_table
@@ -46,9 +46,9 @@ def test_its_own_colours_and_lines_stay() -> None:
 
 @given(st.text())
 def test_printable_text_prints_and_says_the_same(text: str) -> None:
-    safe = printable(text)
+    safe = printable_text(text)
     assert safe.isprintable()
-    assert printable(safe) == safe
+    assert printable_text(safe) == safe
     assert safe == text or not text.isprintable()
 
 
@@ -70,9 +70,9 @@ def test_tables_are_filled_up_on_a_terminal_only() -> None:
 
 def test_markup_in_names_is_shown_as_it_is() -> None:
     file = io.StringIO()
-    with Progress(Terminal(file=file, markup=False, highlight=False)) as progress:
+    with IdentificationProgress(Terminal(file=file, markup=False, highlight=False)) as progress:
         progress.notice("finger [red]f1[/] waits")
-    with Doing(Terminal(file=file), "reading [bold]plate[/bold].stl") as doing:
+    with StatusLine(Terminal(file=file), "reading [bold]plate[/bold].stl") as doing:
         doing.now("[/]")
     assert "finger [red]f1[/] waits" in file.getvalue()
     show_unplugged([], Terminal(file=file))
@@ -80,7 +80,7 @@ def test_markup_in_names_is_shown_as_it_is() -> None:
 
 def test_why_earlier_grips_are_dropped() -> None:
     console = Terminal(file=io.StringIO(), width=100)
-    with Progress(console) as progress:
+    with IdentificationProgress(console) as progress:
         progress(MoveEvent(2))
         progress(MoveEvent(3, 3.84))
         progress(MoveEvent(4, math.inf))
@@ -97,7 +97,7 @@ def test_how_far_long_work_is_goes_into_a_file_as_plain_lines_now_and_then(
     every_s: float | None, lines: int
 ) -> None:
     file = io.StringIO()
-    with Doing(Terminal(file=file, width=40), "preparing", written_every_s=every_s) as doing:
+    with StatusLine(Terminal(file=file, width=40), "preparing", written_every_s=every_s) as doing:
         for number in range(3):
             doing.now(f"runs: {number} of 3 {EVIL} {'long ' * 20}")
     assert file.getvalue().count("\n") == lines

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.cli.time_left import TimeLeft, duration_words
+from palpate.cli.terminal import TimeLeft, duration_words
 
 
 class Watch:

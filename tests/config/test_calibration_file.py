@@ -15,7 +15,7 @@ from repository import ROOT
 
 from palpate.base.errors import InputError
 from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig
-from palpate.config.calibration_numbers import Measured, UpLength
+from palpate.config.fields import Measured, UpLength
 from palpate.config.schema import schema_text
 
 RIG = load_rig(firm_rig())

@@ -9,14 +9,14 @@ from pydantic import ValidationError
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.config import load_contacts, load_scene
-from palpate.config.recognition_result import (
+from palpate.config.recognition_results import (
     HypothesisOut,
     InterpretationOut,
     LevelOut,
     RecognitionOut,
     StatisticsOut,
 )
-from palpate.config.results import BoundsOut, ConfigurationOut, to_json
+from palpate.config.result_model import BoundsOut, ConfigurationOut, to_json
 
 TOUCH: dict[str, Any] = {
     "finger": "f1",

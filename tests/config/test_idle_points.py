@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.config import load_objects
-from palpate.config.idle_points import without_idle_points
+from palpate.config.objects_checks import drop_redundant_points
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.jobs.files import load_objects as load_and_warn
-from palpate.jobs.warning import RigWarning
+from palpate.jobs.script import RigWarning
 
 Points = list[tuple[float, ...]]
 SQUARE: Points = [(0, 0), (10, 0), (10, 10), (0, 10)]
@@ -45,7 +45,7 @@ def outer(text: ObjectsFileText) -> Points:
     ],
 )
 def test_what_says_nothing_is_left_out_and_said(points: Points, words: str) -> None:
-    text, (line,) = without_idle_points(text_of(points))
+    text, (line,) = drop_redundant_points(text_of(points))
     assert outer(text) == SQUARE
     assert line.startswith('object "plate": left out ')
     assert words in line
@@ -63,7 +63,7 @@ def test_what_says_nothing_is_left_out_and_said(points: Points, words: str) -> N
 )
 def test_what_says_something_stays(points: Points) -> None:
     before = text_of(points)
-    text, lines = without_idle_points(before)
+    text, lines = drop_redundant_points(before)
     assert text is before
     assert lines == ()
 
@@ -72,7 +72,7 @@ def test_a_fine_circle_keeps_all_of_its_points() -> None:
     """Each of them alone is as good as on the line between its neighbours."""
     turns = np.linspace(0, 2 * math.pi, 100_000, endpoint=False)
     points = np.column_stack([np.cos(turns), np.sin(turns)]).tolist()
-    text, lines = without_idle_points(text_of(points))
+    text, lines = drop_redundant_points(text_of(points))
     assert lines == ()
     assert len(outer(text)) == 100_000
 
@@ -91,7 +91,7 @@ def test_the_outline_is_the_same_without_them(sides: int, extra: list[tuple[int,
         step = corners[(k + 1) % sides] - corner
         own = sorted(share for number, share in extra if number % sides == k)
         points += [tuple((corner + share * step).tolist()) for share in (0.0, *own)]
-    text, _ = without_idle_points(text_of(points))
+    text, _ = drop_redundant_points(text_of(points))
     left = outer(text)
     assert len(left) >= sides
     assert shapely.hausdorff_distance(shapely.LinearRing(left), shapely.LinearRing(points)) < 1e-6

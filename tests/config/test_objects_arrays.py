@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from prepared_bits import drawn_catalogue, round_objects
 
+from palpate.base.array_cache import CACHE_PLACE, map_arrays
 from palpate.base.errors import InputError
-from palpate.base.files.array_file import map_arrays
-from palpate.base.files.cache import CACHE_PLACE
 from palpate.base.geometry import Circle, ObjectModel
-from palpate.config.objects_arrays import arrays_of_objects, objects_of_arrays
-from palpate.config.objects_file import ObjectsFile, load_objects
+from palpate.config.objects_file import ObjectsFile, arrays_of_objects, load_objects, objects_of_arrays
 from palpate.config.writers import file_text
 
 

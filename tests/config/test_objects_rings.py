@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Circle
-from palpate.base.geometry.curves import arcs_polygon, circle_facets, circle_polygon
+from palpate.base.geometry.object_model import arcs_polygon, circle_facets, circle_polygon
 from palpate.config.objects_file import load_objects
 from palpate.config.writers import file_text
 

@@ -6,9 +6,9 @@ import pytest
 
 from palpate.base.errors import InputError
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
-from palpate.config.references_file import load_references
-from palpate.config.shipped import shipped_references
-from palpate.rig.commissioning.calibration import build_references
+from palpate.config.calibration_file import load_references
+from palpate.config.loading import shipped_references
+from palpate.rig.commissioning.calibration_run import build_references
 
 GOOD = """
 format = "palpate/references@1"

@@ -8,8 +8,7 @@ from firm_rig import firm_rig
 
 from palpate.base.errors import InputError
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Corner, Mounting
+from palpate.drivers.tactile.description import Corner, Mounting, Shape
 from palpate.rig.conversion import mounting_of
 from palpate.rig.emulated.devices import emulate
 

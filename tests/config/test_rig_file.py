@@ -11,7 +11,7 @@ from palpate.base.errors import InputError
 from palpate.config import load_rig, shipped_rig
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
-from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
+from palpate.drivers.dynamixel.models import SPECIFICATIONS
 
 BENCH = firm_rig().read_text(encoding="utf-8")
 ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")

@@ -20,16 +20,16 @@ from palpate.drivers.dynamixel.errors import (
     PortFailed,
     StatusError,
 )
+from palpate.drivers.dynamixel.exchanges import group_read_time_s
 from palpate.drivers.dynamixel.packet import StatusErrorCode, StatusPacket, encode_status
-from palpate.drivers.dynamixel.servo import Servo, write_goals
-from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.dynamixel.timing import group_read_time_s
-from palpate.drivers.dynamixel.torque import disable_torque
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.dynamixel.servo import Servo, disable_torque, write_goals
+from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 

@@ -9,14 +9,14 @@ from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.errors import AnsweringLate, NotAnswering, StatusError, WrongLength
+from palpate.drivers.dynamixel.exchanges import Timing
 from palpate.drivers.dynamixel.packet import InstructionPacket, StatusErrorCode, encode_instruction
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
-from palpate.drivers.dynamixel.timing import Timing
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 1_000_000

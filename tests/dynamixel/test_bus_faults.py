@@ -16,12 +16,12 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, WireRates
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 TRANSACTIONS_OF = {45: 2_000, 180: 10_000}
 """How many transactions so many examples come to, at least."""

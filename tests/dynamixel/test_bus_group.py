@@ -19,17 +19,17 @@ from palpate.drivers.dynamixel.errors import (
     PortFailed,
     Restarted,
 )
+from palpate.drivers.dynamixel.exchanges import fast_read_time_s, group_read_time_s, sync_write_time_s
 from palpate.drivers.dynamixel.packet import StatusPacket, encode_status
-from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
-from palpate.drivers.dynamixel.state import StateReader
-from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s, sync_write_time_s
-from palpate.drivers.dynamixel.torque import disable_torque
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
-from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.dynamixel.servo import Servo, disable_torque, stop_at, write_goals
+from palpate.drivers.dynamixel.servo_state import StateReader
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
+from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, WireRates
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 LATENCY_S = 1e-3

@@ -6,7 +6,7 @@ from bus_loop import CASES, BusLoop, LoopCase, SdkLoop
 
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 CYCLES = 20
 

@@ -7,9 +7,8 @@ from importlib.resources import files
 import pytest
 
 from palpate.base.errors import InputError
-from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
-from palpate.drivers.dynamixel.models import model_named, model_numbered, models_known
-from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
+from palpate.drivers.dynamixel.control_table import Access, Area, TableItem
+from palpate.drivers.dynamixel.models import SPECIFICATIONS, known_models, model_by_name, model_by_number
 from palpate.drivers.dynamixel.x_series import EXTENDED_FIRMWARE, MODEL_NAMES, table_of
 
 VENDORS = files("dynamixel_easy_sdk") / "control_table"
@@ -99,7 +98,7 @@ def test_torque_per_ampere_is_near_the_vendors_where_its_tables_give_one() -> No
     for number, _, file in VENDOR_FILES:
         units = re.search(r"Present Current\t(\S+)\tN/m", (VENDORS / f"{file}.model").read_text())
         if units is not None:
-            torque = model_numbered(number).known_torque
+            torque = model_by_number(number).known_torque
             shares[MODEL_NAMES[number]] = float(units[1]) / (torque.nm_per_a * torque.current_unit_a)
     known = {"XC330-T181": 0.706, "XC330-T288": 0.841, "XH540-W150": 1.155}
     assert shares == pytest.approx(known, abs=1e-3)
@@ -118,21 +117,21 @@ def test_torque_per_ampere_is_near_the_vendors_where_its_tables_give_one() -> No
     ],
 )
 def test_torque_per_ampere_is_the_manuals(name: str, nm_per_a: float) -> None:
-    assert model_named(name).known_torque.nm_per_a == pytest.approx(nm_per_a, abs=6e-4)
+    assert model_by_name(name).known_torque.nm_per_a == pytest.approx(nm_per_a, abs=6e-4)
 
 
 def test_models_and_their_names_agree_with_the_hosts() -> None:
-    assert {number: model_numbered(number).name for number in MODEL_NAMES} == MODEL_NAMES
+    assert {number: model_by_number(number).name for number in MODEL_NAMES} == MODEL_NAMES
 
 
 @pytest.mark.parametrize("number", MODEL_NAMES)
 def test_host_and_manual_agree_on_sign_area_and_limits(number: int) -> None:
     items = table(number, 52)
-    for name, item in model_numbered(number, 52).items.items():
+    for name, item in model_by_number(number, 52).items.items():
         if name in items:
             assert item.signed == items[name].signed, name
             assert item.eeprom == (items[name].area is Area.EEPROM), name
-    assert items["Current Limit"].high == model_numbered(number).known_torque.largest_current
+    assert items["Current Limit"].high == model_by_number(number).known_torque.largest_current
     assert items["Model Number"].default == number
 
 
@@ -179,20 +178,20 @@ def test_an_old_xm430() -> None:
 
 
 def test_every_model_of_the_vendor_is_known_by_name_and_number() -> None:
-    for name in models_known():
-        model = model_named(name)
-        assert model_numbered(model.number) == model
+    for name in known_models():
+        model = model_by_name(name)
+        assert model_by_number(model.number) == model
         position = model.item("Goal Position" if "Goal Position" in model.items else "Present Position")
         assert position.size in (2, 4)
         assert 0 < model.rad_per_tick < 0.006
     with pytest.raises(InputError, match=r"'XM430-W351' is not known; known are .*XM430-W350"):
-        model_named("XM430-W351")
+        model_by_name("XM430-W351")
     with pytest.raises(InputError, match="model number 7"):
-        model_numbered(7)
+        model_by_number(7)
 
 
 def test_a_model_of_another_series_has_its_own_places_and_units() -> None:
-    pro = model_named("PH54-200-S500")
+    pro = model_by_name("PH54-200-S500")
     assert pro.item("Torque Enable").address == 512
     assert pro.zero_tick == 0
     assert pro.rad_per_tick == pytest.approx(math.pi / 501_923)
@@ -222,14 +221,14 @@ def test_a_model_of_another_series_has_its_own_places_and_units() -> None:
 def test_the_firmware_decides_on_layout_and_fast_reads(
     name: str, firmware: int, fast: bool, data: int
 ) -> None:
-    model = model_named(name, firmware)
+    model = model_by_name(name, firmware)
     assert model.answers_fast is fast
     assert model.indirect is not None
     assert (model.indirect.address, model.indirect.data, model.indirect.count) == (168, data, 20)
 
 
 def test_what_the_manual_does_not_allow_is_refused_before_it_is_sent() -> None:
-    model = model_named("XL330-M288")
+    model = model_by_name("XL330-M288")
     model.check("Current Limit", 1750)
     with pytest.raises(ValueError, match="1751 is outside 0 … 1750, what Current Limit of a XL330-M288"):
         model.check("Current Limit", 1751)

@@ -12,8 +12,8 @@ from palpate.drivers.dynamixel.packet import (
     crc16,
     encode_instruction,
 )
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 
 POSITION = (132, 4)
 

@@ -11,8 +11,8 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     encode_instruction,
 )
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 
 POSITION, EXTENDED = 3, 4
 CLEAR_TURNS = bytes.fromhex("01 44 58 4C 22")

@@ -5,7 +5,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
+from palpate.drivers.dynamixel.control_table import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, Parser, encode_instruction
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES, table_of
 from palpate.drivers.emulators.servo import EmulatedServo

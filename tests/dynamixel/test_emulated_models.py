@@ -7,7 +7,7 @@ from sampling import sample
 from servo_console import Console
 
 from palpate.base.errors import InputError
-from palpate.drivers.dynamixel.emanual_tables import Access
+from palpate.drivers.dynamixel.control_table import Access
 from palpate.drivers.dynamixel.packet import Instruction, StatusErrorCode
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES, X_SERIES, XModel, table_of
 from palpate.drivers.emulators.servo import EmulatedServo

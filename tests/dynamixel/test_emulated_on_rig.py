@@ -9,7 +9,7 @@ from palpate.config import load_rig
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.drivers.dynamixel import Bus
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.rig.emulated.devices import emulate, on_mock_wires
 
 

@@ -4,7 +4,7 @@ import pytest
 from servo_console import Console
 
 from palpate.drivers.dynamixel.packet import StatusErrorCode
-from palpate.drivers.emulators.servo_protection import (
+from palpate.drivers.emulators.servo_firmware import (
     ELECTRICAL_SHOCK_BIT,
     ENCODER_BIT,
     INPUT_VOLTAGE_BIT,

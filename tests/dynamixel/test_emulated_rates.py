@@ -7,15 +7,15 @@ import pytest
 
 from palpate.drivers.dynamixel import Bus, NotAnswering
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
+from palpate.drivers.dynamixel.control_table import BAUD_RATES
 from palpate.drivers.dynamixel.errors import StatusError
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, encode_instruction
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.emulators.device_server import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 PING_1 = encode_instruction(InstructionPacket(1, Instruction.PING))
 

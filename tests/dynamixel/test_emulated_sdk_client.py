@@ -16,11 +16,11 @@ from dynamixel_sdk import (
 )
 
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES, X_SERIES
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 BAUD = 1_000_000
 MODELS = {3: ("XM430-W350", 45, 1020), 7: ("XL330-M288", 52, 1200), 4: ("XC330-M288", 52, 1240)}

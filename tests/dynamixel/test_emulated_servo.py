@@ -17,8 +17,9 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     encode_instruction,
 )
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 
 CURRENT_BASED, EXTENDED, POSITION = 5, 4, 3
 

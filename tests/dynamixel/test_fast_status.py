@@ -13,7 +13,7 @@ from palpate.drivers.dynamixel.packet import (
     crc16,
     parse_fast_status,
 )
-from palpate.drivers.emulators.group_packets import FastFrame
+from palpate.drivers.emulators.servo_chain import FastFrame
 
 of_both = pytest.mark.parametrize("example", FAST_EXAMPLES, ids=lambda example: example.section)
 

@@ -8,14 +8,15 @@ from palpate.base.errors import SafetyStop
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.errors import HardwareAlert
-from palpate.drivers.dynamixel.guarded import End, Guard, ServoMover, guarded_loop, guarded_move
+from palpate.drivers.dynamixel.guarded_motion import Guard, MoveEnd, ServoMover, guarded_loop, guarded_move
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import StateReader
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.dynamixel.servo_state import StateReader
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 STEP_S = 1e-3
 SOFT_NM_PER_RAD, HARD_NM_PER_RAD = 3.0, 60.0
@@ -48,7 +49,7 @@ class Shafts:
                 inside = max(0.0, servo.shaft_rad - self.wall_rad) if dxl_id == 1 else 0.0
                 servo.step(STEP_S, -self.stiffness * inside - (0.2 * servo.shaft_rad_s if inside else 0.0))
 
-    def move(self, *goals_rad: float, contact_a: float = 9.0) -> list[End]:
+    def move(self, *goals_rad: float, contact_a: float = 9.0) -> list[MoveEnd]:
         ends = guarded_move(
             self.reader,
             self.clock,
@@ -68,7 +69,7 @@ def shafts(request: pytest.FixtureRequest) -> Iterator[Shafts]:
 
 
 def test_free_servos_reach_their_goals(shafts: Shafts) -> None:
-    assert shafts.move(1.0, -0.7) == [End.REACHED, End.REACHED]
+    assert shafts.move(1.0, -0.7) == [MoveEnd.REACHED, MoveEnd.REACHED]
     states = shafts.reader.read(shafts.servos).all()
     assert states[1].position_rad == pytest.approx(1.0, abs=0.02)
     assert states[2].position_rad == pytest.approx(-0.7, abs=0.02)
@@ -76,7 +77,7 @@ def test_free_servos_reach_their_goals(shafts: Shafts) -> None:
 
 def test_one_stops_at_contact_and_the_other_goes_on(shafts: Shafts) -> None:
     shafts.wall_rad = 0.4
-    assert shafts.move(1.0, 1.0, contact_a=0.25) == [End.CONTACT, End.REACHED]
+    assert shafts.move(1.0, 1.0, contact_a=0.25) == [MoveEnd.CONTACT, MoveEnd.REACHED]
     touching = shafts.reader.read(shafts.servos).all()[1]
     assert 0.4 < touching.position_rad < 0.9
     shafts.clock.sleep(1.0)
@@ -91,11 +92,11 @@ def test_a_mover_is_told_of_its_stop_once_the_servo_holds_it(shafts: Shafts) -> 
     class Sensing(ServoMover):
         sensed_s = stopped_s = goal_rad = 0.0
 
-        def sense(self, now: float) -> End | None:
+        def sense(self, now: float) -> MoveEnd | None:
             if self.seen[-1][1].position_rad < 0.2:
                 return None
             self.sensed_s = now
-            return End.CONTACT
+            return MoveEnd.CONTACT
 
         def stopped(self, now: float) -> None:
             self.stopped_s = now
@@ -111,7 +112,7 @@ def test_a_mover_is_told_of_its_stop_once_the_servo_holds_it(shafts: Shafts) -> 
         [mover],
         period_s=0.005,
     )
-    assert ends == {mover: End.CONTACT}
+    assert ends == {mover: MoveEnd.CONTACT}
     assert mover.stopped_s > mover.sensed_s
     assert mover.goal_rad - servo.zero_tick * servo.model.rad_per_tick < 0.4
 
@@ -119,7 +120,7 @@ def test_a_mover_is_told_of_its_stop_once_the_servo_holds_it(shafts: Shafts) -> 
 def test_one_that_is_held_is_stopped_where_it_stands(shafts: Shafts) -> None:
     shafts.wall_rad, shafts.stiffness = 0.4, HARD_NM_PER_RAD
     began = shafts.clock.now()
-    assert shafts.move(1.0) == [End.STALL]
+    assert shafts.move(1.0) == [MoveEnd.STALL]
     assert shafts.clock.now() - began < 3.0
     goal = shafts.servos[0].read("Goal Position")
     present = shafts.servos[0].read("Present Position")

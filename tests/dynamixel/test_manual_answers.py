@@ -21,8 +21,8 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     encode_instruction,
 )
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 
 # Strike a section from here once the emulated servo knows its instruction.
 EXCHANGE = {exchange.section: exchange for exchange in EXCHANGES}

@@ -20,7 +20,7 @@ from served_servos import BAUD, Served, served_servos
 from palpate.drivers.dynamixel import Bus, PortFailed, Servo, disable_torque
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 pytestmark = pytest.mark.realtime
 

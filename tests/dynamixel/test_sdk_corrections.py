@@ -11,12 +11,12 @@ from dynamixel_sdk import COMM_PORT_BUSY, COMM_SUCCESS, PortHandler, Protocol2Pa
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.drivers.dynamixel.exchanges import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.dynamixel.packet import InstructionPacket, Parser, StatusPacket, encode_status
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
-from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 1_000_000

@@ -34,7 +34,7 @@ from palpate.drivers.dynamixel.packet import (
 )
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 1_000_000

@@ -6,7 +6,7 @@ The judge is a shaft that is told its settings anew before each step, so that it
 import numpy as np
 import pytest
 
-from palpate.drivers.dynamixel.specifications import MotorConstants, specification
+from palpate.drivers.dynamixel.models import MotorConstants, specification
 from palpate.drivers.emulators.servo_motion import ShaftMotion
 
 MOTOR = specification("XM430-W350").motor

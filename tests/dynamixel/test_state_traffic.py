@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from motor_wire import MotorWire
 
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.models import model_named
+from palpate.drivers.dynamixel.models import model_by_name
 from palpate.drivers.dynamixel.packet import (
     Instruction,
     InstructionPacket,
@@ -18,11 +18,17 @@ from palpate.drivers.dynamixel.packet import (
     encode_status,
 )
 from palpate.drivers.dynamixel.servo import Servo, write_goals
-from palpate.drivers.dynamixel.state import STATE_BYTES, ServoState, StateReader
-from palpate.drivers.dynamixel.state_traffic import StateTraffic
-from palpate.drivers.dynamixel.turn_mark import mark_item, mark_value, turns_in
+from palpate.drivers.dynamixel.servo_state import (
+    STATE_BYTES,
+    ServoState,
+    StateReader,
+    StateTraffic,
+    mark_item,
+    mark_value,
+    turns_of_mark,
+)
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 
 @pytest.mark.parametrize("firmware", [44, 52])
@@ -32,7 +38,7 @@ def test_every_state_that_was_read_is_found(
 ) -> None:
     wire = MotorWire([EmulatedServo(k, model=name, firmware=firmware) for k, name in enumerate(models, 1)])
     port = open_port(wire.url, 1_000_000)
-    traffic = StateTraffic({k: model_named(name) for k, name in enumerate(models, 1)})
+    traffic = StateTraffic({k: model_by_name(name) for k, name in enumerate(models, 1)})
     found: list[tuple[int, ServoState]] = []
     write, read = port.write, port.read
     rng = random.Random(firmware)
@@ -98,7 +104,7 @@ def test_a_turn_that_is_marked_counts_from_then_on(is_read: bool, monkeypatch: p
     monkeypatch.setattr(port, "write", written)
     monkeypatch.setattr(port, "read", taken)
     if is_read:
-        assert turns_in(bus.read(1, item)) == -2
+        assert turns_of_mark(bus.read(1, item)) == -2
     else:
         bus.write(1, item, mark_value(-2))
     servo.turns = -2
@@ -109,7 +115,7 @@ def test_a_turn_that_is_marked_counts_from_then_on(is_read: bool, monkeypatch: p
 
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=60)), max_size=20))
 def test_noise_is_no_state(pieces: list[tuple[bool, bytes]]) -> None:
-    traffic = StateTraffic({1: model_named("XM430-W350")})
+    traffic = StateTraffic({1: model_by_name("XM430-W350")})
     for is_sent, data in pieces:
         if is_sent:
             traffic.sent(data)
@@ -118,10 +124,10 @@ def test_noise_is_no_state(pieces: list[tuple[bool, bytes]]) -> None:
 
 
 def test_other_bytes_of_the_control_table_are_no_state() -> None:
-    place = model_named("XM430-W350").indirect
+    place = model_by_name("XM430-W350").indirect
     assert place is not None
     for first in (place.data - STATE_BYTES, place.data - 3, place.data + 1, 0):
-        traffic = StateTraffic({1: model_named("XM430-W350")})
+        traffic = StateTraffic({1: model_by_name("XM430-W350")})
         params = first.to_bytes(2, "little") + STATE_BYTES.to_bytes(2, "little") + b"\x01"
         traffic.sent(encode_instruction(InstructionPacket(254, Instruction.SYNC_READ, params)))
         block = bytes(STATE_BYTES - 1) + b"\x02"

@@ -5,7 +5,7 @@ import re
 import pytest
 from repository import ROOT
 
-from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, supply_warnings
+from palpate.drivers.dynamixel.models import SPECIFICATIONS, supply_warnings
 
 
 @pytest.mark.parametrize("models", [[], ["XM430-W350"] * 3, ["XL330-M288", "XC330-M288"], ["AX-12A"]])

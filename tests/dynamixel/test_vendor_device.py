@@ -10,14 +10,14 @@ from vendor_device_process import compiled_device, vendor_device
 from palpate.drivers.dynamixel import Bus, Servo
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.errors import NotAnswering
-from palpate.drivers.dynamixel.models import model_named
+from palpate.drivers.dynamixel.models import model_by_name
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 pytestmark = [pytest.mark.realtime, pytest.mark.timeout(120)]
 
 BAUD = 1_000_000
-MODEL = model_named("XM430-W350", 46)
+MODEL = model_by_name("XM430-W350", 46)
 OWN = range(10)  # addresses that the library keeps for itself
 ITEMS = [
     item

@@ -16,8 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from palpate.base.files.array_file import ArrayFileError, map_arrays, write_arrays
-from palpate.base.files.cache import CACHE_PLACE, Cache, user_cache
+from palpate.base.array_cache import CACHE_PLACE, ArrayFileError, Cache, map_arrays, user_cache, write_arrays
 
 SOME = {
     "points": np.arange(20.0).reshape(10, 2),
@@ -158,7 +157,7 @@ def test_places_where_nothing_can_be_kept_are_no_errors(tmp_path: Path) -> None:
 def test_a_full_disk_leaves_nothing_behind(tmp_path: Path) -> None:
     """The system ends writing in the middle of the file."""
     code = (
-        "import numpy as np, sys; from pathlib import Path; from palpate.base.files.cache import Cache;"
+        "import numpy as np, sys; from pathlib import Path; from palpate.base.array_cache import Cache;"
         "cache = Cache(Path(sys.argv[1])); cache.keep('kind', 'key', {'a': np.zeros(100_000)});"
         "sys.exit(cache.fetch('kind', 'key') is not None)"
     )

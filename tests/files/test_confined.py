@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
-from palpate.base.files import confined, read_bytes
-from palpate.base.files.limits import READING_BYTES, READING_S
+from palpate.base.file_io import READING_BYTES, READING_S, read_bytes
 
 FILE = Path("a.svg")
 
 
 def failure(read: object, *arguments: object) -> str:
     with pytest.raises(InputError) as refused:
-        confined(FILE, "try another", read, *arguments)  # type: ignore[arg-type]
+        read_confined(FILE, "try another", read, *arguments)  # type: ignore[arg-type]
     message = str(refused.value)
     assert message.startswith("a.svg: ")
     assert message.endswith("; try another")
@@ -26,13 +26,13 @@ def failure(read: object, *arguments: object) -> str:
 
 
 def test_values_come_back() -> None:
-    rows = confined(FILE, "", np.arange, 12.0)
+    rows = read_confined(FILE, "", np.arange, 12.0)
     assert rows.tolist() == list(range(12))
 
 
 def test_a_refusal_comes_back_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b\.svg: there is no such file$"):
-        confined(FILE, "try another", read_bytes, tmp_path / "b.svg", 10, "")
+        read_confined(FILE, "try another", read_bytes, tmp_path / "b.svg", 10, "")
 
 
 @pytest.mark.slow
@@ -56,7 +56,7 @@ def test_what_nobody_thought_of() -> None:
 
 
 def test_what_is_written_elsewhere_does_not_disturb() -> None:
-    assert confined(FILE, "", os.system, "echo noise; echo noise >&2") == 0
+    assert read_confined(FILE, "", os.system, "echo noise; echo noise >&2") == 0
 
 
 def test_temporary_files_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

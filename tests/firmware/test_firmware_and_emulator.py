@@ -27,9 +27,9 @@ from wire_messages import (
 
 from palpate.base.geometry import Counts, Floats
 from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.tactile.codec import Decoder
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.messages import Describe
-from palpate.drivers.tactile.protocol import Decoder
 
 SIZE = (2, 3)
 LARGEST = 4095

@@ -10,9 +10,10 @@ from array_host import array_host, expected_counts
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.tactile import Shape, TactileArray, TactileFrame
-from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestResult, TaxelFault
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.messages import BadTaxel, SelfTestResult, TaxelFault
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 ROWS, COLS, DEPTH = 4, 5, 12
 LARGEST = (1 << DEPTH) - 1

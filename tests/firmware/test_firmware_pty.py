@@ -37,7 +37,7 @@ from palpate.base.errors import DeviceError
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile import Shape, TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 SIP = 65536
 

@@ -38,7 +38,7 @@ from palpate.base.errors import DeviceError
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 
 MISSING = missing_tools()
 pytestmark = [

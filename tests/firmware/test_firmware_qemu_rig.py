@@ -13,7 +13,7 @@ from qemu_bench import board_bench, slow_bench, write_real_rig
 from qemu_board import missing_tools
 
 from palpate.config import load_objects, load_rig
-from palpate.rig.bench import place
+from palpate.rig.bench import choose_placement
 
 MISSING = missing_tools()
 pytestmark = [
@@ -26,7 +26,7 @@ pytestmark = [
 
 def test_check_watch_and_identify(tmp_path: Path) -> None:
     rig, parts = slow_bench(tmp_path)
-    truth = place(load_rig(rig), load_objects(parts), None, 5)
+    truth = choose_placement(load_rig(rig), load_objects(parts), None, 5)
     assert truth is not None
     with board_bench(load_rig(rig), truth, 5, tmp_path) as bench:
         real = write_real_rig(rig, bench.paths, tmp_path / "real.toml")

@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.base.geometry.segments import capsule_interval, distance_range, point_segment_distance
+from palpate.base.geometry.plane import capsule_interval, distance_range, point_segment_distance
 
 COORDINATE = st.integers(-40, 40).map(lambda value: value / 2)
 POINT = st.tuples(COORDINATE, COORDINATE)

@@ -18,8 +18,8 @@ from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
-from palpate.rig.diagnostics.bus_selection import list_servos
-from palpate.rig.servo_settings import servo_settings
+from palpate.rig.diagnostics.servo_bus import list_servos
+from palpate.rig.fingers import servo_settings
 from palpate.testing import served
 from palpate.testing.hardware.bench import open_bus
 

@@ -3,21 +3,25 @@
 import numpy as np
 
 from palpate.base.geometry import Counts
-from palpate.drivers.tactile.description import Shape
+from palpate.drivers.tactile.description import Mounting, Shape
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
-from palpate.drivers.tactile.mounting import Mounting
-from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, frames_gone, loses_too_many
-from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
-from palpate.testing.hardware.bench import Recording
+from palpate.rig.diagnostics.array_examination import (
+    frame_rate_hz,
+    is_loss_too_high,
+    is_rate_too_low,
+    lost_frames,
+)
+from palpate.rig.diagnostics.taxel_steps import UntouchedStatistics, analyse_untouched
+from palpate.testing.hardware.bench import ArrayRecording
 
 DESCRIBED = Mounting(Shape.CYLINDER, 8.5, 1000.0).describe(
     (7, 5), (3.4, 3.4), unique_id=b"rest", firmware="1", emulated=True, bit_depth=12, max_rate_hz=100.0
 )
 
 
-def recording(counts: Counts) -> Recording:
+def recording(counts: Counts) -> ArrayRecording:
     frames = tuple(TactileFrame(10 + k, 0.02 * k, 0.02 * k + 0.005, frame) for k, frame in enumerate(counts))
-    return Recording(DESCRIBED, frames, 0)
+    return ArrayRecording(DESCRIBED, frames, 0)
 
 
 def at_rest(noise_counts: float) -> Counts:
@@ -30,8 +34,8 @@ def bad(counts: Counts) -> list[list[int]]:
     return np.argwhere(shown.dead | shown.hot | shown.unsteady).tolist()
 
 
-def shown_of(counts: Counts) -> UntouchedFrames:
-    shown = untouched_frames(recording(counts).frames, DESCRIBED.max_count, 0.0)
+def shown_of(counts: Counts) -> UntouchedStatistics:
+    shown = analyse_untouched(recording(counts).frames, DESCRIBED.max_count, 0.0)
     assert shown is not None
     return shown
 
@@ -59,14 +63,14 @@ def test_rate_and_noise() -> None:
     found = recording(at_rest(2.0))
     assert abs(frame_rate_hz(found.frames) - 50.0) < 1e-6
     assert 1.8 < found.noise_counts() < 2.2
-    assert not comes_too_seldom(47.6, 50.0)
-    assert comes_too_seldom(47.4, 50.0)
+    assert not is_rate_too_low(47.6, 50.0)
+    assert is_rate_too_low(47.4, 50.0)
     assert frame_rate_hz(found.frames[:1]) == 0.0
 
 
 def test_a_few_frames_may_get_lost() -> None:
-    assert frames_gone(ArrayCounters(0, 0, 1, 0, 0), ArrayCounters(200, 1, 3, 3, 9)) == 6
-    assert [loses_too_many(gone, came) for gone, came in ((1, 100), (2, 100), (5, 995), (6, 994))] == [
+    assert lost_frames(ArrayCounters(0, 0, 1, 0, 0), ArrayCounters(200, 1, 3, 3, 9)) == 6
+    assert [is_loss_too_high(gone, came) for gone, came in ((1, 100), (2, 100), (5, 995), (6, 994))] == [
         False,
         True,
         False,

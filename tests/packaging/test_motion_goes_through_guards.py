@@ -21,21 +21,22 @@ def calls(folder: str) -> list[tuple[str, str]]:
 def test_goals_are_written_by_the_guarded_loop_alone() -> None:
     writers = {"write_goals", "stop_at"}
     everywhere = [*calls("cli"), *calls("jobs"), *calls("rig"), *calls("calibration"), *calls("drivers")]
-    assert {file for file, name in everywhere if name in writers} == {"drivers/dynamixel/guarded.py"}
+    assert {file for file, name in everywhere if name in writers} == {"drivers/dynamixel/guarded_motion.py"}
 
 
 def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
     """`Hand.pause` looks at arrays; what waits without a hand moves nothing."""
     sleepers = {file for file, name in [*calls("cli"), *calls("jobs"), *calls("rig")] if name == "sleep"}
     without_hand = {
-        "rig/diagnostics/port_search.py",
+        "rig/diagnostics/host_ports.py",
         "jobs/monitor.py",
-        "rig/diagnostics/array_check.py",
-        "rig/monitor/paced_clock.py",
+        "rig/diagnostics/array_examination.py",
+        "rig/array_playback.py",
     }
-    waits_for_the_adapter = "rig/motion/switching_off.py"  # that is gone: nothing can be told to move
-    waits_for_an_array = "rig/motion/hand_arrays.py"  # that was lost: the fingers were stopped before
-    assert sleepers == {"rig/motion/hand.py", waits_for_the_adapter, waits_for_an_array, *without_hand}
+    waits_for_lost_devices = (
+        "rig/motion/device_loss.py"  # an adapter that is gone, an array after fingers stopped
+    )
+    assert sleepers == {"rig/motion/hand.py", waits_for_lost_devices, *without_hand}
     assert "sleep" not in {name for _, name in calls("calibration")}
 
 

@@ -15,7 +15,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Section, State
 from palpate.base.vocabulary import TipShape
 from palpate.recognizer import Catalogue, Finger, recognise
-from palpate.recognizer.ball_section import is_exact, met_by_ball
+from palpate.recognizer.ball_obstacle import ball_obstacle, is_exact
 
 _FACET_MM = 1e-3
 
@@ -141,7 +141,7 @@ def test_a_disc_at_the_equator_loses_the_truth() -> None:
 def test_beside_upright_walls_a_ball_is_a_disc() -> None:
     box = stepped((10.0, 0.0, 12.0), (10.0, 12.0, 40.0))
     (state,) = Catalogue([box]).states
-    met = met_by_ball(state, ball(6.0, 11.0))
+    met = ball_obstacle(state, ball(6.0, 11.0))
     assert met is not None
     assert met.radius_mm == 6.0
     assert is_exact(state, ball(6.0, 11.0))
@@ -152,18 +152,18 @@ def test_beside_upright_walls_a_ball_is_a_disc() -> None:
 
 def test_a_part_that_ends_below_the_equator_is_met_by_a_smaller_circle() -> None:
     (state,) = Catalogue([stepped((10.0, 0.0, 8.0))]).states
-    met = met_by_ball(state, ball(5.0, 11.0))
+    met = ball_obstacle(state, ball(5.0, 11.0))
     assert met is not None
     assert met.radius_mm == pytest.approx(4.0)
     assert met.tolerance_mm == 0.0
-    assert met_by_ball(state, ball(5.0, 13.0)) is None, "it passes over the part"
+    assert ball_obstacle(state, ball(5.0, 13.0)) is None, "it passes over the part"
 
 
 def test_what_stands_back_by_less_than_the_circles_differ_is_not_met() -> None:
     # At 10 mm the ball's circle is 6 mm, at 6 mm it is 4.47 mm: of a foot of 11.2 mm corners stand out.
     for foot, layers in ((11.0, 1), (11.2, 2), (12.0, 1)):
         (state,) = Catalogue([stepped((foot, 0.0, 6.0), (10.0, 6.0, 30.0))]).states
-        met = met_by_ball(state, ball(6.0, 10.0))
+        met = ball_obstacle(state, ball(6.0, 10.0))
         assert met is not None
         assert len(met.layers) == layers
         assert is_exact(state, ball(6.0, 10.0)) == (layers == 1)
@@ -172,7 +172,7 @@ def test_what_stands_back_by_less_than_the_circles_differ_is_not_met() -> None:
 
 def test_a_tolerance_counts_thrice() -> None:
     (state,) = Catalogue([stepped((10.0, 0.0, 30.0), tolerance_mm=0.2)]).states
-    met = met_by_ball(state, ball(6.0, 10.0))
+    met = ball_obstacle(state, ball(6.0, 10.0))
     assert met is not None
     assert met.tolerance_mm == pytest.approx(0.6)
 
@@ -190,7 +190,7 @@ def test_a_cone_is_met_where_its_wall_leans_against_the_ball(tolerance: float) -
     """Of 45°: R / √2 below the equator, where the slabs of 1 mm may be off by as much."""
     catalogue, finger = Catalogue([cone_model(tolerance)]), ball(4.0, 9.0)
     state = catalogue.states[0]
-    met = met_by_ball(state, finger)
+    met = ball_obstacle(state, finger)
     assert met is not None
     edges = catalogue.outlines(finger)
     middle = np.hypot(*((edges.start + edges.end) / 2).T)

@@ -9,7 +9,7 @@ from palpate.base.errors import InputError
 from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 from palpate.recognizer import Budget, Catalogue, Contact, Recognition, recognise
 from palpate.recognizer.budget import BudgetSpentError
-from palpate.recognizer.edge_lookup import matching_edges
+from palpate.recognizer.interpretation_tree import matching_edges
 from palpate.rig.identification.result import unfinished_out
 
 

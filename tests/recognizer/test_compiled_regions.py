@@ -14,8 +14,8 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer import Catalogue, recognise
 from palpate.recognizer.budget import Budget
 from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.recognition import intervals_of
-from palpate.recognizer.region import Cells
 from palpate.recognizer.witness_candidates import WitnessedCells, cut_finer, find_witnesses
 from palpate.recognizer.witness_search import Regions, position_boxes, search_round
 
@@ -27,14 +27,12 @@ SOURCES = ("memo", "own", "loose")
 ROUNDS = 5
 # All but what prepares arrays for the kernel.
 PARTS = (
-    "grouping",
-    "region",
-    "sweep",
-    "three_contact_test",
-    "two_contact_test",
+    "connected_components",
+    "constraints",
+    "model_test",
+    "pose_region",
     "verification",
     "witness_candidates",
-    "witness_polish",
     "witness_search",
 )
 

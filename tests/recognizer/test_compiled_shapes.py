@@ -8,8 +8,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.base.geometry import Floats
-from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, divide_longest
+from palpate.recognizer.connected_components import Boxes, component_labels
+from palpate.recognizer.pose_region import Cells, divide_longest
 from palpate.recognizer.witness_search import position_boxes
 
 pytestmark = needs_kernel
@@ -91,9 +91,9 @@ def test_groups_are_the_same(count: int, seed: int) -> None:
     half = rng.uniform(0, 0.3 * size, count)
     lo = rng.uniform(-5, 5, (count, 2))
     boxes = Boxes(state, rng.uniform(-9, 9, count), half, turn, lo, lo + rng.uniform(0, size * 3, (count, 2)))
-    found = connected(boxes)
+    found = component_labels(boxes)
     with without_kernel():
-        assert np.array_equal(found, connected(boxes))
+        assert np.array_equal(found, component_labels(boxes))
     if 0 < count <= 400:
         one, two = np.nonzero(
             (state[:, None] == state) & boxes.meet(np.arange(count)[:, None], np.arange(count)[None])

@@ -13,15 +13,15 @@ from scipy.optimize import linprog
 from verification_cases import drawn_case
 
 from palpate.recognizer import Catalogue, Contact
+from palpate.recognizer.approach import Approach
 from palpate.recognizer.budget import Budget, BudgetSpentError
 from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.extension import extend_by_region
-from palpate.recognizer.half_planes import all_half_planes
-from palpate.recognizer.rays import Approach
+from palpate.recognizer.constraints import free_path_test, sweep
+from palpate.recognizer.interpretation_tree import Interpretations, next_level, second_level
+from palpate.recognizer.model_test import all_half_planes
+from palpate.recognizer.pose_region import Cells, build_cells, corner_mask, divide_orientations
 from palpate.recognizer.recognition import anchor_of
-from palpate.recognizer.region import Cells, build_cells, corners, divide_orientations
-from palpate.recognizer.sweep import free_path_test, sweep
-from palpate.recognizer.tree import Interpretations, next_level, second_level
+from palpate.recognizer.tree_branches import extend_by_region
 
 pytestmark = needs_kernel
 
@@ -128,7 +128,7 @@ def assert_same_cells(found: Cells, expected: Cells) -> None:
     for one, two in ((found.lo, expected.lo), (found.hi, expected.hi), (found.volume, expected.volume)):
         np.testing.assert_allclose(one, two, rtol=0, atol=1e-7)
     np.testing.assert_allclose(found.centre, expected.centre, rtol=0, atol=1e-8)
-    assert np.all(corners(found.polygon).sum(axis=1) >= 1)
+    assert np.all(corner_mask(found.polygon).sum(axis=1) >= 1)
 
 
 class SmallerBudget(Budget):

@@ -15,14 +15,14 @@ from verification_cases import Case, drawn_case
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
 from palpate.recognizer.budget import Budget
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.region import Cells
-from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.interpretation_tree import Interpretations
+from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.verification import Poses, Verification, may_fit, verify
-from palpate.recognizer.witness_polish import can_be_verified, polish
+from palpate.recognizer.witness_candidates import can_be_verified, polish
 
 pytestmark = needs_kernel
 
-PARTS = ("verification", "witness_polish")
+PARTS = ("verification", "witness_candidates")
 FEW = 40
 CASES = sample(range(0, 30 * FEW, FEW), range(0, 2 * FEW, FEW))
 SQUARE = flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)])

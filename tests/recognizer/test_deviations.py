@@ -7,8 +7,7 @@ import pytest
 from scipy.special import erf
 
 from palpate.base.geometry import Floats
-from palpate.recognizer.deviations import Deviations, Touchable, agreement
-from palpate.recognizer.outline_places import OutlinePlaces
+from palpate.recognizer.outline_deviations import Deviations, OutlinePlaces, OutlineTouches, agreement
 
 RADIUS_MM = 30.0
 LENGTH_MM = 2 * math.pi * RADIUS_MM
@@ -24,10 +23,10 @@ def on_circle(angles: Floats) -> OutlinePlaces:
     )
 
 
-def touches(places: OutlinePlaces, window_mm: float, normal_rad: float = math.inf) -> Touchable:
+def touches(places: OutlinePlaces, window_mm: float, normal_rad: float = math.inf) -> OutlineTouches:
     """Places that are known to 0.1 mm once they have agreed; of normals nothing is known."""
     some = np.ones(places.along.shape)
-    return Touchable(
+    return OutlineTouches(
         places,
         window_mm * some,
         window_mm * some,

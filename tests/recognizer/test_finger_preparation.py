@@ -9,9 +9,13 @@ from prepared_bits import FINGERS, bits_of, drawn_catalogue
 from palpate.base.geometry import ObjectModel, State
 from palpate.recognizer import Catalogue, Finger
 from palpate.recognizer.catalogue import FACET_ERROR_MM, prepare_states
-from palpate.recognizer.finger_preparation import FingerPreparation, prepare_finger
-from palpate.recognizer.flat_arrays import NamedArrays
-from palpate.recognizer.prepared_states import PreparedStates, state_digest
+from palpate.recognizer.preparation import (
+    FingerPreparation,
+    NamedArrays,
+    PreparedStates,
+    prepare_finger,
+    state_digest,
+)
 
 
 @pytest.mark.parametrize("exact", [True, False])

@@ -10,10 +10,10 @@ from shapely_contacts import first_contact
 
 from palpate.base.geometry import Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
+from palpate.recognizer.approach import Approach
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.memo_statistics import memo_counts
 from palpate.recognizer.prediction import predict
-from palpate.recognizer.rays import Approach
 
 KITE = flat("kite", [(-38, -9), (21, -31), (44, 6), (-5, 27)])
 CATALOGUE = Catalogue([KITE])

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.recognizer.grouping import Boxes, connected
+from palpate.recognizer.connected_components import Boxes, component_labels
 
 FEW = 160  # up to here boxes are compared each with each
 
@@ -61,7 +61,7 @@ def as_sets(label: np.ndarray) -> list[frozenset[int]]:
 
 
 def check(boxes: Boxes) -> int:
-    label = connected(boxes)
+    label = component_labels(boxes)
     assert as_sets(label) == by_pairs(boxes)
     assert sorted(set(label.tolist())) == list(range(int(label.max(initial=-1)) + 1))
     return int(label.max(initial=-1)) + 1
@@ -141,7 +141,7 @@ def test_bins_join_all_that_meet() -> None:
     rng = np.random.default_rng(9)
     for width in (0.2, 1.5):
         boxes = boxes_of(rng, 400, states=3, width=width, size=6.0, spread=200.0)
-        label = connected(boxes, most_pairs=0)
+        label = component_labels(boxes, most_pairs=0)
         for group in by_pairs(boxes):
             assert len({int(label[k]) for k in group}) == 1
         for value in np.unique(label):

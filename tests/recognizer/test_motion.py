@@ -23,7 +23,7 @@ from shapely_bench import (
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 from palpate.base.geometry import ObjectModel
-from palpate.recognizer import Catalogue, Contact, Motion, carried_by, felt_in_motion, recognise
+from palpate.recognizer import Catalogue, Contact, Motion, contact_after_motion, contact_in_motion, recognise
 
 MOTIONS = ((0.0, 0.02), (0.1, 0.005), (0.4, 0.03), (1.5, 0.0))
 """Shift in mm and turn in rad."""
@@ -129,7 +129,7 @@ def test_free_ways_of_a_part_that_moved_while_fingers_travelled(seed: int) -> No
             misses = [item for item in grip(before, rng, fingers=6, aim=0.6) if not item.touched]
             if len(contacts) >= 2 and misses:
                 break
-        felt = [felt_in_motion(motion, shipped(), item, np.arange(6)) for item in (*misses, *contacts)]
+        felt = [contact_in_motion(motion, shipped(), item, np.arange(6)) for item in (*misses, *contacts)]
         assert holding_truth(recognise(shipped(), felt), after) is not None, (seed, trial)
 
 
@@ -143,7 +143,7 @@ def test_without_motion_nothing_changes() -> None:
     one, other = found.extend(further, still), found.extend(further)
     assert [item.bounds for item in one.hypotheses] == [item.bounds for item in other.hypotheses]
     assert np.array_equal(one.cells.polygon, other.cells.polygon)
-    assert felt_in_motion(still, shipped(), further[0], np.arange(6)) is further[0]
+    assert contact_in_motion(still, shipped(), further[0], np.arange(6)) is further[0]
 
 
 def test_a_carried_contact_holds_at_the_bound_of_the_motion() -> None:
@@ -154,9 +154,9 @@ def test_a_carried_contact_holds_at_the_bound_of_the_motion() -> None:
         "f", grip(Placed(corner, 0, 0, 0), np.random.default_rng(0))[0].finger, True, (140, 20), (35, 10), 0.0
     )
     motion = by_at_most(catalogue, 0.3, 0.01)
-    carried = carried_by(motion, catalogue, contact, np.array([0]))
+    carried = contact_after_motion(motion, catalogue, contact, np.array([0]))
     moved = turned(np.array(contact.end_mm), 0.01) + 0.3 * unit(math.atan2(36.4, -10))
     assert 0.3 < math.dist(moved, contact.end_mm) <= carried.position_bound_mm < 0.3 + 0.01 * 37
     assert carried.turn_bound_rad == 0.01
-    twice = carried_by(motion + motion, catalogue, contact, np.array([0]))
+    twice = contact_after_motion(motion + motion, catalogue, contact, np.array([0]))
     assert twice.position_bound_mm == pytest.approx(2 * carried.position_bound_mm)

@@ -13,8 +13,7 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config import load_objects
 from palpate.recognizer import Catalogue, Finger
-from palpate.recognizer.free_line import ALLOWANCE_MM
-from palpate.recognizer.nearest_place import nearest_places
+from palpate.recognizer.proximity import ALLOWANCE_MM, nearest_places
 from palpate.recognizer.true_boundary import TrueBoundary
 
 RADII_MM = (0.0, 0.05, 0.5, 2.0, 5.0, 8.0)

@@ -9,7 +9,7 @@ from shapely_bench import SHIPPED_OBJECTS, outlines
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
-from palpate.recognizer.outline_places import in_centred_frame, places_on_outlines
+from palpate.recognizer.outline_deviations import in_centred_frame, places_on_outlines
 
 FRAME = Polygon(
     np.array([(-40.0, -30.0), (40.0, -30.0), (44.0, 28.0), (-40.0, 32.0)]),

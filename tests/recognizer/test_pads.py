@@ -23,16 +23,15 @@ from palpate.recognizer import (
     Contact,
     Finger,
     FingerApproach,
-    already_used,
     plan_grip,
     predict,
     recognise,
     recognised_shift_mm,
     twins,
+    used_approaches,
 )
-from palpate.recognizer.measurement_model import touch_outcomes
 from palpate.recognizer.pad_face import face_offsets_mm, face_points
-from palpate.recognizer.poses import witness_poses
+from palpate.recognizer.touch_model import touch_outcomes, witness_poses
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.reach.approaches import Reach, reach_of
@@ -120,11 +119,11 @@ def test_a_pad_has_used_an_approach_if_its_whole_face_went_there() -> None:
             ways.append(Contact("f", point.finger, False, point.start_mm, end, 0.1))
         return ways
 
-    assert np.flatnonzero(already_used(along(candidates[7]), candidates)).tolist() == [7]
+    assert np.flatnonzero(used_approaches(along(candidates[7]), candidates)).tolist() == [7]
     sideways = next(item for item in candidates if abs(math.sin(item.direction_rad)) < 0.1)
     number = candidates.index(sideways)
-    assert not already_used(along(sideways, 2.5), candidates)[number], "half of its points did"
-    assert not already_used(along(sideways)[1:], candidates)[number], "one end did not"
+    assert not used_approaches(along(sideways, 2.5), candidates)[number], "half of its points did"
+    assert not used_approaches(along(sideways)[1:], candidates)[number], "one end did not"
 
 
 def test_sections_are_asked_for_by_points_only() -> None:
@@ -164,7 +163,7 @@ def test_decisive_grips_of_pads_decide(seed: int) -> None:
     if not 2 <= len(found.hypotheses) <= _MOST_HYPOTHESES:
         return
     resolution = resolution_of(pad_rig())
-    used = already_used(contacts, reach().approaches)
+    used = used_approaches(contacts, reach().approaches)
     grip = plan_grip(found, reach(), resolution, goals_of(pad_rig()), used)
     if grip is None or not grip.decisive:
         return

@@ -9,11 +9,11 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
 from palpate.base.geometry import ObjectModel
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.tree import Interpretations, first_level, next_level, second_level
+from palpate.recognizer.interpretation_tree import Interpretations, first_level, next_level, second_level
 
 THIN, THICK = Finger(0.0, 10.0), Finger(5.0, 10.0)
 FINGERS = [(THIN, THIN), (THICK, THICK), (THIN, THICK), (THICK, THIN)]

@@ -15,15 +15,14 @@ from palpate.base.vocabulary import Strategy
 from palpate.recognizer import (
     Catalogue,
     Recognition,
-    checking_grip,
+    confirmation_grip,
     next_grip,
     plan_grip,
     predict,
     recognise,
     twins,
 )
-from palpate.recognizer.measurement_model import similarity, touch_outcomes
-from palpate.recognizer.poses import witness_poses
+from palpate.recognizer.touch_model import similarity, touch_outcomes, witness_poses
 
 L_SHAPE = [(0, 0), (50, 0), (50, 20), (20, 20), (20, 40), (0, 40)]
 
@@ -235,5 +234,5 @@ def test_no_candidates_give_no_grip() -> None:
     for strategy in Strategy:
         rng = np.random.default_rng(0)
         assert next_grip(strategy, found, nothing, RESOLUTION, GOALS, rng) is None
-    assert checking_grip(found, nothing, RESOLUTION, 2) is None
+    assert confirmation_grip(found, nothing, RESOLUTION, 2) is None
     assert all_twins(found, nothing)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.recognizer.angle_pockets import conservative_pockets
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.pockets import conservative_pockets
 
 POINT = Finger(0.0, 10.0)
 TIP = Finger(5.0, 10.0)

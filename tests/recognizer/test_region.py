@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
-from palpate.base.geometry.plane import rotate
-from palpate.base.geometry.segments import point_segment_distance
+from palpate.base.geometry.plane import point_segment_distance, rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.region import (
+from palpate.recognizer.interpretation_tree import Interpretations, first_level, next_level
+from palpate.recognizer.pose_region import (
     Cells,
     Intervals,
     build_cells,
@@ -19,7 +19,6 @@ from palpate.recognizer.region import (
     probe_cells,
     refine_intervals,
 )
-from palpate.recognizer.tree import Interpretations, first_level, next_level
 
 MODELS = outlines(SHIPPED_OBJECTS)
 

@@ -10,7 +10,7 @@ from sampling import sample
 from shapely_bench import Placed, flat, grip, holding_truth, place, until_touched
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
-from palpate.config.objects_file import checked_objects
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue, Finger, Motion, recognise
 
@@ -27,7 +27,7 @@ def round_model(tolerance: float = 0.0, bound: float | None = None, centre: tupl
     state = {"name": "flat", "sections": sections} | ({} if bound is None else {"normal_bound": bound})
     table = {"name": "ring", "tolerance": tolerance, "states": [state]}
     text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
-    return checked_objects(ObjectsFileText.model_validate(text), "here").objects[0]
+    return objects_from_text(ObjectsFileText.model_validate(text), "here").objects[0]
 
 
 def true_disc(radii_mm: np.ndarray, centre: tuple[float, float] = (0.0, 0.0)) -> ObjectModel:
@@ -103,7 +103,7 @@ def test_a_slot_with_true_arcs_stays(seed: int) -> None:
     rng = np.random.default_rng([52, seed])
     table = {"name": "slot", "height": 20, "outline": [[-20, -9], [20, -9, 1], [20, 9], [-20, 9, 1]]}
     text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
-    model = checked_objects(ObjectsFileText.model_validate(text), "here").objects[0]
+    model = objects_from_text(ObjectsFileText.model_validate(text), "here").objects[0]
     true = shapely.LineString([[-20, 0], [20, 0]]).buffer(9.0, quad_segs=2000)
     assert is_kept(
         Catalogue([model, square()]),

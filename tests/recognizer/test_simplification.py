@@ -13,9 +13,8 @@ from palpate.base.geometry import ObjectModel, Polygon, Section
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger, NormalRange
-from palpate.recognizer.minkowski import GrownSection, grow
+from palpate.recognizer.minkowski import GrownSection, grow, simplify_outline
 from palpate.recognizer.recognition import recognise
-from palpate.recognizer.simplification import simplify_outline
 
 KINDS = ("smooth", "wavy", "noisy")
 SECTIONS = list(product((400, 60), KINDS, (0.0, 5.0)))

@@ -14,7 +14,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
-from palpate.recognizer.half_planes import half_planes
+from palpate.recognizer.model_test import half_planes
 
 KINDS = ("moved", "normal", "on the way")
 

@@ -14,10 +14,10 @@ from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 from palpate.base.errors import InputError
+from palpate.recognizer.angle_pockets import conservative_pockets
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.memo_statistics import memo_counts
-from palpate.recognizer.pockets import conservative_pockets
 
 MODELS = outlines(SHIPPED_OBJECTS)
 BENT = [(-31, -22), (3, -28), (34, -17), (29, 6), (12, 2), (16, 27), (-5, 31), (-3, 9), (-24, 18)]

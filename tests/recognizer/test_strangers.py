@@ -17,12 +17,12 @@ from palpate.recognizer import (
     Contact,
     Recognition,
     StrangerEvidence,
-    checking_grip,
+    confirmation_grip,
     predict,
     recognise,
     stranger_terms,
 )
-from palpate.recognizer.strangers import KINDS, StrangerTerms, candidate_touches
+from palpate.recognizer.evidence import STRANGER_KINDS, StrangerTerms, candidate_touches
 
 NONE = StrangerEvidence.none()
 
@@ -46,7 +46,7 @@ def unique(seed: int) -> Recognition:
 def test_what_was_stated_of_each_touch_multiplies_to_the_whole() -> None:
     _, found = some_recognition(2)
     passing = terms_of(found, ring().approaches[3:63:18]).with_any()
-    assert passing.shape == (4, len(KINDS.scale))
+    assert passing.shape == (4, len(STRANGER_KINDS.scale))
     assert np.all((passing > 0) & (passing < 1))
     evidence, product = NONE, 1.0
     for row in passing:
@@ -123,7 +123,7 @@ def test_checks_go_on_until_strangers_are_improbable_enough() -> None:
         found = unique(seed)
         counts = []
         for probability in (0.5, 0.01, 1e-9):
-            chosen = checking_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, probability))
+            chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, probability))
             assert chosen is not None
             counts.append(len(chosen.approaches))
         assert counts[0] == 2
@@ -134,7 +134,7 @@ def test_checks_go_on_until_strangers_are_improbable_enough() -> None:
 def test_a_check_goes_where_strangers_agree_least() -> None:
     for seed in range(4):
         found = unique(seed)
-        chosen = checking_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, 0.5))
+        chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, 0.5))
         assert chosen is not None
         every = [item for item in ring().approaches if item not in found.contacts]
         predictions = predict(found.catalogue, found.hypotheses, found.anchor_mm, every)

@@ -15,16 +15,14 @@ from palpate.recognizer import (
     Confirmation,
     Finger,
     StrangerEvidence,
-    already_used,
-    checking_grip,
+    confirmation_grip,
     detectable_shift_mm,
     next_grip,
     recognise,
+    used_approaches,
 )
-from palpate.recognizer.grips import fits_together, predict_approach
-from palpate.recognizer.measurement_model import touch_outcomes
-from palpate.recognizer.poses import sampled_poses
-from palpate.recognizer.push_limits import push_hazard
+from palpate.recognizer.planner import fits_together, predict_approach
+from palpate.recognizer.touch_model import push_hazard, sampled_poses, touch_outcomes
 
 
 def wanted(shift_mm: float) -> Confirmation:
@@ -34,11 +32,11 @@ def wanted(shift_mm: float) -> Confirmation:
 def test_used_candidates_are_those_along_a_path_and_no_others() -> None:
     candidates = ring().approaches
     for k in (0, 7, 40):
-        used = already_used([contact_along(candidates[k], 90.0)], candidates)
+        used = used_approaches([contact_along(candidates[k], 90.0)], candidates)
         assert np.flatnonzero(used).tolist() == [k]
     other = replace(contact_along(candidates[7], 90.0), finger=Finger(4.0, 10.0))
-    assert not already_used([other], candidates).any()
-    assert not already_used([], candidates).any()
+    assert not used_approaches([other], candidates).any()
+    assert not used_approaches([], candidates).any()
 
 
 def test_the_strategies_choose_what_their_names_say() -> None:
@@ -95,7 +93,7 @@ def test_a_check_meets_the_answer_where_nothing_was_touched() -> None:
         known = np.array([contact.end_mm for contact in found.contacts if contact.touched])
         counts = []
         for shift_mm in (50.0, 0.1):
-            chosen = checking_grip(found, ring(), RESOLUTION, wanted(shift_mm))
+            chosen = confirmation_grip(found, ring(), RESOLUTION, wanted(shift_mm))
             assert chosen is not None
             counts.append(len(chosen.approaches))
             for row, candidate in enumerate(chosen.approaches):
@@ -113,7 +111,7 @@ def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None
     found = recognise(
         Catalogue(models), grip(placed, np.random.default_rng(2), fingers=7, half_range=math.radians(8))
     )
-    chosen = checking_grip(found, ring(), RESOLUTION, wanted(50.0))
+    chosen = confirmation_grip(found, ring(), RESOLUTION, wanted(50.0))
     assert chosen is not None
     approaches = chosen.approaches
     normals = np.array([normal_at(placed, item, travel_of(placed, item)) for item in approaches])
@@ -203,7 +201,7 @@ def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:
             some = limits if given else None
             for chosen in (
                 next_grip(Strategy.PLANNED, found, ring(), RESOLUTION, GOALS, rng, limits=some),
-                checking_grip(found, ring(), RESOLUTION, wanted(50.0), some),
+                confirmation_grip(found, ring(), RESOLUTION, wanted(50.0), some),
             ):
                 assert chosen is not None
                 for item in chosen.approaches:

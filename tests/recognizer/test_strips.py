@@ -11,8 +11,7 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, touch
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
-from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.segments import point_segment_distance
+from palpate.base.geometry.plane import point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet

@@ -11,11 +11,11 @@ from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
 from palpate.base.geometry import ObjectModel
+from palpate.recognizer.approach import Approach
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import free_path_test, sweep
 from palpate.recognizer.contact import Contact, Finger
-from palpate.recognizer.rays import Approach
-from palpate.recognizer.region import Cells
-from palpate.recognizer.sweep import free_path_test, sweep
+from palpate.recognizer.pose_region import Cells
 
 MODELS = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(MODELS)

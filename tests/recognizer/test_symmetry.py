@@ -12,7 +12,7 @@ from shapely_bench import Placed, flat, grip, holding_truth, place, unit
 
 from palpate.base.geometry import Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
-from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry, symmetrised
+from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry, symmetrise
 
 
 def state(*sections: list[tuple[float, float]] | np.ndarray) -> State:
@@ -195,7 +195,7 @@ def test_a_state_made_symmetric_is_so_and_hardly_off(seed: int) -> None:
     given = State("flat", (Section((0.0, 20.0), (Polygon(outer, (hole[::-1],)),)),))
     before, about = symmetry(given), centroid(given)
     assert before.order == 8
-    made = symmetrised(given, about, before.order, 1e-3)
+    made = symmetrise(given, about, before.order, 1e-3)
     assert made is not None
     after = rotational_symmetry(made, about, 1e-3)
     assert after.order == 8
@@ -209,7 +209,7 @@ def test_what_has_vertices_on_straight_lines_is_left_as_it_is() -> None:
     ring = np.insert(regular(6), 1, regular(6)[:2].mean(axis=0), axis=0)
     given = state(shaken(ring, 1e-10, 0))
     assert symmetry(given).order == 6
-    assert symmetrised(given, centroid(given), 6, 1e-3) is None
+    assert symmetrise(given, centroid(given), 6, 1e-3) is None
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -12,10 +12,7 @@ from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 from triples import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, triple_arcs
 
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
-from palpate.recognizer.three_contact_test import three_contact_hull
-from palpate.recognizer.two_contact_test import two_contact_hull
+from palpate.recognizer.model_test import half_planes, sinusoid_maximum, three_contact_hull, two_contact_hull
 
 ANGLE = st.floats(-math.pi, math.pi)
 COEFFICIENT = st.floats(-5, 5).map(lambda value: round(value, 3))

@@ -7,7 +7,7 @@ from verified_scenes import Scene, asked, drawn
 
 from palpate.base.geometry.plane import rotate
 from palpate.recognizer import Hypothesis, Recognition
-from palpate.recognizer.tight_bounds import enclosures
+from palpate.recognizer.hypotheses import enclosures
 from palpate.recognizer.verification import Poses, verify
 from palpate.recognizer.witness_search import position_boxes
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from palpate.base.geometry import Polygon, Section
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad
-from palpate.recognizer.tolerance_band import ToleranceBand, Touchable, touchable_edges
+from palpate.recognizer.tolerance_band import PairingEdges, ToleranceBand, pairing_edges
 
 
 def wavy(rng: np.random.Generator, step_mm: float) -> np.ndarray:
@@ -69,7 +69,7 @@ def contacts(ring: np.ndarray, radius: float, rng: np.random.Generator) -> tuple
     return centre[clear], normal[clear]
 
 
-def is_held(band: Touchable, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def is_held(band: PairingEdges, centre: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Which contacts some edge of the band holds, with its slack and its range of normals."""
     edges = band.edges
     rel = centre[:, None] - edges.start
@@ -97,7 +97,7 @@ def test_band_holds_every_contact_of_rough_outlines(
     ring = shape(rng, length * off)
     true = rough(ring, 0.999 * off, rng)
     assume(shapely.Polygon(true).is_valid)
-    band = touchable_edges(Section((0.0, 10.0), (Polygon(ring, ()),)), radius, ToleranceBand(off), 0.1)
+    band = pairing_edges(Section((0.0, 10.0), (Polygon(ring, ()),)), radius, ToleranceBand(off), 0.1)
     centre, normal = contacts(true, radius, rng)
     assert len(centre) > 20
     assert is_held(band, centre, normal).all()

@@ -20,10 +20,10 @@ from upright_tips import (
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
-from palpate.config.objects_file import checked_objects
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue, Finger, recognise
-from palpate.recognizer.met_section import standing_out, united_circles
+from palpate.recognizer.tip_obstacle import uncovered_polygons, union_circles
 
 _FACET_MM = 1e-3
 
@@ -122,9 +122,9 @@ def test_circles_that_bound_a_union(seed: int) -> None:
         for k, item in enumerate(polygons)
     ]
     text = {"format": "palpate/objects@1", "units": "mm", "objects": tables}
-    read = checked_objects(ObjectsFileText.model_validate(text), "here").objects
+    read = objects_from_text(ObjectsFileText.model_validate(text), "here").objects
     rings = tuple(item.states[0].sections[0].polygons[0] for item in read)
-    found = united_circles(rings)
+    found = union_circles(rings)
     radii = [curve.radius_mm for item in rings for curve in item.curves]
 
     def solid(radius: float) -> bool:
@@ -140,12 +140,14 @@ def test_circles_that_bound_a_union(seed: int) -> None:
 
 def test_only_what_is_covered_for_certain_is_left_out() -> None:
     small, middle, large = square(9.0), square(9.9), square(10.0)
-    assert standing_out((small, middle, large), 0.0) == (large,)
-    assert standing_out((small, large, middle), 0.1) == (large, middle), "0.1 mm may be twice the tolerance"
-    assert standing_out((large, large), 0.0) == (large,)
-    assert standing_out((large, large), 0.3) == (large,), "what is true of the one is true of the other"
+    assert uncovered_polygons((small, middle, large), 0.0) == (large,)
+    assert uncovered_polygons((small, large, middle), 0.1) == (large, middle), (
+        "0.1 mm may be twice the tolerance"
+    )
+    assert uncovered_polygons((large, large), 0.0) == (large,)
+    assert uncovered_polygons((large, large), 0.3) == (large,), "what is true of the one is true of the other"
     ring = Polygon(square(10.0).outer, (square(5.0).outer,))
-    assert standing_out((square(4.0), ring), 0.0) == (square(4.0), ring), "it stands in the hole"
+    assert uncovered_polygons((square(4.0), ring), 0.0) == (square(4.0), ring), "it stands in the hole"
 
 
 def test_known_along_the_tip() -> None:

@@ -14,8 +14,7 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place, touch
 
 from palpate.base.geometry import ObjectModel
-from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.segments import point_segment_distance
+from palpate.base.geometry.plane import point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.recognition import recognise

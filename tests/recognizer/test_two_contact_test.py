@@ -11,8 +11,7 @@ from palpate.base.geometry import Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.two_contact_test import two_contact_hull
+from palpate.recognizer.model_test import half_planes, two_contact_hull
 
 WIDTHS = (0.0, 1e-6, 0.01, 0.3, 1.5, math.pi, 5.0, 2 * math.pi)
 SETTINGS = [(bound, radius) for bound in (0.0, 0.3, 2.0) for radius in (0.0, 5.0)]

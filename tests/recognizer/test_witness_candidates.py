@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from palpate.recognizer.rounding import to_nine_digits
 from palpate.recognizer.witness_candidates import corner_means
+from palpate.recognizer.witness_search import round_to_nine_digits
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -42,8 +42,8 @@ def test_digits_that_rounding_may_change_are_dropped() -> None:
     """Values stay near what they were, at any size, and the last bits do not matter."""
     rng = np.random.default_rng(1)
     value = rng.uniform(1, 10, 200) * 10.0 ** rng.integers(-200, 200, 200)
-    found = to_nine_digits(value)
+    found = round_to_nine_digits(value)
     np.testing.assert_allclose(found, value, rtol=1.01e-9)
     eight = [float(Context(prec=8).create_decimal(Decimal(item))) for item in value.tolist()]
-    assert np.array_equal(to_nine_digits(np.array(eight)), to_nine_digits(np.nextafter(eight, 0)))
-    assert np.array_equal(to_nine_digits(found), found)
+    assert np.array_equal(round_to_nine_digits(np.array(eight)), round_to_nine_digits(np.nextafter(eight, 0)))
+    assert np.array_equal(round_to_nine_digits(found), found)

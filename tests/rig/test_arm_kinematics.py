@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from repository import EXAMPLES
 
 from palpate.config import ArmFingerConfig, load_rig
-from palpate.drivers.arm_finger import ArmKinematics
+from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTruth
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.finger import TICK_RAD, Line
+from palpate.drivers.kinematics import TICK_RAD, Line
 from palpate.rig.conversion import arm_kinematics
 
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")

@@ -9,15 +9,15 @@ import pytest
 from firm_rig import firm_rig
 
 from palpate.base.errors import InputError
-from palpate.calibration.idle import IdleFit, analyse_idle
+from palpate.calibration.idle_statistics import IdleFit, analyse_idle
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.calibration.tactile_step import IDLE_S
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.column_windows import column_windows
+from palpate.drivers.tactile.columns import column_windows
 from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Description, Shape
 from palpate.rig.arrays import calibration_of, doubt_warning, extractor_of, threshold_problem
 from palpate.rig.emulated.devices import description_of
 

@@ -11,10 +11,10 @@ from command import log_bytes, log_events
 
 from palpate.base.errors import InputError, OutputError
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.record import Noted, Recorder
-from palpate.rig.background import Background, BackgroundCall
+from palpate.drivers.transport.recorder import Recorder, RecordItem
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.log_reader import read_session
+from palpate.rig.workers import Background, BackgroundCall
 
 
 def test_items_are_consumed_in_order() -> None:
@@ -93,7 +93,7 @@ class Broken:
     def __init__(self) -> None:
         self.told = 0
 
-    def note(self, what: Noted) -> None:
+    def note(self, what: RecordItem) -> None:
         del what
         self.told += 1
         raise OSError(28, "No space left on device")

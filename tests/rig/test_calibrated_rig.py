@@ -17,7 +17,7 @@ from rich.console import Console
 from wording import missing
 
 from palpate.base.errors import InputError
-from palpate.calibration.gauge_freedom import BasePose
+from palpate.calibration.frame_alignment import BasePose
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -29,14 +29,14 @@ from palpate.config import (
     shipped_rig,
 )
 from palpate.config.schema import schema_text
-from palpate.rig.bench import connect, place, set_up
+from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
 from palpate.rig.diagnostics.calibration_check import with_calibration
 from palpate.rig.diagnostics.rig_check import check_rig
-from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
-from palpate.rig.motion.calibrated_devices import check_devices, devices_of, other_device
-from palpate.views.check_table import show
+from palpate.rig.diagnostics.servo_bus import endpoint_of_rig
+from palpate.rig.emulated.ground_truth import placement_in_hand_frame
+from palpate.rig.session.calibration_drift import check_devices, device_mismatch, devices_of
+from palpate.views.check_table import show_check
 
 Here = Callable[..., Ended]
 SEED = 7
@@ -154,14 +154,14 @@ def test_devices_are_told_apart() -> None:
     assert [device.id for device in devices[:6]] == ["11", "12", "21", "22", "31", "32"]
     assert devices[0].model == "XM430-W350"
     assert devices[6].model == "palpate, 8 x 20 cylinder"
-    other = other_device(file, {12: "XC330-M288"}, {})
+    other = device_mismatch(file, {12: "XC330-M288"}, {})
     assert missing(str(other), "servo 12", "made with", "XM430-W350", "is a XC330-M288 now") == []
-    assert other_device(file, {}, {}) is None
+    assert device_mismatch(file, {}, {}) is None
 
 
 def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
     rig = load_rig(loose)
-    lying = place(rig, load_objects(shipped_objects()), None, SEED)
+    lying = choose_placement(rig, load_objects(shipped_objects()), None, SEED)
     assert lying is not None
     put_beside(loose, true_calibration(rig, SEED))
     on_bench = load_calibrated(loose)
@@ -245,5 +245,5 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
         (loose, "without bounds on contacts"),
     ):
         text = StringIO()
-        show(found, Console(file=text, width=200))
+        show_check(found, Console(file=text, width=200))
         assert line in text.getvalue()

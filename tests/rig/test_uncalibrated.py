@@ -19,7 +19,7 @@ from palpate.config import (
 )
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 from palpate.rig.conversion import (
     array_bound_rad,
     kinematics_of,

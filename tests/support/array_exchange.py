@@ -10,8 +10,8 @@ import numpy as np
 from array_host import ArrayHost, expected_counts
 from wire_messages import HELLO, START, STOP, request
 
-from palpate.drivers.tactile.messages import Ack, Body, Describe, Frame, Message
-from palpate.drivers.tactile.protocol import Decoder
+from palpate.drivers.tactile.codec import Decoder
+from palpate.drivers.tactile.messages import Ack, Describe, Frame, Message, MessageBody
 
 __all__ = ["Exchange", "Taken", "exchange"]
 
@@ -67,7 +67,7 @@ class Exchange:
         """STOP; the number of its answer tells what is missing at the end."""
         self._ask(STOP, lambda body: isinstance(body, Ack))
 
-    def _ask(self, kind: int, is_wanted: Callable[[Body], bool], *values: int) -> Body:
+    def _ask(self, kind: int, is_wanted: Callable[[MessageBody], bool], *values: int) -> MessageBody:
         for _ in range(_ATTEMPTS):
             self._request += 1
             os.write(self._descriptor, b"\x00" + request(kind, self._request, *values))
@@ -78,7 +78,7 @@ class Exchange:
                         return body
         raise AssertionError(f"no answer to request {kind}")
 
-    def _step(self, patience_s: float) -> list[Body] | None:
+    def _step(self, patience_s: float) -> list[MessageBody] | None:
         """Take what is there now; None if nothing comes for a while."""
         ready, _, _ = select.select([self._descriptor], [], [], patience_s)
         if not ready:

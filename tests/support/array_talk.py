@@ -8,8 +8,9 @@ from tactile_vectors import SMALL
 
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.messages import Body, Description, Frame, Message
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.messages import Frame, Message, MessageBody
 
 RATE = 100_000  # thousandths of a frame per second: one frame in 10 ms
 
@@ -33,7 +34,7 @@ def heard(array: EmulatedArray, data: bytes, now: float = 0.0, version: int = 1)
     return [item for item in items if isinstance(item, Message)]
 
 
-def told(array: EmulatedArray, body: Body, now: float = 0.0) -> Body:
+def told(array: EmulatedArray, body: MessageBody, now: float = 0.0) -> MessageBody:
     """What an array answers to one request at `now`."""
     *frames, answer = heard(array, encode(Message(0, 0, body)), now)
     assert all(isinstance(frame.body, Frame) for frame in frames)

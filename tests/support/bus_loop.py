@@ -11,12 +11,12 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PortHandl
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
+from palpate.drivers.dynamixel.control_table import BAUD_RATES
+from palpate.drivers.dynamixel.exchanges import sync_write_time_s
 from palpate.drivers.dynamixel.servo import Servo, write_goals
-from palpate.drivers.dynamixel.state import StateReader
-from palpate.drivers.dynamixel.timing import sync_write_time_s
-from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.dynamixel.servo_state import StateReader
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import Clock
 
 __all__ = ["CASES", "BusLoop", "LoopCase", "SdkLoop"]

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import (
     ActuatorsCalibration,
     CalibrationDevice,
@@ -30,7 +30,7 @@ from palpate.config import (
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.motion.calibrated_devices import devices_of
+from palpate.rig.session.calibration_drift import devices_of
 
 MADE = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from contact_sweep import TARE_FRAMES, Session, Truth
 
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
 
 QUANTITIES = ("normal", "centroid", "height", "force")
 _RELEASE_FRAMES = 5  # of a contact at most: before its last frame it is touched, too

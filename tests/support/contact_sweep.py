@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.contact import TipCalibration
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
+from palpate.drivers.tactile.patches import TipCalibration
 
 KINDS = {"flat": 0.45, "end": 0.2, "vertex": 0.2, "notch": 0.15}
 RATE_HZ = 100.0

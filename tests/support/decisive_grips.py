@@ -23,10 +23,10 @@ from palpate.recognizer import (
     Grip,
     Hypothesis,
     Recognition,
-    already_used,
     plan_grip,
     recognise,
     twins,
+    used_approaches,
 )
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
@@ -99,7 +99,7 @@ def drawn(path: Path, seed: int, index: int) -> Trial | None:
     if not 2 <= len(found.hypotheses) <= _MOST_HYPOTHESES:
         return None
     grip = plan_grip(
-        found, reach(), resolution_of(rig), goals_of(rig), already_used(contacts, reach().approaches)
+        found, reach(), resolution_of(rig), goals_of(rig), used_approaches(contacts, reach().approaches)
     )
     return Trial(index, placed, found, grip) if grip is not None and grip.decisive else None
 

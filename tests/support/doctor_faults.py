@@ -9,11 +9,11 @@ from typing import Any
 from doctor_setup import BUS, PORTS, Change, Fault, Plant, SetUp
 
 from palpate.base.errors import DeviceError
-from palpate.config.doctor_result import Cause
-from palpate.drivers.emulators.faults import FaultRates, WireRates
+from palpate.config.diagnosis_results import Cause
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
 from palpate.drivers.tactile.messages import SelfTestResult
-from palpate.drivers.transport.port import PortForbidden, PortMissing, PortTaken
+from palpate.drivers.transport.ports import PortForbidden, PortMissing, PortTaken
 
 __all__ = ["FAULTS", "WELL"]
 

@@ -15,21 +15,20 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile, apply_calibration, load_rig, shipped_rig
-from palpate.config.doctor_result import Cause, DoctorOut
+from palpate.config.diagnosis_results import Cause, DoctorOut
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.wire_faults import FaultyWire, RatedFaultyWire, WireRates
 from palpate.rig.bench import BenchRig, connect, environment
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.diagnostics.bus_selection import BusEndpoint
-from palpate.rig.diagnostics.computer import Computer
-from palpate.rig.diagnostics.doctor import diagnose
-from palpate.rig.diagnostics.doctor_directions import EmulatedOnlooker, examine_directions
-from palpate.rig.diagnostics.doctor_steps import Case
+from palpate.rig.diagnostics.diagnosis import EmulatedOnlooker, diagnose, examine_directions
+from palpate.rig.diagnostics.host_ports import Computer
+from palpate.rig.diagnostics.servo_bus import BusEndpoint
+from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.emulated.devices import emulate, on_mock_wires
-from palpate.rig.motion.calibrated_devices import devices_of
+from palpate.rig.session.calibration_drift import devices_of
 
 __all__ = ["BUS", "PORTS", "Change", "Fault", "Plant", "SetUp", "examined", "set_up_with"]
 
@@ -201,7 +200,7 @@ def examined(fault: Fault, root: Path, seed: int = 3) -> DoctorOut:
     found = set_up_with(fault, root, seed)
     on_bench = found.on_bench()
     place = found.place(on_bench.described)
-    case = Case(on_bench, place, Computer(root))
+    case = DiagnosisCase(on_bench, place, Computer(root))
 
     def directions() -> Any:
         described = replace(found.bench, urls=place.urls)

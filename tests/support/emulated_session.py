@@ -14,8 +14,8 @@ from shapely import affinity
 
 from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.drivers.emulators.bench import Bench
-from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.wire_faults import FaultyWire
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
@@ -25,8 +25,9 @@ from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.result import identification_out
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.session.log import SessionLog
 

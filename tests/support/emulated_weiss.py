@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Mounting
+from palpate.drivers.emulators.wire_faults import FaultyWire
+from palpate.drivers.tactile.description import Mounting, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate_weiss.arrays import DsaArray, WtsArray
 from palpate_weiss.emulated_arrays import EmulatedDsa, EmulatedWts
 from palpate_weiss.messages import MatrixInfo

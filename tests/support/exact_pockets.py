@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
+from palpate.recognizer.angle_pockets import EdgePieces, Pockets, pockets_of
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.pockets import Pockets, pockets_of
 from palpate.recognizer.tables import expand_ranges
-from palpate.recognizer.visibility import EdgePieces
 
 
 def exact_pockets(

@@ -27,15 +27,15 @@ from touched_references import DISC
 from truth_calibration import bench_calibration
 
 from palpate.base.vocabulary import Strategy
-from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.prober import Probe
+from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.measurements import Probe
 from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
-from palpate.rig.commissioning.rig_prober import HandProber
-from palpate.rig.diagnostics.hold_check import check_hold, gentle
-from palpate.rig.diagnostics.retouch import retouch
-from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.commissioning.hand_prober import HandProber
+from palpate.rig.diagnostics.calibration_check import retouch
+from palpate.rig.diagnostics.hold_check import check_hold, with_light_touch
+from palpate.rig.emulated.scene import ReferencePlacer
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.run import IdentificationJob, run_identification
 
@@ -65,7 +65,7 @@ def _calibrate(host: Host, _folder: Path) -> None:
     session = host.session
     with environment(session.bench_rig).hand(session.rig) as hand:
         hand.prepare()
-        prober = HandProber(hand, EmulatedTable(session.bench, SEED))
+        prober = HandProber(hand, ReferencePlacer(session.bench, SEED))
         spec = session.rig.fingers[0]
         assert spec.type == "slide"
         assert spec.slide.stops_mm is not None
@@ -101,12 +101,12 @@ def _check_touch(host: Host, _folder: Path) -> None:
     assert promises is not None
     with environment(session.bench_rig).hand(apply_calibration(session.rig, file)) as hand:
         hand.prepare()
-        retouch(session.rig, HandProber(hand, EmulatedTable(session.bench, SEED)), DISC, promises)
+        retouch(session.rig, HandProber(hand, ReferencePlacer(session.bench, SEED)), DISC, promises)
 
 
 def _check_hold(host: Host, _folder: Path) -> None:
     session = host.session
-    with environment(session.bench_rig).hand(gentle(session.rig, 0.0)) as hand:
+    with environment(session.bench_rig).hand(with_light_touch(session.rig, 0.0)) as hand:
         hand.prepare()
         check_hold(hand)
 

@@ -13,9 +13,9 @@ from emulated_session import EmulatedSession
 
 from palpate.base.errors import DeviceError, OutputError, SafetyStop
 from palpate.config import ObjectsFile
-from palpate.drivers.emulators.faults import FaultRates, WireRates
-from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 from palpate.drivers.emulators.tip import PartSection
+from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
 from palpate.rig.session.log import SessionLog
 
 __all__ = ["FAULTS", "LOOKED", "Fault", "Host", "shove"]

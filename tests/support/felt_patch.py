@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from palpate.drivers.tactile.contact import ContactPatch
+from palpate.drivers.tactile.patches import ContactPatch
 
 __all__ = ["felt_patch"]
 

@@ -16,7 +16,7 @@ from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import environment, place, set_up
+from palpate.rig.bench import choose_placement, environment, set_up
 from palpate.rig.session.run import IdentificationJob, run_identification
 
 __all__ = ["ROWS", "Outcome", "Row", "run_row"]
@@ -159,7 +159,7 @@ def rig_of(row: Row) -> RigFile:
 def run_row(row: Row, seed: int) -> Outcome:
     """Identify a part of the small catalogue, drawn by the seed."""
     rig, objects, notices = rig_of(row), small_objects(), list[str]()
-    placement = place(rig, objects, None, seed)
+    placement = choose_placement(rig, objects, None, seed)
     bench = set_up(rig, placement, seed)
     job = IdentificationJob(rig, Catalogue(objects.objects), placement, Strategy.PLANNED, seed, None)
     rig_s = 0.0

@@ -19,13 +19,12 @@ def without_kernel(*modules: str) -> Iterator[None]:
 
     Then catalogues are not to be shared with the outside: what they keep for the kernel would be missing.
     """
-    users = [
-        module
+    found = {
+        name.removeprefix("palpate.recognizer."): module
         for name, module in list(sys.modules.items())
-        if name.startswith("palpate.recognizer.")
-        and hasattr(module, "KERNEL")
-        and (not modules or name.removeprefix("palpate.recognizer.") in modules)
-    ]
+        if name.startswith("palpate.recognizer.") and hasattr(module, "KERNEL")
+    }
+    users = [found[name] for name in modules or found]
     before = [module.KERNEL for module in users]
     try:
         for module in users:

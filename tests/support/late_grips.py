@@ -19,17 +19,18 @@ from shapely import affinity
 from palpate.base.errors import PalpateError
 from palpate.base.geometry.plane import wrap_angle
 from palpate.config import RigFile
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import BenchRig, connect, place
+from palpate.rig.bench import BenchRig, choose_placement, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.part_truth import draw_part
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.motion_bounds import MotionBounds
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 
 __all__ = ["RIGS", "ROWS", "Row", "run_grip"]
@@ -301,7 +302,7 @@ def run_grip(kind: str, row: Row, seed: int) -> dict[str, float] | str:
         tip_friction=rng.uniform(0.0, 0.6),
     )
     rig, objects = rig_of(kind, row, part), small_objects()
-    placement = place(rig, objects, None, seed)
+    placement = choose_placement(rig, objects, None, seed)
     assert placement is not None
     truth = draw_part(part, placement, seed)
     assert truth is not None

@@ -9,7 +9,7 @@ from serial.serialutil import PortNotOpenError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.wire import Device
 

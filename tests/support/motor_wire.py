@@ -4,11 +4,11 @@ import io
 from collections.abc import Callable, Iterable, Sequence
 
 from palpate.config import RigFile
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.rig.diagnostics.bus_selection import BusEndpoint
+from palpate.rig.diagnostics.servo_bus import BusEndpoint
 
 __all__ = ["MotorWire", "Person"]
 

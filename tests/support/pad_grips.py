@@ -9,9 +9,9 @@ from pad_touches import face_stop_mm, seen_along
 from shapely_bench import Placed
 
 from palpate.config import TipConfig
-from palpate.drivers.tactile.contact import ContactPatch
+from palpate.drivers.tactile.patches import ContactPatch
 from palpate.recognizer import Approach, Contact
-from palpate.rig.motion.pad_touch import PadTouch, face_points_of, touched_points
+from palpate.rig.pads import PadTouch, face_points_of, touched_points
 
 __all__ = ["pad_contacts"]
 

@@ -18,12 +18,13 @@ from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import PartSection
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.patches import ContactPatch, TipCalibration
 from palpate.recognizer import Contact, Finger
-from palpate.rig.motion.contact_from_touch import dent_range_mm
-from palpate.rig.motion.pad_touch import PadTouch, face_points_of, touched_points
+from palpate.rig.motion.touch import dent_range_mm
+from palpate.rig.pads import PadTouch, face_points_of, touched_points
 
 __all__ = ["FAR_MM", "DrawnPad", "PadTrial", "face_stop_mm", "outline_of", "seen_along"]
 

@@ -11,11 +11,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from campaign_objects import drawn_objects, objects_of
 
-from palpate.base.files.cache import Cache
+from palpate.base.array_cache import Cache
 from palpate.base.geometry import ObjectModel
 from palpate.config.objects_file import load_objects
 from palpate.recognizer import Catalogue, Finger
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.preparation import prepare_catalogue
 
 __all__ = ["FINGERS", "bits_of", "digest", "drawn_catalogue", "main", "round_objects"]
 
@@ -108,7 +108,7 @@ def _vertices(item: ObjectModel) -> int:
 def main(folder: str, seed: str, task: str) -> None:
     """In a process of its own: prepare with a cache and print a digest. Task "keep": keep on keeping."""
     cache = Cache(Path(folder))
-    catalogue = prepared_catalogue(drawn_catalogue(int(seed), least_vertices=2500), FINGERS, cache=cache)
+    catalogue = prepare_catalogue(drawn_catalogue(int(seed), least_vertices=2500), FINGERS, cache=cache)
     sys.stdout.write(f"{digest(catalogue)}\n")
     sys.stdout.flush()
     while task == "keep":

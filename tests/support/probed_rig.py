@@ -10,13 +10,13 @@ import shapely
 from emulated_session import EmulatedSession, emulated_session
 from touched_references import DISC, FRESH
 
-from palpate.calibration.prober import Probe, ServoPath
+from palpate.calibration.measurements import Probe, ServoPath
 from palpate.config import RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
-from palpate.rig.commissioning.rig_prober import HandProber
-from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.commissioning.hand_prober import HandProber
+from palpate.rig.emulated.scene import ReferencePlacer
 from palpate.rig.motion.hand import Hand
 
 GOAL_CURRENT = 102
@@ -119,4 +119,4 @@ def probed_rig(fingers: int, seed: int = 3, rig: RigFile = FRESH) -> Iterator[Pr
     session = emulated_session(seed=seed, rig=rig, empty=True)
     with connect(session.bench_rig) as hand:
         hand.prepare()
-        yield ProbedRig(session, hand, HandProber(hand, EmulatedTable(session.bench, seed)))
+        yield ProbedRig(session, hand, HandProber(hand, ReferencePlacer(session.bench, seed)))

@@ -17,9 +17,9 @@ from quick_rig import quick_bench
 from palpate.base.geometry import Floats
 from palpate.config import RigFile
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.emulators.device_server import serve_pty
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.description import Description
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.rig.emulated.devices import emulate

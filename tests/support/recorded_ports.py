@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.record import Noted, Recorder, RecordingPort
+from palpate.drivers.transport.recorder import Recorder, RecordingPort, RecordItem
 from palpate.drivers.transport.recording import Direction, PortBytes, PortOpened
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Listener:
         """An open port with this listener on it."""
         return _Listened(port, self._recorder, self._on_bytes)
 
-    def note(self, what: Noted) -> None:
+    def note(self, what: RecordItem) -> None:
         """Keep what passes a port; calls and failures are of no interest here."""
         if isinstance(what, PortBytes):
             self.heard.append((what.direction, self._clock.now(), what.data))

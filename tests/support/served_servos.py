@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.serve import Service, serve_pty
+from palpate.drivers.emulators.device_server import DeviceServer, serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import MonotonicClock
 
 __all__ = ["BAUD", "Served", "served_servos"]
@@ -21,7 +21,7 @@ _STEP_S = 1e-3
 class Served:
     """What is served, and where."""
 
-    service: Service
+    service: DeviceServer
     servos: dict[int, EmulatedServo]
 
     @property

@@ -11,8 +11,8 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
+from palpate.drivers.emulators.skin import Shear, shear_skin
 from palpate.drivers.emulators.tip import PartSection, TipLoad, tip_load
-from palpate.drivers.emulators.tip_friction import Shear, sheared
 
 _ROUNDS = 12
 
@@ -66,7 +66,7 @@ class LoadedTip:
         load = tip_load(self._outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
         if load is None:
             return None, None, np.zeros(2)
-        shear = sheared(
+        shear = shear_skin(
             before,
             load,
             centre,

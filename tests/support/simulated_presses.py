@@ -12,11 +12,11 @@ import numpy as np
 from slide_press import slide_press
 
 from palpate.base.geometry import Floats
-from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, IdleMeasurement
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import PartSection, tip_load
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 
 ROWS, COLS, PITCH = 8, 20, math.radians(13.5)
 MM_PER_RAD = 100.0 / (2 * math.pi)
@@ -93,13 +93,13 @@ class PressingFinger:
         deepest = force_n / self.truth.stiffness_n_per_mm / math.cos(bearing_rad)
         way = np.arange(-3.0, deepest, SAMPLE_MM)
         place = np.concatenate([way, way[::-1]])
-        leg = np.concatenate([np.where(way < 0, FREE, IN), np.full(len(way), OUT)])
+        leg = np.concatenate([np.where(way < 0, LEG_FREE, LEG_IN), np.full(len(way), LEG_OUT)])
         aim = float(self._rng.uniform(0, 2 * math.pi))
         felt, push = self._felt(way, bearing_rad, disc_mm, aim)
         felt, push = np.concatenate([felt, felt[::-1]]), np.concatenate([push, push[::-1]])
         raw = self.taxels.counts(felt).astype(float)
         zero = self.taxels.counts(np.zeros((100, ROWS, COLS))).mean(axis=0)
-        outward = np.where(leg == OUT, -1.0, 1.0)
+        outward = np.where(leg == LEG_OUT, -1.0, 1.0)
         current = push / NEWTON_PER_A + outward * self.truth.friction_a
         drive = (place + outward * self.truth.play_mm + self._rng.uniform(20, 60)) / MM_PER_RAD
         made = slide_press(

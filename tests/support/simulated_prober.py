@@ -28,25 +28,26 @@ from palpate.base.geometry import Counts, Floats
 from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
-    FREE,
-    IN,
-    OUT,
+    LEG_FREE,
+    LEG_IN,
+    LEG_OUT,
     IdleMeasurement,
     PressMeasurement,
+    Probe,
+    ServoPath,
     StopMeasurement,
     TouchMeasurement,
 )
-from palpate.calibration.prober import Probe, ServoPath
 from palpate.calibration.reference import Reference
 from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
-from palpate.drivers.finger import TICK_RAD, Servos
-from palpate.rig.commissioning.calibration import ConnectedRig
-from palpate.rig.commissioning.rig_prober import approaches_of, joint_ways
+from palpate.drivers.kinematics import TICK_RAD, Servos
+from palpate.rig.commissioning.calibration_run import ConnectedRig
+from palpate.rig.commissioning.hand_prober import approaches_of, joint_sides
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.emulated.reference_table import outline_of
+from palpate.rig.emulated.scene import reference_outline
 
 FORCE_N = 0.35
 FRICTION_A, CURRENT_STEP_A, NM_PER_A = 0.028, 2.69e-3, 4.1 / 2.3
@@ -113,7 +114,9 @@ class SimulatedProber:
         world = self._world
         x, y = np.asarray(about_mm) + world.rng.uniform(-5.0, 5.0, 2)
         thing = world.spoil(reference, world.puts)
-        world.outline = outline_of(thing, float(x), float(y), float(world.rng.uniform(-math.pi, math.pi)))
+        world.outline = reference_outline(
+            thing, float(x), float(y), float(world.rng.uniform(-math.pi, math.pi))
+        )
         world.puts += 1
 
     def clear(self) -> None:
@@ -285,7 +288,7 @@ class SimulatedProber:
             [self._counts(item.finger, part, now).astype(float) - zero for part in np.split(forces, 2)]
         )
         out = np.concatenate([np.ones(len(depth)), -np.ones(len(depth))])
-        leg = np.concatenate([np.where(depth < 0, FREE, IN), np.full(len(depth), OUT)])
+        leg = np.concatenate([np.where(depth < 0, LEG_FREE, LEG_IN), np.full(len(depth), LEG_OUT)])
         drive = start + np.concatenate([depth, depth[::-1]])
         if isinstance(truth, FingerTruth):
             # The contact was computed with the play taken up; going back, the drive is on the other flank.
@@ -384,7 +387,7 @@ class SimulatedProber:
         """Those of an arm that are sure."""
         spec = self._world.rig.fingers[item.finger]
         assert isinstance(spec, ArmFingerConfig)
-        return joint_ways(spec, item.servos_at(np.array([travel - 2.0, travel])))
+        return joint_sides(spec, item.servos_at(np.array([travel - 2.0, travel])))
 
 
 _known: dict[str, Sequence[ServoPath]] = {}

@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from palpate.config import RigFile
-from palpate.drivers.emulators.joints import Play
-from palpate.drivers.emulators.mechanics import EmulatedStage
+from palpate.drivers.emulators.mechanics import EmulatedStage, Play
 from palpate.drivers.emulators.tip import PartSection
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
 __all__ = ["SimulatedStage"]
 

@@ -7,10 +7,10 @@ import numpy as np
 from simulated_load import bends_of_arm
 
 from palpate.base.geometry import Floats
-from palpate.calibration.prober import ServoPath
+from palpate.calibration.measurements import ServoPath
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.drivers.emulators.tip import PartSection
-from palpate.drivers.finger import TICK_RAD, Servos
+from palpate.drivers.kinematics import TICK_RAD, Servos
 
 __all__ = [
     "Truth",

@@ -13,7 +13,8 @@ from shapely_bench import Placed, outward_normal, stop, unit
 
 from palpate.recognizer import Approach, Contact, FingerApproach, NormalRange
 from palpate.recognizer.prediction import Prediction
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach
 
 # Of an approach's bound: what touches on the emulated bench declare.

@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats, Ints
 from palpate.calibration.measurements import PressMeasurement
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
 CURRENT_STEP_A = 2.69e-3
 

@@ -24,7 +24,7 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     encode_status,
 )
-from palpate.drivers.emulators.group_packets import FastFrame, read_requests, write_requests
+from palpate.drivers.emulators.servo_chain import FastFrame, read_requests, write_requests
 from palpate.drivers.transport.clock import VirtualClock
 
 __all__ = ["REGISTERS", "Kind", "Spoil", "SpoilingPort"]

@@ -5,22 +5,21 @@ import math
 import numpy as np
 from hypothesis import strategies as st
 
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
-    Body,
     Describe,
-    Description,
     Frame,
     Geometry,
     Hello,
+    MessageBody,
     Nack,
     NackReason,
     Rate,
     SelfTest,
     SelfTestReport,
     SelfTestResult,
-    Shape,
     Start,
     Stop,
     Tare,
@@ -89,7 +88,7 @@ def reports(draw: st.DrawFn) -> SelfTestReport:
     return SelfTestReport(draw(u16), SelfTestResult(draw(u16)), count, (one,) * min(count, 255))
 
 
-bodies: st.SearchStrategy[Body] = st.one_of(
+bodies: st.SearchStrategy[MessageBody] = st.one_of(
     st.builds(Hello, u16),
     st.builds(Start, u16, u32),
     st.builds(Stop, u16),

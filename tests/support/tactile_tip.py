@@ -6,10 +6,12 @@ import numpy as np
 
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, TipCalibration
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Description, Frame, Message, Shape, Start
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.messages import Frame, Message, Start
+from palpate.drivers.tactile.patches import ContactPatch, TipCalibration
 
 ROWS, COLS, RADIUS = 8, 20, 5.0
 PITCH = math.radians(13.5)

@@ -4,11 +4,11 @@ import struct
 import zlib
 from dataclasses import replace
 
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
     Describe,
-    Description,
     Frame,
     Geometry,
     Hello,
@@ -19,7 +19,6 @@ from palpate.drivers.tactile.messages import (
     SelfTest,
     SelfTestReport,
     SelfTestResult,
-    Shape,
     Start,
     Stop,
     Tare,

@@ -6,8 +6,8 @@ import numpy as np
 import shapely
 from emulated_session import angle_in
 
-from palpate.drivers.tactile.contact import PatchFlag
-from palpate.rig.motion.guarded_approach import Touch
+from palpate.drivers.tactile.patches import PatchFlag
+from palpate.rig.motion.touch import Touch
 
 SEVERAL = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 

@@ -6,7 +6,8 @@ from touch_check import check_touch
 
 from palpate.recognizer import FingerApproach
 from palpate.rig.bench import connect
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 
 __all__ = ["random_grip", "run_checked"]

@@ -12,8 +12,8 @@ import numpy as np
 from repository import EXAMPLES
 
 from palpate.base.geometry import Floats
-from palpate.calibration.finger_fit import ReferencePlacement, Touches
-from palpate.calibration.fitted_kinematics import SlideModel
+from palpate.calibration.finger_fit import ReferencePlacement, TouchArrays
+from palpate.calibration.finger_model import SlideModel
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import SlideFingerConfig, load_rig
 
@@ -134,7 +134,7 @@ def touches(
     *,
     sigma_mm: float = SIGMA_MM,
     offsets_mm: Sequence[float] = OFFSETS_MM,
-) -> Touches:
+) -> TouchArrays:
     """Touches of everything by everyone, their distances off by `sigma_mm`; only faces, well inside.
 
     Each finger passes its reference's centre at every offset, its aim coming from either side.
@@ -156,7 +156,7 @@ def touches(
     whole = table[:, :2].astype(np.int64)
     spread, used = np.full(len(table), sigma_mm), np.ones(len(table), dtype=bool)
     ways = np.column_stack([table[:, 4], np.zeros(len(table))])
-    return Touches(whole[:, 0], whole[:, 1], table[:, 2:4], ways, table[:, 5], spread, used)
+    return TouchArrays(whole[:, 0], whole[:, 1], table[:, 2:4], ways, table[:, 5], spread, used)
 
 
 def servos_rad(
@@ -168,7 +168,7 @@ def servos_rad(
     return AIM_ZEROS_RAD[finger] + GEARS[finger] * aim, float(slide)
 
 
-def spoilt(given: Touches, number: int, off_mm: float) -> Touches:
+def spoilt(given: TouchArrays, number: int, off_mm: float) -> TouchArrays:
     """The same, with the slide of one touch off."""
     servos = given.servos_rad.copy()
     servos[number, 1] += off_mm / MM_PER_RAD[int(given.finger[number])]

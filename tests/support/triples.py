@@ -2,7 +2,7 @@
 
 By Helly's theorem and Farkas' lemma the half-planes of all contacts have a common point iff every positively
 dependent triple of them allows one, and each triple is one arc of θ. The recogniser says the same in fewer
-conditions (recognizer/two_contact_test.py, recognizer/three_contact_test.py).
+conditions (recognizer/model_test.py, recognizer/model_test.py).
 """
 
 from itertools import product
@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from palpate.base.geometry import Floats, Ints
-from palpate.base.geometry.segments import cross
+from palpate.base.geometry.plane import cross
 
 
 def _pair_triples() -> list[tuple[int, int, int]]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import (
     CalibrationDevice,
     CalibrationFile,
@@ -22,7 +22,7 @@ from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
-from palpate.rig.motion.calibrated_devices import devices_of
+from palpate.rig.session.calibration_drift import devices_of
 
 MADE = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 

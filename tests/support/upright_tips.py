@@ -18,7 +18,7 @@ from shapely_contacts import first_contact
 from solids import prism
 
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
-from palpate.config.objects_file import checked_objects
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Contact, Finger, Hypothesis, NormalRange
 
@@ -207,7 +207,7 @@ def cone_model(tolerance_mm: float) -> ObjectModel:
     states = [{"name": "standing", "sections": sections}]
     table = {"name": "cone", "tolerance": tolerance_mm, "states": states}
     text = {"format": "palpate/objects@1", "units": "mm", "objects": [table]}
-    return checked_objects(ObjectsFileText.model_validate_json(json.dumps(text)), "here").objects[0]
+    return objects_from_text(ObjectsFileText.model_validate_json(json.dumps(text)), "here").objects[0]
 
 
 def square(half: float) -> Polygon:

@@ -9,7 +9,7 @@ from campaign_objects import FAMILIES, drawn_objects, drawn_source, objects_of
 from shapely_bench import Placed, grip, place, turned
 
 from palpate.base.geometry import Bools, Floats, ObjectModel
-from palpate.config.objects_file import checked_objects
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
 from palpate.recognizer.verification import Poses
@@ -47,7 +47,7 @@ def _discs() -> tuple[ObjectModel, ...]:
         section = {"z": [0, 20], "polygons": [{"outer": circles[0], "holes": [circles[1]]}]}
         parts.append({"name": name, "states": [{"name": "flat", "sections": [section]}], **more})
     text = {"format": "palpate/objects@1", "units": "mm", "objects": parts}
-    models = checked_objects(ObjectsFileText.model_validate(text), "here").objects
+    models = objects_from_text(ObjectsFileText.model_validate(text), "here").objects
     bounded = replace(objects_of("memo")[0], name="bounded", tolerance_mm=0.4, normal_bound_rad=0.15)
     return (*models, bounded)
 

@@ -21,7 +21,7 @@ def killed() -> None:
 
 
 if __name__ == "__main__":
-    from palpate.rig.catalogue.processes import in_processes
+    from palpate.rig.workers import in_processes
 
     place = sys.argv[1]
     list(in_processes(wait, [(place, 600.0), (place, 0.0), (place, 600.0)], workers=3))

@@ -7,11 +7,12 @@ from palpate.base.geometry import Floats
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.patches import TipCalibration
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
-from palpate.rig.monitor.finger_monitor import MonitoredFinger
+from palpate.drivers.transport.ports import open_port
+from palpate.rig.array_monitor import MonitoredFinger
 
 BAUDRATE = 4_000_000
 

@@ -13,9 +13,9 @@ from tactile_vectors import SMALL, wire
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.codec import Decoder, encode
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Describe, Hello, Message, MessageType
-from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.testing import ArrayBench
 

@@ -4,13 +4,12 @@ import pytest
 from memory_port import DESCRIPTION, emulated
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.emulators.booting import BootingBoard
-from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.wire_faults import BootingBoard, FaultyWire
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.testing import ArrayBench
 
 BAUD = 1_000_000

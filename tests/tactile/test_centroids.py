@@ -5,22 +5,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.centroids import Load, Unseen, centroids
+from palpate.drivers.tactile.load_bounds import CellLoads, UnseenLoads, centroids
 
 CELLS = 9
 PLACE = 2.0 * np.arange(CELLS) - 5.0
 seeds = st.integers(0, 2**32 - 1)
-NOTHING = Unseen(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+NOTHING = UnseenLoads(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
 
 
 def load_of(
     force: np.ndarray, *, spread: float = 0.0, drift: float = 0.0, around: np.ndarray | None = None
-) -> Load:
+) -> CellLoads:
     """One frame."""
     every = np.ones((1, CELLS), dtype=bool) if around is None else around[None]
     patch = every & (force[None] > 0)
     zero = np.zeros((1, CELLS))
-    return Load(force[None], zero, zero + drift, patch, every, np.zeros(1), zero + spread)
+    return CellLoads(force[None], zero, zero + drift, patch, every, np.zeros(1), zero + spread)
 
 
 def points(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
@@ -32,7 +32,7 @@ def points(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
     return np.bincount(cell, weight, CELLS), where, float(where @ weight / weight.sum())
 
 
-def missed(load: Load, truth: float, unseen: Unseen = NOTHING) -> float:
+def missed(load: CellLoads, truth: float, unseen: UnseenLoads = NOTHING) -> float:
     centre, half = centroids(load, PLACE, 1.0, np.zeros(1), unseen)
     return float(abs(truth - centre[0]) - half[0])
 
@@ -75,7 +75,9 @@ def test_a_cell_that_cannot_be_seen_may_bear_up_to_its_limit(seed: int) -> None:
     if seen.sum() == 0:
         return
     limit = force[blind] * rng.uniform(1.0, 3.0)
-    unseen = Unseen(np.array([[limit]]), np.array([[PLACE[blind] - 1.0]]), np.array([[PLACE[blind] + 1.0]]))
+    unseen = UnseenLoads(
+        np.array([[limit]]), np.array([[PLACE[blind] - 1.0]]), np.array([[PLACE[blind] + 1.0]])
+    )
     assert missed(load_of(seen), truth, unseen) <= 1e-9
 
 
@@ -85,18 +87,18 @@ def test_several_unseen_places_add_up(seed: int) -> None:
     force, _, _ = points(rng)
     extra, at = rng.exponential(0.3, 3), rng.uniform(-20, 20, 3)
     truth = float((force @ PLACE + extra @ at) / (force.sum() + extra.sum()))
-    unseen = Unseen(extra[None] * 1.01, at[None] - 0.5, at[None] + 0.5)
+    unseen = UnseenLoads(extra[None] * 1.01, at[None] - 0.5, at[None] + 0.5)
     assert missed(load_of(force), truth, unseen) <= 1e-9
 
 
 def test_where_nothing_limits_unseen_load_the_centroid_may_be_there() -> None:
     force = np.zeros(CELLS)
     force[3:5] = 1.0
-    unseen = Unseen(np.array([[np.inf]]), np.array([[3.0]]), np.array([[5.0]]))
+    unseen = UnseenLoads(np.array([[np.inf]]), np.array([[3.0]]), np.array([[5.0]]))
     centre, half = centroids(load_of(force), PLACE, 1.0, np.zeros(1), unseen)
     assert centre[0] == pytest.approx(2.0)
     assert centre[0] + half[0] == pytest.approx(5.0)
-    anywhere = Unseen(np.array([[np.inf]]), np.array([[-np.inf]]), np.array([[0.0]]))
+    anywhere = UnseenLoads(np.array([[np.inf]]), np.array([[-np.inf]]), np.array([[0.0]]))
     assert np.isinf(centroids(load_of(force), PLACE, 1.0, np.zeros(1), anywhere)[1][0])
 
 
@@ -106,10 +108,10 @@ def test_frames_do_not_mind_one_another() -> None:
     every = np.ones_like(forces, dtype=bool)
     zero = np.zeros_like(forces)
     none = np.zeros((20, 1))
-    many = Load(forces, zero + 0.01, zero, forces > 0, every, np.full(20, 0.01), zero + 0.1)
-    centre, half = centroids(many, PLACE, 1.0, np.zeros(20), Unseen(none, none, none))
+    many = CellLoads(forces, zero + 0.01, zero, forces > 0, every, np.full(20, 0.01), zero + 0.1)
+    centre, half = centroids(many, PLACE, 1.0, np.zeros(20), UnseenLoads(none, none, none))
     for i, force in enumerate(forces):
-        one = Load(
+        one = CellLoads(
             force[None],
             zero[:1] + 0.01,
             zero[:1],

@@ -5,8 +5,7 @@ import re
 import pytest
 from repository import ROOT
 
-from palpate.drivers.tactile.contact import PatchFlag
-from palpate.drivers.tactile.patches import ContactPatch
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
 
 PAGE = (ROOT / "docs" / "contacts.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")

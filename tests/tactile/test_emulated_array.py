@@ -11,14 +11,15 @@ from tactile_vectors import FREE, PLACES, SMALL, VERSION_2, wire
 from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.codec import Decoder, encode
 from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
-    Body,
     Describe,
     Geometry,
     Hello,
     Message,
+    MessageBody,
     Nack,
     NackReason,
     Rate,
@@ -31,7 +32,6 @@ from palpate.drivers.tactile.messages import (
     TaxelFault,
     TaxelPlaces,
 )
-from palpate.drivers.tactile.protocol import Decoder, encode
 
 
 @pytest.mark.parametrize("streaming", [False, True])
@@ -55,7 +55,7 @@ from palpate.drivers.tactile.protocol import Decoder, encode
     ],
 )
 def test_every_request_in_every_state(
-    request_: Body, idle: Body | None, busy: Body | None, streaming: bool
+    request_: MessageBody, idle: MessageBody | None, busy: MessageBody | None, streaming: bool
 ) -> None:
     array = small()
     if streaming:

@@ -8,7 +8,7 @@ from array_talk import RATE, small, stream, told
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.messages import Ack, Body, Frame, Hello, Message, Rate, Start, Stop, Tare
+from palpate.drivers.tactile.messages import Ack, Frame, Hello, Message, MessageBody, Rate, Start, Stop, Tare
 
 counts = st.integers(0, 4095)
 
@@ -67,7 +67,7 @@ def test_a_second_tare_keeps_the_first_zero_until_it_has_its_own() -> None:
 
 @pytest.mark.parametrize("undo", [Tare(3, 0, 0), Hello(3)])
 @pytest.mark.parametrize("samples", [1, 2])
-def test_raw_counts_come_back(undo: Body, samples: int) -> None:
+def test_raw_counts_come_back(undo: MessageBody, samples: int) -> None:
     array = small([(10,) * 6, (20,) * 6])
     told(array, Start(1, RATE))
     told(array, Tare(2, samples, 0))

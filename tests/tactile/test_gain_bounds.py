@@ -11,9 +11,10 @@ from contact_sweep import Session, calibrated, cylinder_session, describe, pad_s
 
 from palpate.base.errors import InputError
 from palpate.drivers.tactile.columns import Columns, columns_of
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.patches import TipCalibration
 
 MAKERS: dict[str, Callable[..., Session]] = {"cylinder": cylinder_session, "pad": pad_session}
 COUNT = 30

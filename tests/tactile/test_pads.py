@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag, TipCalibration
 
 ROWS, COLS = 6, 8
 PITCH, ROW_PITCH = 2.0, 3.0

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.patches import ContactPatch, TipCalibration
 
 ROWS, COLS, PITCH = 4, 12, 1.0
 DESCRIPTION = describe(Shape.FLAT, ROWS, COLS, PITCH, 4.0, counts_per_n=2000.0)

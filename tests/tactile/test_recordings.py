@@ -14,8 +14,9 @@ from sampling import sample
 
 from palpate.base.errors import InputError
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.contact import ContactExtractor, Patches, PatchFlag, TipCalibration
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
 
 SESSIONS: dict[str, Session] = {
     "cylinder": cylinder_session(1, 12, rows=6, cols=14, coverage_deg=200, radius_mm=5.0, drift=0, dead=1),

@@ -13,8 +13,8 @@ from memory_port import plugged
 from tactile_vectors import DESCRIBE_PAYLOAD, SMALL, wire
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.tactile.messages import Describe, MessageType
-from palpate.drivers.tactile.protocol import Decoder, Message, encode
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.messages import Describe, Message, MessageType
 from palpate.drivers.transport.wire import Emission
 
 DESCRIBE = struct.Struct("<H16sBBBBBIfff")

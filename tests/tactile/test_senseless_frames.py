@@ -12,8 +12,9 @@ from wording import missing
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Ack, Body, Describe, Description, Frame, Hello, Message
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.messages import Ack, Describe, Frame, Hello, Message, MessageBody
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.wire import Emission
 
@@ -39,7 +40,7 @@ class Streamer:
         self.sequence, self.born_s = 0, now
         self.next_s = now + PERIOD_S if streams else None
 
-    def say(self, body: Body, now: float) -> Emission:
+    def say(self, body: MessageBody, now: float) -> Emission:
         message = Message(self.sequence, round((now - self.born_s) * 1e6), body)
         self.sequence += 1
         if isinstance(body, Frame):

@@ -6,7 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from palpate.drivers.tactile.slabs import Profiles, Slabs
+from palpate.drivers.tactile.template_search import ProfileBatch, TemplateSlabs
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 
 PITCH = math.radians(13.5)
@@ -28,11 +28,11 @@ def templates() -> TemplateSet:
 
 
 @pytest.fixture(scope="module")
-def slabs(templates: TemplateSet) -> Slabs:
-    return Slabs(templates)
+def slabs(templates: TemplateSet) -> TemplateSlabs:
+    return TemplateSlabs(templates)
 
 
-def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) -> Profiles:
+def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) -> ProfileBatch:
     """Profiles of templates with one edge, anywhere on the array, with noise."""
     rng = np.random.default_rng(seed)
     kinds = np.flatnonzero(templates.one_edge)
@@ -51,7 +51,7 @@ def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) ->
     return profiles(force, variance)
 
 
-def profiles(force: np.ndarray, variance: np.ndarray) -> Profiles:
+def profiles(force: np.ndarray, variance: np.ndarray) -> ProfileBatch:
     place = np.arange(COLS)
     near = (
         np.abs(place - force.argmax(axis=1)[:, None]) <= 4
@@ -63,7 +63,7 @@ def profiles(force: np.ndarray, variance: np.ndarray) -> Profiles:
     error = (
         np.where(np.isfinite(variance_beside), variance_beside, 0.0) * (place - centroid[:, None]) ** 2
     ).sum(axis=1)
-    return Profiles(force, variance, total, np.zeros(len(force)), centroid, 6 * np.sqrt(error) / total)
+    return ProfileBatch(force, variance, total, np.zeros(len(force)), centroid, 6 * np.sqrt(error) / total)
 
 
 def run(force: np.ndarray) -> tuple[int, int]:
@@ -77,11 +77,11 @@ def run(force: np.ndarray) -> tuple[int, int]:
     return first, last
 
 
-def some(p: Profiles, which: np.ndarray) -> Profiles:
-    return Profiles(**{f.name: getattr(p, f.name)[which] for f in fields(Profiles)})
+def some(p: ProfileBatch, which: np.ndarray) -> ProfileBatch:
+    return ProfileBatch(**{f.name: getattr(p, f.name)[which] for f in fields(ProfileBatch)})
 
 
-def narrowings(templates: TemplateSet, slabs: Slabs, p: Profiles) -> list[float]:
+def narrowings(templates: TemplateSet, slabs: TemplateSlabs, p: ProfileBatch) -> list[float]:
     """By how many columns the hulls of many profiles are narrower than those of one at a time."""
     found, narrower = slabs.match(p, SLACK), []
     for i in range(len(p.total_n)):
@@ -92,7 +92,7 @@ def narrowings(templates: TemplateSet, slabs: Slabs, p: Profiles) -> list[float]
     return narrower
 
 
-def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, slabs: Slabs) -> None:
+def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, slabs: TemplateSlabs) -> None:
     narrower = narrowings(templates, slabs, drawn(templates, 120, 1))
     assert len(narrower) > 100
     assert max(narrower) <= GRAIN_COLUMNS
@@ -100,17 +100,17 @@ def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, sl
 
 
 def test_the_hull_of_a_weak_contact_contains_what_single_templates_give(
-    templates: TemplateSet, slabs: Slabs
+    templates: TemplateSet, slabs: TemplateSlabs
 ) -> None:
     assert max(narrowings(templates, slabs, drawn(templates, 120, 7, noise=0.03))) <= GRAIN_COLUMNS
 
 
-def test_what_fits_a_template_is_found(templates: TemplateSet, slabs: Slabs) -> None:
+def test_what_fits_a_template_is_found(templates: TemplateSet, slabs: TemplateSlabs) -> None:
     found = slabs.match(drawn(templates, 300, 2), SLACK)
     assert (found.misfit <= LIMIT).mean() > 0.95
 
 
-def test_order_and_company_do_not_matter(templates: TemplateSet, slabs: Slabs) -> None:
+def test_order_and_company_do_not_matter(templates: TemplateSet, slabs: TemplateSlabs) -> None:
     p = drawn(templates, 200, 3)
     order = np.random.default_rng(3).permutation(200)
     whole, mixed = slabs.match(p, SLACK), slabs.match(some(p, order), SLACK)
@@ -124,7 +124,7 @@ def test_order_and_company_do_not_matter(templates: TemplateSet, slabs: Slabs) -
     assert (mixed.one_edge == whole.one_edge[order]).mean() > 0.99
 
 
-def test_moved_by_a_column_the_answer_moves_by_a_column(templates: TemplateSet, slabs: Slabs) -> None:
+def test_moved_by_a_column_the_answer_moves_by_a_column(templates: TemplateSet, slabs: TemplateSlabs) -> None:
     p = drawn(templates, 60, 4, noise=1e-4)
     moved = profiles(np.roll(p.force_n, 1, axis=1), np.roll(p.variance, 1, axis=1))
     one, two = slabs.match(p, SLACK), slabs.match(moved, SLACK)
@@ -134,7 +134,7 @@ def test_moved_by_a_column_the_answer_moves_by_a_column(templates: TemplateSet, 
     assert two.high[inside] == pytest.approx(one.high[inside] + 1, abs=1e-3)
 
 
-def test_a_force_that_no_template_has_gives_none(templates: TemplateSet, slabs: Slabs) -> None:
+def test_a_force_that_no_template_has_gives_none(templates: TemplateSet, slabs: TemplateSlabs) -> None:
     p = drawn(templates, 4, 5)
     for factor in (1e-4, 1e4):
         found = slabs.match(profiles(p.force_n * factor, p.variance * factor**2), SLACK)
@@ -143,19 +143,23 @@ def test_a_force_that_no_template_has_gives_none(templates: TemplateSet, slabs: 
         assert np.isinf(found.low).all()
 
 
-def test_no_profiles_give_no_matches(slabs: Slabs) -> None:
+def test_no_profiles_give_no_matches(slabs: TemplateSlabs) -> None:
     none = np.zeros((0, COLS))
     empty = np.zeros(0)
-    found = slabs.match(Profiles(none, none, empty, empty, empty, empty), SLACK)
+    found = slabs.match(ProfileBatch(none, none, empty, empty, empty, empty), SLACK)
     assert len(found.misfit) == 0
 
 
-def test_columns_that_are_not_looked_at_do_not_spoil_the_rest(templates: TemplateSet, slabs: Slabs) -> None:
+def test_columns_that_are_not_looked_at_do_not_spoil_the_rest(
+    templates: TemplateSet, slabs: TemplateSlabs
+) -> None:
     p = drawn(templates, 200, 6)
     variance = p.variance.copy()
     strongest = p.force_n.argmax(axis=1)
     variance[np.arange(200), strongest] = np.inf
-    found = slabs.match(Profiles(p.force_n, variance, p.total_n, p.missing_n, p.centroid, p.window), SLACK)
+    found = slabs.match(
+        ProfileBatch(p.force_n, variance, p.total_n, p.missing_n, p.centroid, p.window), SLACK
+    )
     whole = slabs.match(p, SLACK)
     assert np.isfinite(found.misfit[np.isfinite(whole.misfit)]).all()
     wider = (found.high - found.low) - (whole.high - whole.low)
@@ -173,7 +177,7 @@ def test_columns_of_any_width_keep_their_templates_whole(pitch_deg: float) -> No
         crosstalk=0.075,
         least_depth=0.012,
     )
-    some_slabs = Slabs(made)
+    some_slabs = TemplateSlabs(made)
     force = np.zeros((1, COLS))
     reach = made.cells.shape[1] // 2
     k = int(np.flatnonzero(made.one_edge)[0])

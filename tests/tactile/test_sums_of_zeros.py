@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_presses import DESCRIPTION
 
-from palpate.drivers.tactile.baseline import BaselineTracker, SumsOfTaxels, baseline_of
-from palpate.drivers.tactile.column_windows import column_windows
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.baseline import BaselineTracker, TaxelSums, baseline_of
+from palpate.drivers.tactile.columns import column_windows
+from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.patches import TipCalibration
 
 ROWS, COLS, RATE_HZ, TARE, OFFSET = 8, 6, 125.0, 64, 800.0
 SHAPE = (ROWS, COLS)
@@ -45,7 +46,7 @@ def outside(
     loads = np.concatenate([np.zeros((TARE, *SHAPE)), load[:, None, None] * np.ones(SHAPE)])
     counts = read(zeros, loads, noise, rng)
     weights = column_windows(rng.uniform(0.7, 1.3, SHAPE))
-    sums = SumsOfTaxels(weights, drift * weights.sum(axis=0))
+    sums = TaxelSums(weights, drift * weights.sum(axis=0))
     baseline = baseline_of(counts[:TARE], 4095, noise, None)
     tracker = BaselineTracker(baseline, drift, float(time_s[:TARE].mean()), TARE, sums)
     sigma = baseline.noise_counts * np.sqrt((weights**2).sum(axis=0))
@@ -103,7 +104,7 @@ def test_a_sum_is_known_better_than_its_taxels() -> None:
     zeros = np.full((len(time_s), *SHAPE), OFFSET)
     counts = read(zeros, 0.0 * zeros, 3.0, rng)
     weights = column_windows(np.ones(SHAPE))
-    sums = SumsOfTaxels(weights, np.full(weights.shape[1], 0.2))
+    sums = TaxelSums(weights, np.full(weights.shape[1], 0.2))
     tracker = BaselineTracker(baseline_of(counts[:TARE], 4095, 3.0, None), 0.05, 0.25, TARE, sums)
     tracker.follow(counts[TARE:], time_s[TARE:])
     found = tracker.sums_at(float(time_s[-1]))

@@ -6,8 +6,8 @@ from memory_port import DESCRIPTION, MemoryPort, bench
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.codec import Decoder, encode
 from palpate.drivers.tactile.messages import Message, Start
-from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
 
 

@@ -11,18 +11,17 @@ from tactile_vectors import PLACES, wire
 from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.codec import encode
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.messages import (
     BadTaxel,
-    Description,
     Hello,
     Message,
     SelfTestReport,
     SelfTestResult,
-    Shape,
     TaxelFault,
     TaxelPlaces,
 )
-from palpate.drivers.tactile.protocol import encode
 from palpate.drivers.transport.wire import Emission
 
 

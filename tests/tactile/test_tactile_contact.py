@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 
 from palpate.base.errors import InputError
-from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag, TipCalibration
 from palpate.drivers.tactile.templates import template_set
 
 MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}

@@ -8,7 +8,7 @@ import pytest
 from tactile_vectors import FREE, PLACES, SMALL
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 
 PAD = replace(SMALL, shape=Shape.FLAT, tip_radius_mm=0.0, columns=(-2.0, 0.0, 2.0))
 

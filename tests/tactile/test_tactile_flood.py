@@ -4,8 +4,8 @@ import numpy as np
 from tactile_vectors import SMALL
 
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Ack, Body, Describe, Frame, Hello, Message
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.codec import Decoder, encode
+from palpate.drivers.tactile.messages import Ack, Describe, Frame, Hello, Message, MessageBody
 from palpate.drivers.transport.clock import VirtualClock
 
 COUNTS = np.zeros((SMALL.rows, SMALL.cols), np.uint16).tobytes()
@@ -26,7 +26,7 @@ class FloodPort:
         self.flows = False
         self.reads = 0
 
-    def say(self, body: Body) -> None:
+    def say(self, body: MessageBody) -> None:
         self.out += encode(Message(self.sequence, self.time_us, body))
         self.sequence += 1
 

@@ -16,6 +16,7 @@ from tactile_vectors import FREE, PLACES, SMALL, VECTORS, VERSION_2, seal
 
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.codec import MAX_ENCODED_BYTES, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
@@ -37,7 +38,6 @@ from palpate.drivers.tactile.messages import (
     TaxelFault,
     TaxelPlaces,
 )
-from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
 from palpate.testing import fuzz
 
 
@@ -68,7 +68,7 @@ def from_a_host() -> bytes:
 def test_ten_million_bytes_give_messages_or_counted_faults() -> None:
     tally = fuzz(Decoder, from_an_array(), 10_000_000, seed=705)
     assert tally.fed == 10_000_000
-    assert MAX_ENCODED // 2 < tally.most_waiting <= MAX_ENCODED
+    assert MAX_ENCODED_BYTES // 2 < tally.most_waiting <= MAX_ENCODED_BYTES
     assert tally.items["DecodeFault"] == tally.faults.total() > 20_000
     assert tally.items["Message"] > 5_000
     assert set(tally.items) == {"Message", "DecodeFault"}
@@ -112,7 +112,7 @@ def test_an_emulated_array_answers_garbage_with_nothing_but_messages() -> None:
     assert tally.most_waiting == 0
     for receiver in receivers:
         receiver.array.poll(receiver.now + 1.0)
-        assert len(pickle.dumps(receiver.array)) < fresh + MAX_ENCODED + 2_000
+        assert len(pickle.dumps(receiver.array)) < fresh + MAX_ENCODED_BYTES + 2_000
 
 
 def test_a_gap_without_end_takes_no_memory() -> None:
@@ -175,7 +175,7 @@ parts = st.one_of(
     sealed,
     st.builds(lambda body, number: encode(Message(number, 0, body)), bodies, st.integers(0, 5)),
     damaged,
-    st.sampled_from([b"\0", VERSION_2, b"\x77" * MAX_ENCODED, b"\x77" * (MAX_ENCODED + 1)]),
+    st.sampled_from([b"\0", VERSION_2, b"\x77" * MAX_ENCODED_BYTES, b"\x77" * (MAX_ENCODED_BYTES + 1)]),
 )
 
 
@@ -191,7 +191,7 @@ def test_how_the_bytes_are_cut_makes_no_difference(stream: list[bytes], sizes: l
         size = next(lengths)
         pieces += cut.feed(data[at : at + size])
         at += size
-        assert cut.waiting <= MAX_ENCODED
+        assert cut.waiting <= MAX_ENCODED_BYTES
     assert pieces == items
     assert cut.faults == whole.faults
     assert whole.faults.total() == sum(isinstance(item, DecodeFault) for item in items)

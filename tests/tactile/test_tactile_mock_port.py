@@ -7,10 +7,10 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import wire_time_s
 
 DESCRIPTION = Description(

@@ -23,19 +23,19 @@ from tactile_vectors import (
     wire,
 )
 
+from palpate.drivers.tactile.codec import MAX_ENCODED_BYTES, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.tactile.messages import (
     Ack,
-    Body,
     Frame,
     Hello,
     Message,
+    MessageBody,
     SelfTestReport,
     SelfTestResult,
     Start,
     Tare,
     TaxelPlaces,
 )
-from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
 
 DOC = ROOT / "docs" / "tactile-protocol.md"
 
@@ -85,8 +85,8 @@ def test_a_message_of_another_version_says_what_is_needed_to_refuse_it() -> None
 
 def test_the_longest_message_is_as_long_as_the_document_says() -> None:
     longest = encode(Message(2**32 - 1, 2**64 - 1, Frame(64, 64, b"\xff" * 8192), 0xFFFF))
-    assert len(longest) - 1 == MAX_ENCODED
-    assert f"at most {MAX_ENCODED} without its delimiter" in DOC.read_text()
+    assert len(longest) - 1 == MAX_ENCODED_BYTES
+    assert f"at most {MAX_ENCODED_BYTES} without its delimiter" in DOC.read_text()
     assert len(Decoder().feed(longest)) == 1
 
 
@@ -98,7 +98,7 @@ def test_a_last_block_of_254_bytes_may_be_closed_or_not() -> None:
     assert Decoder().feed(closed) == Decoder().feed(brief) == [Message(1, 2, body)]
 
 
-def numbered(parts: list[Body], first: int) -> list[Message]:
+def numbered(parts: list[MessageBody], first: int) -> list[Message]:
     return [Message((first + i) % 2**32, 1000 * i, body) for i, body in enumerate(parts)]
 
 
@@ -119,7 +119,7 @@ def test_one_message_whole_and_byte_by_byte(message: Message) -> None:
 
 @given(st.lists(bodies, min_size=1, max_size=5), u32, st.lists(st.integers(0, 400), max_size=8))
 @settings(max_examples=80, deadline=None)
-def test_a_stream_cut_anywhere(parts: list[Body], first: int, cuts: list[int]) -> None:
+def test_a_stream_cut_anywhere(parts: list[MessageBody], first: int, cuts: list[int]) -> None:
     sent = numbered(parts, first)
     data = b"".join(map(encode, sent))
     decoder = Decoder()
@@ -133,7 +133,7 @@ def test_a_stream_cut_anywhere(parts: list[Body], first: int, cuts: list[int]) -
 
 @given(bodies, bodies, st.binary(min_size=1, max_size=60))
 @settings(max_examples=150, deadline=None)
-def test_garbage_in_front_between_and_behind(a: Body, b: Body, garbage: bytes) -> None:
+def test_garbage_in_front_between_and_behind(a: MessageBody, b: MessageBody, garbage: bytes) -> None:
     # Each piece of garbage is closed off by a delimiter, so it can take no message with it.
     one, two = numbered([a, b], 7)
     decoder = Decoder()
@@ -194,7 +194,7 @@ def test_any_bytes_give_messages_or_faults(chunks: list[bytes]) -> None:
         (wire(0x85, 1, 2, TAXELS_PAYLOAD.replace(b"\0\0\xa0\x40", b"\0\0\xc0\x7f")), FaultKind.PAYLOAD),
         (wire(0x05, 1, 2, b"\x01\x00\x02\x00"), FaultKind.PAYLOAD),
         (wire(0x07, 1, 2, b"\x01\x00"), FaultKind.PAYLOAD),
-        (b"\x01" * (MAX_ENCODED + 1) + b"\x00", FaultKind.OVERSIZED),
+        (b"\x01" * (MAX_ENCODED_BYTES + 1) + b"\x00", FaultKind.OVERSIZED),
     ],
 )
 def test_each_fault_is_named_and_the_next_message_heard(data: bytes, kind: FaultKind) -> None:

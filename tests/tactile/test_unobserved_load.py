@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
+from palpate.drivers.tactile.load_bounds import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 
 seeds = st.integers(0, 2**32 - 1)
 

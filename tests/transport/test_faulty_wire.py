@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.errors import NotAnswering, PortFailed
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 1_000_000

@@ -7,7 +7,7 @@ import pytest
 from palpate.base.errors import DeviceError
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
 
 

@@ -1,19 +1,19 @@
 """A port that plays a recording back: answers first, then by the clock."""
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.playback import Piece, PlaybackPort
 from palpate.drivers.transport.recording import Direction
+from palpate.drivers.transport.replay import PlaybackPort, RecordedBytes
 
 SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
 PIECES = [
-    Piece(0.5, RECEIVED, b"noise"),
-    Piece(1.0, SENT, b"hello"),
-    Piece(1.6, SENT, b"hello"),
-    Piece(1.7, RECEIVED, b"I am"),
-    Piece(1.8, RECEIVED, b" f1"),
-    Piece(2.0, SENT, b"start"),
-    Piece(2.1, RECEIVED, b"one"),
-    Piece(2.2, RECEIVED, b"two"),
+    RecordedBytes(0.5, RECEIVED, b"noise"),
+    RecordedBytes(1.0, SENT, b"hello"),
+    RecordedBytes(1.6, SENT, b"hello"),
+    RecordedBytes(1.7, RECEIVED, b"I am"),
+    RecordedBytes(1.8, RECEIVED, b" f1"),
+    RecordedBytes(2.0, SENT, b"start"),
+    RecordedBytes(2.1, RECEIVED, b"one"),
+    RecordedBytes(2.2, RECEIVED, b"two"),
 ]
 
 

@@ -10,11 +10,11 @@ from recorded_ports import Listener
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.emulators.faults import FaultyWire
-from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
+from palpate.drivers.emulators.device_server import DeviceServer, serve_pty, serve_tcp
+from palpate.drivers.emulators.wire_faults import FaultyWire
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 
@@ -214,7 +214,7 @@ def test_a_recorder_sees_both_directions(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
-def test_a_real_port_in_use_says_so(serve: Callable[..., Service]) -> None:
+def test_a_real_port_in_use_says_so(serve: Callable[..., DeviceServer]) -> None:
     with serve({"echo": (EchoTicker(), BAUD)}, MonotonicClock(), threading.Event()) as service:
         path = service.paths["echo"]
         with open_port(path, BAUD), pytest.raises(DeviceError, match=f"{path} .* another program"):

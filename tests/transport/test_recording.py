@@ -12,16 +12,16 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.record import Noted, Recorder
+from palpate.drivers.transport.ports import open_port
+from palpate.drivers.transport.recorder import Recorder, RecordItem
 from palpate.drivers.transport.recording import (
     CALLS,
-    Entry,
     ErrorRaised,
     Instants,
     RecordedEvent,
+    RecordEntry,
     SessionEvent,
-    calls_in,
+    parse_calls,
 )
 from palpate.drivers.transport.replay import RecordEnded, ReplayDiffers, Replayer
 from palpate.drivers.transport.wire import Emission
@@ -52,10 +52,10 @@ class Tape:
     """A sink that keeps entries as a session log's reader would give them."""
 
     def __init__(self) -> None:
-        self.entries: list[Entry] = []
+        self.entries: list[RecordEntry] = []
         self._calls: list[str] = []
 
-    def note(self, what: Noted) -> None:
+    def note(self, what: RecordItem) -> None:
         if isinstance(what, str):
             self._calls.append(what)
         else:
@@ -65,7 +65,7 @@ class Tape:
         """Nothing fails here."""
 
     def add(self, what: RecordedEvent) -> None:
-        self.entries.append(Entry(len(self.entries) + 1, 0.0, "".join(self._calls), what))
+        self.entries.append(RecordEntry(len(self.entries) + 1, 0.0, "".join(self._calls), what))
         self._calls.clear()
 
 
@@ -131,7 +131,7 @@ def test_every_call_is_given_back() -> None:
     tape, answer = recorded(uses_everything)
     assert replayed(uses_everything, tape) == answer
     texts = "".join(entry.calls for entry in tape.entries)
-    assert {call.letter for call in calls_in(texts)} == set("t.zwrqsfdomcp")
+    assert {call.letter for call in parse_calls(texts)} == set("t.zwrqsfdomcp")
 
 
 def test_an_error_of_the_port_is_raised_again_in_the_same_call() -> None:
@@ -242,19 +242,19 @@ def test_clock_readings_come_back_to_the_last_bit(instants: list[float]) -> None
     there, back = Instants(), Instants()
     text = "".join(there.text(instant) for instant in instants)
     assert CALLS.fullmatch(text)
-    found = [back.instant(call) for call in calls_in(text)]
+    found = [back.instant(call) for call in parse_calls(text)]
     assert [value.hex() for value in found] == [(value + 0.0).hex() for value in instants]
 
 
 @given(st.from_regex(CALLS, fullmatch=True))
 def test_any_row_of_calls_can_be_taken_apart(text: str) -> None:
     instants = Instants()
-    for call in calls_in(text):
+    for call in parse_calls(text):
         if call.letter in "t.":
             try:
                 instants.instant(call)
             except (ValueError, OverflowError):
                 instants = Instants()
-    assert "".join(call.letter for call in calls_in(text)) == "".join(
+    assert "".join(call.letter for call in parse_calls(text)) == "".join(
         c for c in text if c in "t.z" or c.isalpha()
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from palpate.drivers.transport.serial_ports import describe, serial_ports
+from palpate.drivers.transport.ports import describe_ports, serial_ports
 
 
 def info(device: Path, **known: object) -> ListPortInfo:
@@ -35,7 +35,7 @@ def test_an_adapter_with_everything_that_linux_tells(tmp_path: Path) -> None:
         "serial_number": "FT3WHRKK",
         "description": "USB <-> Serial Converter",
     }
-    plain, adapter = describe(
+    plain, adapter = describe_ports(
         [info(device, **usb), info(other)], by_id.parent, tmp_path / "tty", tmp_path / "proc"
     )
     assert adapter.name == str(by_id)
@@ -51,13 +51,13 @@ def test_folders_that_are_not_there(tmp_path: Path) -> None:
     device = tmp_path / "ttyACM0"
     device.touch()
     gone = tmp_path / "gone"
-    (port,) = describe([info(device)], gone, gone, gone)
+    (port,) = describe_ports([info(device)], gone, gone, gone)
     assert port.name == str(device)
     assert port.permitted
 
 
 def test_a_port_that_is_gone_again_is_not_permitted(tmp_path: Path) -> None:
-    (port,) = describe([info(tmp_path / "ttyUSB0")], tmp_path, tmp_path, tmp_path)
+    (port,) = describe_ports([info(tmp_path / "ttyUSB0")], tmp_path, tmp_path, tmp_path)
     assert not port.permitted
 
 

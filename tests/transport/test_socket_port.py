@@ -10,7 +10,7 @@ import serial
 from serial import SerialException
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.transport.port import PortTaken, has_baudrate, open_port
+from palpate.drivers.transport.ports import PortTaken, has_baudrate, open_port
 
 BAUD = 1_000_000
 

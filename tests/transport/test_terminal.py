@@ -11,8 +11,7 @@ from collections.abc import Iterator
 import pytest
 import serial
 
-from palpate.drivers.emulators.pty_port import baud_rate
-from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.emulators.device_server import baud_rate, serve_pty
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.wire import Emission
 

@@ -3,11 +3,17 @@
 import pytest
 import serial
 
-from palpate.drivers.emulators.usb_adapter import AdapterTruth, Grab, PluggedPort, Stalls, UsbAdapter
+from palpate.drivers.emulators.usb_adapter import (
+    AdapterTruth,
+    HubStalls,
+    PluggedPort,
+    PortIntruder,
+    UsbAdapter,
+)
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.plugged_ports import FollowedPorts
-from palpate.drivers.transport.port import PortMissing, open_port
+from palpate.drivers.transport.ports import PortMissing, open_port
+from palpate.drivers.transport.replugging import FollowedPorts
 from palpate.drivers.transport.wire import Emission
 
 
@@ -75,7 +81,7 @@ def test_an_echo_comes_before_the_answer() -> None:
 
 
 def test_a_hub_that_stalls_holds_both_ways_back_and_loses_nothing() -> None:
-    stalls = Stalls(0.05, 0.1, 0.2)
+    stalls = HubStalls(0.05, 0.1, 0.2)
     clock, _hub, device, port = plugged(b"abc", AdapterTruth(stalls=stalls))
     longest = 0.0
     for _ in range(100):
@@ -88,7 +94,7 @@ def test_a_hub_that_stalls_holds_both_ways_back_and_loses_nothing() -> None:
 
 
 def test_another_program_writes_and_reads_too() -> None:
-    clock, _hub, device, port = plugged(b"abc", AdapterTruth(grab=Grab(5.0)))
+    clock, _hub, device, port = plugged(b"abc", AdapterTruth(grab=PortIntruder(5.0)))
     port.timeout = 0.01
     answered = 0
     for _ in range(200):

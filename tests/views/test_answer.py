@@ -11,10 +11,10 @@ from json_schema import violations
 from quick_rig import quick_bench
 from wording import missing
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
-from palpate.config.results import BoundsOut, ConfigurationOut
+from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
 
@@ -139,7 +139,7 @@ def test_nothing_is_said_that_is_not_so() -> None:
         assert words in told[0]
         assert told[1] == "  is a part on the table?"
     assert advice[0] not in "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING), advice))
-    assert [counted(n, "grip", "grips") for n in (0, 1, 2)] == ["0 grips", "1 grip", "2 grips"]
+    assert [quantity(n, "grip", "grips") for n in (0, 1, 2)] == ["0 grips", "1 grip", "2 grips"]
 
 
 def identified(

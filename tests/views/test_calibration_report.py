@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
-from palpate.views.calibration.numbers import (
+from palpate.views.report.calibration import report_html, write_report
+from palpate.views.report.calibration_numbers import (
     at_most,
     finger_tables,
     never_pressed,
     plus_minus,
     residuals_mm,
 )
-from palpate.views.calibration.plots import residual_histograms, residual_map, svg, taxel_gains
-from palpate.views.calibration.report import report_html, write_report
+from palpate.views.report.calibration_plots import residual_histograms, residual_map, svg, taxel_gains
 
 NS = "{http://www.w3.org/2000/svg}"
 
@@ -81,7 +81,7 @@ def test_odd_calibrations_have_all_pictures(file: CalibrationFile) -> None:
 def test_without_matplotlib_there_are_the_numbers_and_a_line(
     example: CalibrationFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "palpate.views.calibration.plots", raising=False)
+    monkeypatch.delitem(sys.modules, "palpate.views.report.calibration_plots", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     page = report_html(example)
     assert pictures(page) == []

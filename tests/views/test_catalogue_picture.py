@@ -12,17 +12,17 @@ from stacked_parts import L_SHAPE, fingers_at, moved, objects, part, polygon, re
 
 from palpate.config import load_objects, shipped_objects
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import StateSections, state_sections
-from palpate.rig.catalogue.symmetry import symmetry_of_region, symmetry_of_state
-from palpate.views.catalogue.card import CardFacts, TwinNote, ranges_words
-from palpate.views.catalogue.height_ladder import shade
-from palpate.views.catalogue.layout import MOST_CONTOURS, cards_of
+from palpate.rig.catalogue.section_stack import (
+    StateSections,
+    state_sections,
+    symmetry_of_region,
+    symmetry_of_state,
+)
+from palpate.views.catalogue.card import CardFacts, TwinNote, ranges_words, shade, side_rings
+from palpate.views.catalogue.layout import CONCAVE, HEIGHT, MAX_CONTOURS, UNREACHED, WIDTH, cards_of
 from palpate.views.catalogue.picture import draw_objects
-from palpate.views.catalogue.side_view import side_rings
-from palpate.views.catalogue.style import CONCAVE, HEIGHT, UNREACHED, WIDTH
-from palpate.views.label_placement import Box
-from palpate.views.svg import shorten_middle, text_width
-from palpate.views.table_picture.style import CARD, FOUND, TIP
+from palpate.views.svg import CARD, FOUND, TIP, shorten_middle, text_width
+from palpate.views.table_picture.labels import Box
 
 NS = "{http://www.w3.org/2000/svg}"
 FINGERS = fingers_at(5, 6, 60)
@@ -190,7 +190,7 @@ def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: An
     found = states(odd_parts()[0])
     (card,), _ = cards_of(found, FINGERS)
     shown = [level.z_mm for level in card.shown]
-    assert len(shown) <= MOST_CONTOURS
+    assert len(shown) <= MAX_CONTOURS
     assert (0, 0.25) in shown
     assert (49.75, 50) in shown
     assert (5, 5.25) in shown
@@ -204,7 +204,7 @@ def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: An
 def test_a_large_file_makes_pages_of_bounded_size_that_say_what_is_left_out(
     states: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.views.catalogue.layout.MOST_CARDS", 240)
+    monkeypatch.setattr("palpate.views.catalogue.layout.MAX_CARDS", 240)
     tall = [part(f"p{k}", *(section(z, z + 1, polygon(60, 30 - z)) for z in range(5))) for k in range(250)]
     found = states(*tall)
     told = {state: CardFacts(1, ()) for state in found}

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wording import missing
 
-from palpate.config.objects_result import PairOut, StateNameOut
+from palpate.config.catalogue_results import PairOut, StateNameOut
 from palpate.views.catalogue.check_text import fit_words
-from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
-from palpate.views.catalogue.known_heights import known_words
+from palpate.views.catalogue.layout import known_words
+from palpate.views.catalogue.listing import TwinGroup, group_pairs
 
 
 def state(number: int) -> StateNameOut:

@@ -21,9 +21,9 @@ from palpate.config import load_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import GroupRead
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
-from palpate.rig.session.samples import FrameSample, ServoSample, TipSample, open_samples
+from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSample, open_samples
 
 Here = Callable[..., Ended]
 

@@ -10,13 +10,11 @@ import pytest
 from rich.console import Console
 from tactile_tip import DESCRIPTION
 
-from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import ArrayCounters
-from palpate.drivers.tactile.messages import Description, Shape
-from palpate.rig.monitor.finger_monitor import FingerView, TareState
-from palpate.views.monitor.lines import line_of, out_of
-from palpate.views.monitor.screen import WatchPicture, watch_view
-from palpate.views.monitor.taxel_map import scale_of
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
+from palpate.rig.array_monitor import FingerView, TareState
+from palpate.views.watch_screen import WatchPicture, line_of, out_of, scale_of, watch_view
 
 PATCH = ContactPatch(
     angle_rad=math.radians(-20.0),

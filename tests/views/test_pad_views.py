@@ -17,13 +17,14 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Point, Polygon
 
 from palpate.config import load_objects
+from palpate.rig.session.archive import summary_of
 from palpate.rig.session.log_reader import read_session
-from palpate.rig.session.samples import EventSample, open_samples
-from palpate.rig.session.summary import summary_of
+from palpate.rig.session.recorded_session import EventSample, open_samples
 from palpate.views.exports.csv_files import write_csv
 from palpate.views.live.frames import FrameStore, setting_of
 from palpate.views.report.run import run_report
-from palpate.views.table_picture.picture import Picture, TouchMark, draw
+from palpate.views.table_picture.picture import draw
+from palpate.views.table_picture.values import Picture, TouchMark
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,12 @@ import pytest
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import points_in_polygon
 from palpate.config import load_objects, shipped_objects
-from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.svg import number, shorten, text_width, wrap
 from palpate.views.table_picture.approaches import lanes
 from palpate.views.table_picture.frame import View, nice_step, view_of
-from palpate.views.table_picture.picture import (
+from palpate.views.table_picture.labels import Box, LabelPlacer
+from palpate.views.table_picture.picture import draw
+from palpate.views.table_picture.values import (
     ApproachArrow,
     BoundedPose,
     FingerBase,
@@ -23,7 +24,6 @@ from palpate.views.table_picture.picture import (
     Picture,
     PredictedStop,
     TouchMark,
-    draw,
 )
 
 NS = "{http://www.w3.org/2000/svg}"

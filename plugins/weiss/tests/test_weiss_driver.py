@@ -7,9 +7,8 @@ import pytest
 from emulated_weiss import Bench
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.emulators.faults import FaultRates, WireRates
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Corner, Mounting
+from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
+from palpate.drivers.tactile.description import Corner, Mounting, Shape
 from palpate.drivers.transport.wire import wire_time_s
 from palpate_weiss.arrays import DsaArray, WtsArray
 from palpate_weiss.codec import WeissDialect, WeissPacket, encode

@@ -9,9 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from palpate.drivers.tactile.frame_times import FrameTime, FrameTimes
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Corner, Mounting
+from palpate.drivers.tactile.description import Corner, Mounting, Shape
+from palpate.drivers.tactile.frames import FrameTime, FrameTimes
 from palpate_weiss.messages import (
     ControllerInfo,
     MatrixInfo,

@@ -1,4 +1,4 @@
-"""Packages that only some file formats need: imported when such a file is read, named if they are missing."""
+"""Packages that only some features need (extras): imported when they are used, named if they are missing."""
 
 import importlib
 import json
@@ -14,14 +14,12 @@ from urllib.request import url2pathname
 
 from palpate.base.errors import InputError
 
-__all__ = ["MissingPackageError", "install_command", "needed", "readable"]
-
 
 class MissingPackageError(InputError):
     """A package of an extra is not installed: nothing is said of the file."""
 
 
-def needed(module: str, extra: str, purpose: str) -> Any:
+def import_extra(module: str, extra: str, purpose: str) -> Any:
     """Import a module of an extra of this distribution.
 
     Raises MissingPackageError, which says what to install.
@@ -56,7 +54,7 @@ def _from_here(path: Path) -> str:
 
 
 @contextmanager
-def readable(path: Path, kind: str) -> Iterator[None]:
+def input_errors(path: Path, kind: str) -> Iterator[None]:
     """While another package reads a file: whatever it raises about a damaged one becomes an InputError."""
     try:
         yield

@@ -24,21 +24,7 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 
-__all__ = [
-    "TURN_RAD",
-    "Arc",
-    "Bezier",
-    "Curve",
-    "bulge",
-    "chords",
-    "hull",
-    "joined_chords",
-    "line",
-    "mapped",
-    "spline",
-]
-
-TURN_RAD = math.radians(10.0)
+MAX_CHORD_TURN_RAD = math.radians(10.0)
 """By so much a curve may turn within a chord, unless that is shorter than the tolerance."""
 
 _STRAIGHT_BULGE = 1e-7
@@ -65,27 +51,27 @@ class Bezier:
     weights: Floats
 
 
-Curve = Arc | Bezier
+DrawnCurve = Arc | Bezier
 
 
-def line(points: Floats) -> Bezier:
+def bezier(points: Floats) -> Bezier:
     """The control points (n + 1, 2) with equal weights; two of them make a straight line."""
     return Bezier(points, np.ones(len(points)))
 
 
-def bulge(start: Floats, end: Floats, value: float) -> Curve:
+def bulge_curve(start: Floats, end: Floats, value: float) -> DrawnCurve:
     """The edge of a polyline from start to end (2,) with a bulge: tan(sweep / 4), positive to the left.
 
     Source: DXF reference, LWPOLYLINE, group code 42.
     """
     if value == 0:
-        return line(np.array([start, end]))
+        return bezier(np.array([start, end]))
     chord = end - start
     left = np.array([-chord[1], chord[0]])
     middle = (start + end) / 2
     if abs(value) < _STRAIGHT_BULGE:
         # The circle's centre is too far away to compute with; the parabola of this height is the same.
-        return line(np.array([start, middle - value * left, end]))
+        return bezier(np.array([start, middle - value * left, end]))
     centre = middle + left * (1 - value * value) / (4 * value)
     first = start - centre
     return Arc(centre, np.array([first, [-first[1], first[0]]]), 0.0, 4 * math.atan(value))
@@ -114,14 +100,14 @@ def spline(degree: int, points: Floats, weights: Floats, knots: Floats) -> tuple
     return tuple(found)
 
 
-def mapped(curve: Curve, matrix: Floats, shift: Floats) -> Curve:
+def transform_curve(curve: DrawnCurve, matrix: Floats, shift: Floats) -> DrawnCurve:
     """The curve of the points matrix (2, 2) @ p + shift (2,)."""
     if isinstance(curve, Arc):
         return Arc(matrix @ curve.centre + shift, curve.axes @ matrix.T, curve.start_rad, curve.sweep_rad)
     return Bezier(curve.points @ matrix.T + shift, curve.weights)
 
 
-def hull(curve: Curve) -> Floats:
+def control_hull(curve: DrawnCurve) -> Floats:
     """Points (k, 2) whose convex hull holds the curve."""
     if isinstance(curve, Arc):
         corners = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
@@ -130,7 +116,7 @@ def hull(curve: Curve) -> Floats:
     return curve.points
 
 
-def chords(curve: Curve, curve_mm: float) -> tuple[Floats, float]:
+def chords(curve: DrawnCurve, curve_mm: float) -> tuple[Floats, float]:
     """Points (k, 2) of the curve from its start to its end, and by how much it leaves their chords, mm.
 
     That is at most `curve_mm`. Raises InputError where `curve_mm` is not positive.
@@ -142,7 +128,7 @@ def chords(curve: Curve, curve_mm: float) -> tuple[Floats, float]:
 
 def _arc_chords(arc: Arc, curve_mm: float) -> tuple[Floats, float]:
     largest = float(np.linalg.norm(arc.axes, 2))
-    step = TURN_RAD
+    step = MAX_CHORD_TURN_RAD
     if curve_mm < largest:
         # The deviation a (1 − cos(h/2)) = 2a sin²(h/4), without loss of digits.
         step = min(step, 4 * math.asin(math.sqrt(curve_mm / (2 * largest))))
@@ -153,7 +139,7 @@ def _arc_chords(arc: Arc, curve_mm: float) -> tuple[Floats, float]:
         along = np.cos(at)[:, None] * arc.axes[1] - np.sin(at)[:, None] * arc.axes[0]
         turn = np.abs(_angles(along[:-1], along[1:]))
         long = np.hypot(*np.diff(points, axis=0).T) > curve_mm
-        sharp = np.flatnonzero((turn > TURN_RAD * (1 + 1e-9)) & long)
+        sharp = np.flatnonzero((turn > MAX_CHORD_TURN_RAD * (1 + 1e-9)) & long)
         if not len(sharp):
             break
         at = np.insert(at, sharp + 1, (at[sharp] + at[sharp + 1]) / 2)
@@ -169,7 +155,7 @@ def _bezier_chords(curve: Bezier, curve_mm: float) -> tuple[Floats, float]:
     even = bool(np.all(curve.weights == curve.weights[0]))
     while True:
         off, turn, length = _bounds(pieces, even)
-        coarse = (off > curve_mm) | ((turn > TURN_RAD) & (length > curve_mm))
+        coarse = (off > curve_mm) | ((turn > MAX_CHORD_TURN_RAD) & (length > curve_mm))
         if not coarse.any():
             break
         kept = np.repeat(pieces, np.where(coarse, 2, 1), axis=0)
@@ -220,7 +206,7 @@ def _angles(one: Floats, other: Floats) -> Floats:
     return angles
 
 
-def joined_chords(curves: Sequence[Curve], curve_mm: float) -> tuple[Floats, float, float]:
+def chords_of_chain(curves: Sequence[DrawnCurve], curve_mm: float) -> tuple[Floats, float, float]:
     """Chords of curves that follow each other: points (k, 2), deviation, and the widest gap between them."""
     parts: list[Floats] = []
     off = gap = 0.0

@@ -1,4 +1,4 @@
-"""The convex hull of a solid, seen from its centre of mass: its flat faces and the edges between them.
+"""Convex hull of a solid, seen from its centre of mass: its flat faces and the edges between them.
 
 A solid on a plane rests on a face of its hull. Qhull makes triangles; here those in one plane become one face
 again. A face grows from its largest triangle and takes in neighbours whose corners are within 1e-5 of the
@@ -13,11 +13,9 @@ from scipy.spatial import ConvexHull
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
 
-__all__ = ["Hull", "centre_of_mass", "hull_of"]
-
-_FLAT = 1e-5
+_COPLANAR_SHARE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +62,12 @@ def hull_of(solid: Solid) -> Hull:
     found = ConvexHull(points, qhull_options="QJ")
     if (found.equations[:, 3] >= 0).any():
         raise InputError(f"{solid.name}: its centre of mass is outside of it: the surface is not closed")
-    triangles, neighbours = _outward(points, found)
+    triangles, neighbours = _orient_outward(points, found)
     corners = points[triangles]
     legs = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(legs, axis=1)
     size_mm = float(np.ptp(points, axis=0).max())
-    face = _faces(corners, neighbours, found.equations, area, _FLAT * size_mm)
+    face = _faces(corners, neighbours, found.equations, area, _COPLANAR_SHARE * size_mm)
     normal = _sums(legs, face)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     middle = _sums(area[:, None] * corners.mean(axis=1), face) / _sums(area, face)[:, None]
@@ -89,7 +87,7 @@ def hull_of(solid: Solid) -> Hull:
     )
 
 
-def _outward(points: Floats, found: ConvexHull) -> tuple[Ints, Ints]:
+def _orient_outward(points: Floats, found: ConvexHull) -> tuple[Ints, Ints]:
     """Triangles (t, 3) counter-clockwise from outside; their neighbours (t, 3) across from each corner."""
     triangles, neighbours = found.simplices.astype(np.int64), found.neighbors.astype(np.int64)
     a, b, c = (points[triangles[:, k]] for k in range(3))

@@ -1,32 +1,235 @@
 """STL, OBJ, PLY and 3MF files, as trimesh reads them, into checked solids.
 
-trimesh takes what it can get: it skips what is cut off and returns open surfaces without a word. What it
-passes over is therefore looked for here, in the file itself, and the rest in `mesh_checks`.
+trimesh takes what it can get: it skips what is cut off, cuts concave polygons of OBJ files into wrong fans,
+and returns open surfaces without a word. What it passes over is therefore looked for here, in the file
+itself, and the rest in `mesh_checks`. Of a scene with many parts (3MF, STEP) each distinct shape is taken
+once: four screws of an assembly are one object. Sources: G. Turk, The PLY Polygon File Format, 1994;
+Wavefront, The OBJ format, appendix B1, which allows any planar polygon in a face statement.
 """
 
 import io
 import re
 import warnings
 import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
 from palpate.base.errors import InputError
-from palpate.base.files import read_bytes
-from palpate.base.files.limits import CAD_BYTES, MEMBERS
-from palpate.base.files.opening import size_in_words
-from palpate.base.geometry import Floats, Ints
-from palpate.base.optional_imports import needed
+from palpate.base.file_io import CAD_BYTES, MOST_FACETS, MOST_MEMBERS, read_bytes, size_in_words
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.obj_polygons import with_triangles
-from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
-from palpate.cad.ply_header import ply_problem
-from palpate.cad.scenes import distinct_shapes, triangles
-from palpate.cad.values import Solid
+from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid
 
-__all__ = ["MESH_SUFFIXES", "read_mesh_file"]
+_FLAT_SHARE = 1e-9
+"""Turns to the right that are this small beside the polygon's area are rounding of its coordinates."""
+
+_AREA_SHARE = 1e-6
+"""Relative difference in area up to which triangles cover their polygon."""
+
+
+def triangulate_concave(data: bytes) -> bytes:
+    """The text of an OBJ file with every concave polygon as triangles; else as it was.
+
+    A polygon that cannot be cut (self-intersecting, a corner that is not in the file) stays as it is, for
+    the checks of the mesh to name.
+    """
+    text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    lines = text.split(b"\n")
+    polygons = _polygons(lines)
+    if not polygons:
+        return data
+    vertices = _vertices(lines)
+    is_changed = False
+    for rows in polygons.values():
+        corners = np.array([[_index(token) for token in lines[row].split()[1:]] for row in rows])
+        known = np.flatnonzero(((corners >= 0) & (corners < len(vertices))).all(axis=1))
+        for at in known[_are_concave(vertices[corners[known]])]:
+            if triangles := _triangles(vertices[corners[at]]):
+                tokens = lines[rows[at]].split()[1:]
+                lines[rows[at]] = b"\n".join(b"f " + b" ".join(tokens[c] for c in t) for t in triangles)
+                is_changed = True
+    return b"\n".join(lines) if is_changed else data
+
+
+def _polygons(lines: Sequence[bytes]) -> dict[int, list[int]]:
+    """Rows of the faces with more than three corners, by their number of corners."""
+    rows: dict[int, list[int]] = {}
+    for row, line in enumerate(lines):
+        if line.lstrip()[:2] in (b"f ", b"f\t") and (corners := len(line.split()) - 1) > 3:
+            rows.setdefault(corners, []).append(row)
+    return rows
+
+
+def _vertices(lines: Sequence[bytes]) -> Floats:
+    """Vertices (n, 3) of the file; NaN where a number is none, which no comparison takes for concave."""
+    rows = [line.split()[1:4] for line in lines if line.lstrip()[:2] in (b"v ", b"v\t")]
+    try:
+        return np.array(rows, dtype=float).reshape(-1, 3)
+    except ValueError:
+        return np.full((len(rows), 3), np.nan)
+
+
+def _index(token: bytes) -> int:
+    """A corner's vertex, from 0; −1 for what is no positive number."""
+    number = re.match(rb"\d+", token)
+    return int(number[0][:12]) - 1 if number else -1
+
+
+def _are_concave(corners: Floats) -> Bools:
+    """Whether polygons (n, k, 3) turn to the right somewhere, seen along their area vector."""
+    steps = np.roll(corners, -1, axis=1) - corners
+    normals = _area_vectors(corners)
+    turns = np.cross(steps, np.roll(steps, -1, axis=1))
+    areas2 = np.einsum("ni,ni->n", normals, normals)
+    along: Floats = np.einsum("nki,ni->nk", turns, normals)
+    concave: Bools = (along < -_FLAT_SHARE * areas2[:, None]).any(axis=1)
+    return concave
+
+
+def _area_vectors(corners: Floats) -> Floats:
+    """Twice the area vectors (n, 3) of polygons (n, k, 3), by Newell's method."""
+    from_first = corners - corners[:, :1]
+    areas: Floats = np.cross(from_first, np.roll(from_first, -1, axis=1)).sum(axis=1)
+    return areas
+
+
+def _triangles(corners: Floats) -> list[Ints]:
+    """Triangles of a polygon (k, 3) as indices of its corners, turning as it does; none if it has none."""
+    normal = _area_vectors(corners[None])[0]
+    axis = int(np.argmax(np.abs(normal)))
+    # Without its longest component the polygon keeps its shape up to a shear, and its coordinates exactly.
+    flat = np.delete(corners, axis, axis=1)
+    turns_left = (normal[axis] > 0) == (axis != 1)
+    outline = shapely.make_valid(shapely.Polygon(flat), method="structure", keep_collapsed=False)
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
+    index_of = {tuple(corner): at for at, corner in reversed(list(enumerate(flat.tolist())))}
+    rings = [shapely.get_coordinates(piece)[:3].tolist() for piece in pieces]
+    if any(tuple(corner) not in index_of for ring in rings for corner in ring):
+        return []
+    found = [np.array([index_of[tuple(corner)] for corner in ring]) for ring in rings]
+    area2 = 0.0
+    for at, triangle in enumerate(found):
+        a, b, c = flat[triangle]
+        turn = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        area2 += abs(turn)
+        if (turn > 0) != turns_left:
+            found[at] = triangle[::-1]
+    return found if abs(area2 - abs(normal[axis])) <= _AREA_SHARE * abs(normal[axis]) else []
+
+
+_HEADER_BYTES = 100_000
+_TYPE_BYTES = {
+    **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),
+    **dict.fromkeys(("short", "ushort", "int16", "uint16"), 2),
+    **dict.fromkeys(("int", "uint", "int32", "uint32", "float", "float32"), 4),
+    **dict.fromkeys(("double", "float64"), 8),
+}
+"""Bytes of each type; a list takes its count's, at least."""
+
+
+def ply_problem(data: bytes) -> str:
+    """What keeps a PLY file from being read whole, or nothing."""
+    head, end, _ = data[:_HEADER_BYTES].partition(b"end_header")
+    lines = [line.split() for line in head.decode("latin-1").splitlines()]
+    if not end or lines[0] != ["ply"]:
+        return "is no PLY file: it does not begin with a header from ply to end_header"
+    as_text = ["format", "ascii"] in [line[:2] for line in lines]
+    held, needed = len(data) - len(head) - len(end), 0
+    for number, line in enumerate(lines):
+        if line[:1] != ["element"]:
+            continue
+        if len(line) != 3 or not re.fullmatch(r"[0-9]{1,12}", line[2]):
+            return f"announces no number of elements in '{' '.join(line):.40}'"
+        needed += int(line[2]) * _row_bytes(lines[number + 1 :], as_text=as_text)
+        if needed > held + 1:  # nothing need follow the last value of a text
+            return f"is cut short: it announces {line[2]} of '{line[1]:.40}', and has {held} bytes of data"
+    return ""
+
+
+def _row_bytes(following: list[list[str]], *, as_text: bool) -> int:
+    """Least length of an element's row, by the lines of the header behind the element's."""
+    own = takewhile(lambda line: line[:1] != ["element"], following)
+    kinds = [(line + [""] * 3)[2 if line[1:2] == ["list"] else 1] for line in own if line[:1] == ["property"]]
+    # As text, a value takes a character and what separates it from the next.
+    return sum(2 if as_text else _TYPE_BYTES.get(kind, 1) for kind in kinds)
+
+
+_SAME_TRANSFORM = 1e-6
+"""Transforms whose lengths and angles differ by less are the same but for position and heading."""
+
+_PLACEHOLDER = re.compile(
+    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
+    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
+    re.IGNORECASE,
+)
+"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshPart:
+    """A part of a scene where it first occurs: `vertices` (n, 3) in the scene's frame, `faces` (m, 3)."""
+
+    name: str
+    vertices: Floats
+    faces: Ints
+
+
+def mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
+    """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names none of them."""
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"{where}: its vertices do not have 3 coordinates each")
+    if not faces.size:
+        return vertices, np.zeros((0, 3), dtype=np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise InputError(f"{where}: its faces do not have 3 corners each")
+    if len(faces) > MOST_FACETS:
+        raise InputError(
+            f"{where}: has {len(faces)} facets; at most {MOST_FACETS} are read: export it more coarsely"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        worst = int(faces.max() if faces.max() >= len(vertices) else faces.min())
+        raise InputError(f"{where}: a face has vertex {worst}, counted from 0; there are {len(vertices)}")
+    return vertices, faces
+
+
+def distinct_shapes(where: str, scene: Any, fallback: str) -> list[MeshPart]:
+    """Parts of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
+    found: list[MeshPart] = []
+    seen: dict[str, list[Floats]] = {}
+    for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
+        transform, geometry = scene.graph[node]
+        linear = np.asarray(transform, dtype=np.float64)[:3, :3]
+        # Equal up to a rotation: the same lengths and angles, and the same handedness.
+        kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
+        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in seen.setdefault(geometry, [])):
+            continue
+        seen[geometry].append(kind)
+        mesh = scene.geometry[geometry]
+        if not hasattr(mesh, "faces"):
+            continue
+        name = _real_name(str(geometry)) or fallback
+        vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
+        found.append(MeshPart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
+    return found
+
+
+def _real_name(name: str) -> str:
+    """A part's name; empty for one that a program gives to what nobody has named."""
+    name = name.strip()
+    return "" if _PLACEHOLDER.fullmatch(name) else name
+
+
+def _order(scene: Any, node: str) -> tuple[int, str]:
+    return list(scene.geometry).index(scene.graph[node][1]), str(node)
+
 
 MESH_SUFFIXES = (".3mf", ".obj", ".ply", ".stl")
 
@@ -64,20 +267,20 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
         data = _as_utf8(data)
     if kind == "obj":
-        data = with_triangles(data)
-    vertices, faces = _one_mesh(path, _scene(path, data, kind))
+        data = triangulate_concave(data)
+    vertices, faces = _one_mesh(path, _load_scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
     return check_solids(str(path), path.stem, vertices * UNIT_MM[units], faces, units=units)
 
 
 def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
-    needed("networkx", "cad", "reading 3MF files")
-    needed("lxml", "cad", "reading 3MF files")
+    import_extra("networkx", "cad", "reading 3MF files")
+    import_extra("lxml", "cad", "reading 3MF files")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if problem := _3mf_problem(data):
         raise InputError(f"{path}: {problem}")
-    scene = _scene(path, data, "3mf")
+    scene = _load_scene(path, data, "3mf")
     stated = {
         str(mesh.metadata.get("units", "millimeter")).removesuffix("s") for mesh in scene.geometry.values()
     }
@@ -95,9 +298,9 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     return tuple(solids)
 
 
-def _scene(path: Path, data: bytes, kind: str) -> Any:
+def _load_scene(path: Path, data: bytes, kind: str) -> Any:
     """What trimesh makes of a file, nothing merged or left out."""
-    trimesh = needed("trimesh", "cad", f"reading {kind.upper()} files")
+    trimesh = import_extra("trimesh", "cad", f"reading {kind.upper()} files")
     skip = {} if kind in ("stl", "3mf") else {"skip_materials": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -115,7 +318,7 @@ def _scene(path: Path, data: bytes, kind: str) -> Any:
 
 def _one_mesh(path: Path, scene: Any) -> tuple[Floats, Ints]:
     """All triangles of a scene whose parts are only pieces of the file, by material or by name."""
-    meshes = [triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
+    meshes = [mesh_triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
     if not meshes:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
@@ -124,7 +327,7 @@ def _one_mesh(path: Path, scene: Any) -> tuple[Floats, Ints]:
 
 
 def _is_binary_stl(data: bytes) -> bool:
-    return len(data) >= _STL_HEADER and len(data) == _STL_HEADER + _STL_FACE * _announced(data)
+    return len(data) >= _STL_HEADER and len(data) == _STL_HEADER + _STL_FACE * _announced_faces(data)
 
 
 def _as_utf8(data: bytes) -> bytes:
@@ -136,12 +339,12 @@ def _as_utf8(data: bytes) -> bytes:
     return data
 
 
-def _announced(data: bytes) -> int:
+def _announced_faces(data: bytes) -> int:
     return int.from_bytes(data[_STL_HEADER - 4 : _STL_HEADER], "little")
 
 
 def _stl_faces(data: bytes) -> int:
-    return _announced(data) if _is_binary_stl(data) else data.lower().count(b"endfacet")
+    return _announced_faces(data) if _is_binary_stl(data) else data.lower().count(b"endfacet")
 
 
 def _stl_problem(data: bytes) -> str:
@@ -157,7 +360,7 @@ def _stl_problem(data: bytes) -> str:
         return "" if opened == closed else "is cut short: there is no endsolid for a solid"
     if len(data) < _STL_HEADER:
         return f"is no STL file: it has {len(data)} bytes"
-    count = _announced(data)
+    count = _announced_faces(data)
     return (
         f"is cut short or no STL file: it announces {count} faces, "
         f"which take {_STL_HEADER + _STL_FACE * count} bytes, and has {len(data)}"
@@ -175,8 +378,8 @@ def _3mf_problem(data: bytes) -> str:
     if unpacked > CAD_BYTES:
         most = size_in_words(CAD_BYTES)
         return f"is {size_in_words(unpacked)} when unpacked; at most {most} are read: {_ADVICE}"
-    if len(members) > MEMBERS:
-        return f"holds {len(members)} files; at most {MEMBERS} are read: leave out what is no part"
+    if len(members) > MOST_MEMBERS:
+        return f"holds {len(members)} files; at most {MOST_MEMBERS} are read: leave out what is no part"
     return ""
 
 

@@ -1,25 +1,21 @@
 """Files of all formats: which reader reads which, and what each of them takes.
 
-The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings (`dxf`,
-`svg`), whose readers are imported when they are needed.
+The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings
+(`dxf_files`, `svg_files`), whose readers are imported when they are needed.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
 
 from palpate.base.errors import InputError
-from palpate.base.files import check_file
-from palpate.base.files.limits import CAD_BYTES, FACETS, PARTS
+from palpate.base.file_io import CAD_BYTES, MOST_FACETS, MOST_PARTS, check_file
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
-from palpate.cad.part_size import UNIT_MM
+from palpate.cad.parts import UNIT_MM, DrawingFile, Solid
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
-from palpate.cad.values import DrawingFile, Solid
 
-__all__ = ["SUFFIXES", "is_drawing", "read_drawings", "read_solids", "simpler"]
+_DRAWING_SUFFIXES = (".dxf", ".svg")
 
-_DRAWINGS = (".dxf", ".svg")
-
-SUFFIXES = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWINGS)
+CAD_SUFFIXES = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWING_SUFFIXES)
 """Of all files that are read."""
 
 
@@ -29,9 +25,9 @@ def is_drawing(path: Path) -> bool:
     Raises InputError for a suffix that is neither.
     """
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"{path}: unknown kind of file; allowed are {', '.join(sorted(SUFFIXES))}")
-    return suffix in _DRAWINGS
+    if suffix not in CAD_SUFFIXES:
+        raise InputError(f"{path}: unknown kind of file; allowed are {', '.join(sorted(CAD_SUFFIXES))}")
+    return suffix in _DRAWING_SUFFIXES
 
 
 def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
@@ -58,32 +54,36 @@ def read_drawings(path: Path, units: str | None, curve_mm: float, layers: Sequen
         raise InputError(f"{path}: is a solid, not a drawing")
     _check(path, units)
     if path.suffix.lower() == ".dxf":
-        from palpate.cad.dxf import read_dxf  # noqa: PLC0415 - ezdxf is an extra
+        from palpate.cad.dxf_files import read_dxf  # noqa: PLC0415 - ezdxf is an extra
 
         found = read_dxf(path, units, curve_mm, layers)
     elif layers:
         raise InputError(f"{path}: has no layers; those of DXF files can be chosen")
     else:
-        from palpate.cad.svg import read_svg  # noqa: PLC0415 - svgelements is an extra
+        from palpate.cad.svg_files import read_svg  # noqa: PLC0415 - svgelements is an extra
 
         found = read_svg(path, units, curve_mm)
     _check_count(path, len(found.drawings), "parts")
     return found
 
 
-def simpler(path: Path) -> str:
+def simpler_file_advice(path: Path) -> str:
     """What to do about a file that is too large for its limits."""
-    if path.suffix.lower() in _DRAWINGS:
+    if path.suffix.lower() in _DRAWING_SUFFIXES:
         return "draw the part with fewer lines and points, each part in a file of its own"
-    return f"export the part more coarsely, with fewer than {FACETS} facets, each part in a file of its own"
+    return (
+        f"export the part more coarsely, with fewer than {MOST_FACETS} facets, each part in a file of its own"
+    )
 
 
 def _check_count(path: Path, count: int, what: str) -> None:
-    if count > PARTS:
-        raise InputError(f"{path}: has {count} {what}; at most {PARTS} are read: {simpler(path)}")
+    if count > MOST_PARTS:
+        raise InputError(
+            f"{path}: has {count} {what}; at most {MOST_PARTS} are read: {simpler_file_advice(path)}"
+        )
 
 
 def _check(path: Path, units: str | None) -> None:
     if units is not None and units not in UNIT_MM:
         raise InputError(f"units {units}: allowed are {', '.join(UNIT_MM)}")
-    check_file(path, CAD_BYTES, simpler(path))
+    check_file(path, CAD_BYTES, simpler_file_advice(path))

@@ -1,30 +1,32 @@
-"""A solid as it rests on the support plane: its facets' heights and headings, ready to be sliced.
+"""Surface of a solid as it rests on the support plane: facets' heights and headings, slices and silhouette.
 
 Heights are rounded here, once: facets that are level within 1 µm are made level, and those thinner than 1 µm
 are taken to have no normal of their own, because coordinates in files are no better than that. So a height
-means that height within 1 µm.
+means that height within 1 µm. In a slice, vertices at the very height count as above it, which moves the
+plane by nothing and spares all special cases; rings are followed from facet to facet through shared edges, so
+nothing is matched by coordinates. The silhouette is what is seen from the side: for pictures that say which
+side is down.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.cad.values import Solid, StableState
+from palpate.cad.parts import Region, Solid, StableState
 
-__all__ = ["HEIGHT_MM", "ROUNDING", "RestingSurface", "surface_of"]
-
-
-ROUNDING = 2e-7
+ROUNDING_SHARE = 2e-7
 """Of the size, in the coordinates of files in single precision."""
 
-HEIGHT_MM = 1e-3
+SAME_HEIGHT_MM = 1e-3
 """Heights that differ by less are the same; facets thinner than it have no normal."""
 
-_NEARLY_LEVEL = 1 / math.tan(math.radians(10.5))
+_NEARLY_LEVEL_DRIFT = 1 / math.tan(math.radians(10.5))
 """Drift of a facet that is next to a level one on a curve."""
 
 
@@ -74,8 +76,8 @@ class RestingSurface:
         if not self.off_mm:
             return from_mm, to_mm
         steps = self._steps_mm
-        low = steps[steps <= from_mm + HEIGHT_MM].max(initial=0.0)
-        high = steps[steps >= to_mm - HEIGHT_MM].min(initial=np.inf)
+        low = steps[steps <= from_mm + SAME_HEIGHT_MM].max(initial=0.0)
+        high = steps[steps >= to_mm - SAME_HEIGHT_MM].min(initial=np.inf)
         far = 2 * self.off_mm
         return float(min(max(from_mm - far, low), from_mm)), float(max(min(to_mm + far, high), to_mm))
 
@@ -85,7 +87,7 @@ class RestingSurface:
         one, other = self.sides.T
         curved = np.zeros(len(self.level), dtype=bool)
         for facet, beside in ((one, other), (other, one)):
-            curved[facet[self.drift[beside] > _NEARLY_LEVEL]] = True
+            curved[facet[self.drift[beside] > _NEARLY_LEVEL_DRIFT]] = True
         return np.setdiff1d(self.low[self.level], self.low[self.level & curved])
 
     def peaks(self) -> Floats:
@@ -100,13 +102,13 @@ class RestingSurface:
         return np.unique(height[~(above & below)])
 
 
-def surface_of(solid: Solid, state: StableState) -> RestingSurface:
+def resting_surface_of(solid: Solid, state: StableState) -> RestingSurface:
     """Lay a solid as a state says.
 
     Raises InputError if its surface is not closed.
     """
     vertices = solid.vertices_mm @ state.rotation.T + state.offset_mm
-    vertices[:, 2] = _levelled(vertices[:, 2], solid.faces)
+    vertices[:, 2] = _level_heights(vertices[:, 2], solid.faces)
     edges, ends, sides = _edges_of(solid)
     corners = vertices[solid.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -117,7 +119,7 @@ def surface_of(solid: Solid, state: StableState) -> RestingSurface:
     level = low == high
     size = float(np.ptp(vertices, axis=0).max())
     slope = np.abs(normal[:, 2]) / np.maximum(flat, 1e-300)
-    bare = level | (thickness < HEIGHT_MM)
+    bare = level | (thickness < SAME_HEIGHT_MM)
     return RestingSurface(
         vertices,
         solid.faces,
@@ -129,22 +131,22 @@ def surface_of(solid: Solid, state: StableState) -> RestingSurface:
         normal[:, :2] / np.maximum(flat, 1e-300)[:, None],
         bare,
         level,
-        slope * (high - low) <= 2 * ROUNDING * size,
+        slope * (high - low) <= 2 * ROUNDING_SHARE * size,
         np.where(bare, 0.0, slope),
         size,
         solid.off_mm,
     )
 
 
-def _levelled(height: Floats, faces: Ints) -> Floats:
+def _level_heights(height: Floats, faces: Ints) -> Floats:
     """Heights (n,) with the corners of almost level facets at the same ones."""
     of_faces = height[faces]
-    flat = np.ptp(of_faces, axis=1) < HEIGHT_MM
+    flat = np.ptp(of_faces, axis=1) < SAME_HEIGHT_MM
     values, group = np.unique(of_faces[flat], return_inverse=True)
     common = values.copy()
     begin = -np.inf
     for index, value in enumerate(values.tolist()):
-        if value - begin >= HEIGHT_MM:
+        if value - begin >= SAME_HEIGHT_MM:
             begin = value
         common[index] = begin
     result = height.copy()
@@ -166,3 +168,103 @@ def _edges_of(solid: Solid) -> tuple[Ints, Ints, Ints]:
     if 2 * len(keys) != key.size or (sides < 0).any():
         raise InputError(f"{solid.name}: its surface is not closed; repair it in the CAD program")
     return edges, np.stack([keys // count, keys % count], axis=1), sides
+
+
+@dataclass(frozen=True, eq=False)
+class SectionRing:
+    """A closed outline with the solid on its left: edge k runs from point k to the next, along a facet.
+
+    `points` (n, 2) mm; `facet` (n,): the number of the facet that each edge lies on.
+    """
+
+    points: Floats
+    facet: Ints
+
+
+def slice_surface(surface: RestingSurface, height_mm: float) -> list[SectionRing]:
+    """Rings in which the plane at `height_mm` cuts the surface; consecutive points may coincide."""
+    facets = np.flatnonzero((surface.low < height_mm) & (surface.high >= height_mm))
+    if not len(facets):
+        return []
+    above = surface.vertices_mm[surface.faces[facets], 2] >= height_mm
+    after = np.roll(above, -1, axis=1)
+    # Seen from outside, a facet's falling edge is on the left of its rising one.
+    rows = np.arange(len(facets))
+    falling = surface.edges[facets][rows, (above & ~after).argmax(axis=1)]
+    rising = surface.edges[facets][rows, (~above & after).argmax(axis=1)]
+    order = np.argsort(falling)
+    following = order[np.searchsorted(falling[order], rising)].tolist()
+    start = surface.vertices_mm[surface.ends[falling, 0]]
+    leg = surface.vertices_mm[surface.ends[falling, 1]] - start
+    points = start[:, :2] + ((height_mm - start[:, 2]) / leg[:, 2])[:, None] * leg[:, :2]
+    seen = [False] * len(facets)
+    rings = []
+    for first in range(len(facets)):
+        if seen[first]:
+            continue
+        own = []
+        at = first
+        while not seen[at]:
+            seen[at] = True
+            own.append(at)
+            at = following[at]
+        rings.append(SectionRing(points[own], facets[own]))
+    return rings
+
+
+def signed_area(points: Floats) -> float:
+    """Signed area of a ring (n, 2): positive if counter-clockwise."""
+    x, y = (points - points[0]).T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def regions_of(rings: Sequence[Floats]) -> tuple[Region, ...]:
+    """Polygons with holes from disjoint rings (n, 2) with the solid on their left.
+
+    Raises InputError if a ring lies inside of material, or a hole outside of it.
+    """
+    areas = [signed_area(ring) for ring in rings]
+    outers = sorted((k for k in range(len(rings)) if areas[k] > 0), key=lambda k: areas[k])
+    holes = [k for k in range(len(rings)) if areas[k] <= 0]
+    shells = [shapely.Polygon(rings[k]) for k in outers]
+    owned: list[list[Floats]] = [[] for _ in outers]
+    for hole in holes:
+        inside = shapely.Polygon(rings[hole]).representative_point()
+        owner = next(
+            (n for n, k in enumerate(outers) if areas[k] > -areas[hole] and shells[n].contains(inside)), None
+        )
+        if owner is None:
+            raise InputError(f"a hole at ({inside.x:.4g}, {inside.y:.4g}) lies outside of the material")
+        owned[owner].append(rings[hole])
+    return tuple(Region(rings[k], tuple(own)) for k, own in zip(outers, owned, strict=True))
+
+
+_GRID_CELLS = 256
+"""Cells along the largest side: silhouettes are no finer, so that many facets are few different ones."""
+_CHORD_SHARE = 0.005
+"""Share of the size that the outline may be off besides."""
+
+
+def silhouette(solid: Solid, state: StableState) -> tuple[Floats, ...]:
+    """Open rings (n, 2) of (across, z), mm; what is in an odd number of them is part.
+
+    Seen along +y, across is x; along −x where the part is longer in y, across is y.
+    """
+    resting = solid.vertices_mm @ state.rotation.T + state.offset_mm
+    wide, deep = np.ptp(resting[:, :2], axis=0)
+    seen = resting[:, [0, 2]] if wide >= deep else resting[:, [1, 2]]
+    size = float(np.ptp(seen, axis=0).max())
+    cell = size / _GRID_CELLS
+    corners = np.round(seen / cell).astype(np.int64)[solid.faces]
+    first, second, third = (corners[:, k] for k in range(3))
+    across, along = second - first, third - first
+    # Those that face away cover the same as those that are seen.
+    turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
+    some = np.unique(corners[turn > 0].reshape(-1, 6), axis=0).reshape(-1, 3, 2)
+    whole = shapely.union_all(shapely.polygons(some * cell))
+    # Rounded corners leave gaps of a cell between facets.
+    closed = whole.buffer(cell, join_style="mitre").buffer(-cell, join_style="mitre")
+    plain = shapely.simplify(closed, _CHORD_SHARE * size)
+    polygons = [part for part in shapely.get_parts(plain) if part.geom_type == "Polygon"]
+    rings = [ring for part in polygons for ring in (part.exterior, *part.interiors)]
+    return tuple(np.asarray(ring.coords)[:-1] for ring in rings if len(ring.coords) > 3)

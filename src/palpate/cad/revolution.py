@@ -16,39 +16,35 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Ints
-from palpate.cad.as_drawn import volume_mm3
-from palpate.cad.congruence import surfaces_apart_mm
 from palpate.cad.hull import centre_of_mass
-from palpate.cad.resting_surface import surface_of
-from palpate.cad.rotational_symmetry import (
+from palpate.cad.parts import RotationalSymmetry, Solid, StableState
+from palpate.cad.resting_surface import resting_surface_of, slice_surface
+from palpate.cad.solid_symmetries import (
     axis_directions,
     axis_frame,
     far_azimuths,
-    proven_symmetry,
-    turned_onto_itself,
+    prove_symmetry,
+    vertex_permutations,
 )
-from palpate.cad.slicing import slice_surface
-from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.values import RotationalSymmetry, Solid, StableState
-
-__all__ = ["as_revolved"]
+from palpate.cad.stable_states import volume_mm3
+from palpate.cad.surface_congruence import SurfaceDistance, surface_distance_bound_mm
 
 _FEWEST_SIDES = 24
-_FEWEST, _MOST = 48, 320
+_FEWEST_STEPS, _MOST_STEPS = 48, 320
 """Steps of the turn about the axis, and of a ball's profile; multiples of four."""
 _STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.3, 0.3, 0.12
 """Of the distance allowed: for the steps of the turn, and for points of the profile that are left out."""
-_SAME = 1e-5
+_SAME_POINT_SHARE = 1e-5
 """Share of the size: vertices so near to each other in the profile are one, and so near to the axis on it."""
-_MOST_VERTICES, _MOST_POINTS = 8000, 400
+_MOST_VERTICES, _MOST_PROFILE_POINTS = 8000, 400
 """Different ones, and those that a profile keeps; more of them belong to a rough surface."""
-_ROUNDING = 1e-12
+_STEP_ROUNDING_SHARE = 1e-12
 """Share of the size: what equal steps differ by in numbers."""
-_AZIMUTH = 0.7236
+_PROFILE_AZIMUTH_RAD = 0.7236
 """Of the half-plane in which the profile is read, rad; no corner is there, unless by chance."""
 
 
-def as_revolved(solid: Solid, within_mm: float) -> Solid | None:
+def solid_of_revolution(solid: Solid, within_mm: float) -> Solid | None:
     """A solid of revolution in place of one that is nowhere further from it than a distance, or None.
 
     Its `off_mm` counts that distance, too. What is alike all round as it is, but for rounding, keeps its
@@ -64,12 +60,12 @@ def as_revolved(solid: Solid, within_mm: float) -> Solid | None:
         profile = _profile(solid, points, within_mm)
         if profile is None:
             continue
-        turned = turned_onto_itself(points, len(far_azimuths(points)))
+        turned = vertex_permutations(points, len(far_azimuths(points)))
         if turned is not None:
-            return _regular(solid, points, turned, frame, centre) if len(turned) >= _FEWEST_SIDES else None
+            return _regularise(solid, points, turned, frame, centre) if len(turned) >= _FEWEST_SIDES else None
         number = _steps(max(float(ring[:, 0].max()) for ring in profile), within_mm * _STEP_SHARE)
-        made = _turned(solid, profile, frame, centre, number)
-        apart = surfaces_apart_mm(SurfaceDistance(solid), SurfaceDistance(made), within_mm)
+        made = _revolve(solid, profile, frame, centre, number)
+        apart = surface_distance_bound_mm(SurfaceDistance(solid), SurfaceDistance(made), within_mm)
         if apart is not None:
             return replace(made, off_mm=solid.off_mm + apart)
     return None
@@ -85,14 +81,14 @@ def _ball(solid: Solid, within: float) -> Solid | None:
     rows = np.column_stack([2 * points, np.ones(len(points))])
     centre: Floats = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0][:3]
     least, most = _distances(solid, centre)
-    is_round = len(points) >= _FEWEST and most - least <= 2 * within
+    is_round = len(points) >= _FEWEST_STEPS and most - least <= 2 * within
     if not is_round or volume_mm3(solid) < 2 * np.pi / 3 * least**3:  # half a ball: the centre is inside
         return None
     number = _steps(most, within * _BALL_SHARE)
     polar = np.linspace(0.0, np.pi, number // 2 + 1)
     profile = (least + most) / 2 * np.column_stack([np.sin(polar), -np.cos(polar)])
     profile[[0, -1], 0] = 0.0
-    made = _turned(solid, [profile], np.eye(3), centre, number)
+    made = _revolve(solid, [profile], np.eye(3), centre, number)
     inner, outer = _distances(made, centre)
     return replace(made, off_mm=solid.off_mm + max(most - inner, outer - least))
 
@@ -113,7 +109,7 @@ def _centre(solid: Solid, direction: Floats) -> Floats:
     size = float(np.ptp(points, axis=0).max())
     radius = np.hypot(points[:, 0], points[:, 1])
     # Vertices of one circle have a height and, nearly, a distance from the axis in common.
-    _, ring = np.unique(np.round(points[:, 2:] / (_SAME * size)), axis=0, return_inverse=True)
+    _, ring = np.unique(np.round(points[:, 2:] / (_SAME_POINT_SHARE * size)), axis=0, return_inverse=True)
     ring = ring.ravel()
     outer = np.zeros(int(ring.max()) + 1)
     np.maximum.at(outer, ring, radius)
@@ -139,7 +135,7 @@ def _profile(solid: Solid, points: Floats, within: float) -> list[Floats] | None
     `points` (n, 3): the vertices in the axis' frame. They lie on the profile, and are put in order by a cut
     through the solid in a half-plane, which passes them at most `within` away. None if it does not.
     """
-    near = _SAME * float(np.ptp(points, axis=0).max())
+    near = _SAME_POINT_SHARE * float(np.ptp(points, axis=0).max())
     cut = _cut(solid, points)
     flat = np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]])
     flat[flat[:, 0] < near, 0] = 0.0
@@ -153,14 +149,14 @@ def _profile(solid: Solid, points: Floats, within: float) -> list[Floats] | None
     own = [flat[off.argmin(axis=1) == number] for number in range(len(lines))]
     if any(len(ring) < 2 for ring in own):
         return None
-    ordered = [_ordered(*item, near) for item in zip(own, lines, cut, strict=True)]
+    ordered = [_order_points(*item, near) for item in zip(own, lines, cut, strict=True)]
     simple = shapely.simplify(np.array(ordered, dtype=object), _PROFILE_SHARE * within)
     rings = [shapely.get_coordinates(line) for line in simple]
-    few = all(3 <= len(ring) <= _MOST_POINTS for ring in rings)
+    few = all(3 <= len(ring) <= _MOST_PROFILE_POINTS for ring in rings)
     return rings if few and shapely.MultiLineString(rings).is_simple else None
 
 
-def _ordered(own: Floats, line: Any, cut: Floats, near: float) -> Any:
+def _order_points(own: Floats, line: Any, cut: Floats, near: float) -> Any:
     """The line through points (k, 2) in their order along another, which is closed as that is."""
     ring = own[np.argsort(shapely.line_locate_point(line, shapely.points(own)), kind="stable")]
     is_closed = bool((cut[0] == cut[-1]).all())
@@ -179,10 +175,10 @@ def _to_axis(ring: Floats, cut: Floats, near: float) -> Floats:
 def _cut(solid: Solid, points: Floats) -> list[Floats]:
     """The solid cut by a half-plane from its axis: lines (k, 2), those that end on the axis open."""
     size = float(np.ptp(points, axis=0).max())
-    c, s = math.cos(_AZIMUTH), math.sin(_AZIMUTH)
+    c, s = math.cos(_PROFILE_AZIMUTH_RAD), math.sin(_PROFILE_AZIMUTH_RAD)
     seen = np.array([[c, s, 0.0], [0.0, 0.0, 1.0], [s, -c, 0.0]])
     turned = replace(solid, vertices_mm=points)
-    surface = surface_of(turned, StableState("cut", seen, np.zeros(3), 0.0, 0.0, np.zeros((0, 2))))
+    surface = resting_surface_of(turned, StableState("cut", seen, np.zeros(3), 0.0, 0.0, np.zeros((0, 2))))
     regions = [shapely.Polygon(ring.points) for ring in slice_surface(surface, 0.0) if len(ring.points) > 2]
     # Rings do not cross: what is in an odd number of them is solid.
     area = reduce(shapely.symmetric_difference, regions, shapely.Polygon())
@@ -192,7 +188,7 @@ def _cut(solid: Solid, points: Floats) -> list[Floats]:
         if part.geom_type == "Polygon" and not part.is_empty:
             oriented = shapely.geometry.polygon.orient(part)
             for ring in (oriented.exterior, *oriented.interiors):
-                lines += _off_axis(shapely.get_coordinates(ring)[:-1], _SAME * size)
+                lines += _off_axis(shapely.get_coordinates(ring)[:-1], _SAME_POINT_SHARE * size)
     return lines
 
 
@@ -211,10 +207,10 @@ def _off_axis(ring: Floats, near: float) -> list[Floats]:
 def _steps(radius_mm: float, within: float) -> int:
     """Steps of a turn whose chords are as far inside of a circle as corners are outside: no further."""
     half = math.acos(max(1 - 2 * within / max(radius_mm, 2 * within), 0.0))
-    return 4 * math.ceil(min(max(math.pi / max(half, 1e-3), _FEWEST), _MOST) / 4)
+    return 4 * math.ceil(min(max(math.pi / max(half, 1e-3), _FEWEST_STEPS), _MOST_STEPS) / 4)
 
 
-def _regular(solid: Solid, points: Floats, turned: Ints, frame: Floats, centre: Floats) -> Solid:
+def _regularise(solid: Solid, points: Floats, turned: Ints, frame: Floats, centre: Floats) -> Solid:
     """The solid with vertices exactly where turns bring them; `turned` (k, n): their numbers after k turns.
 
     A facet moves by no more than the vertex that moves most.
@@ -226,11 +222,11 @@ def _regular(solid: Solid, points: Floats, turned: Ints, frame: Floats, centre: 
     exact = np.stack([(c * x + s * y).mean(axis=0), (c * y - s * x).mean(axis=0), z.mean(axis=0)], axis=1)
     made = replace(solid, vertices_mm=exact @ frame + centre, axis=frame[2])
     moved = float(np.linalg.norm(exact - points, axis=1).max())
-    symmetry = proven_symmetry(made, frame[2], len(turned))
+    symmetry = prove_symmetry(made, frame[2], len(turned))
     return replace(made, off_mm=solid.off_mm + moved, symmetry=symmetry)
 
 
-def _turned(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
+def _revolve(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
     """The profile turned about the axis in so many steps."""
     scale = 2 / (1 + math.cos(math.pi / number))
     azimuth = 2 * np.pi * np.arange(number) / number
@@ -245,7 +241,7 @@ def _turned(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floa
         vertices.append(points)
     made = np.vstack(vertices) @ frame + centre
     size = float(np.linalg.norm(np.ptp(made, axis=0)))
-    symmetry = RotationalSymmetry(frame[2], number, _ROUNDING * size)
+    symmetry = RotationalSymmetry(frame[2], number, _STEP_ROUNDING_SHARE * size)
     return replace(solid, vertices_mm=made, faces=np.vstack(faces), axis=frame[2], symmetry=symmetry)
 
 

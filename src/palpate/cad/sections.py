@@ -1,9 +1,9 @@
 """Cross sections of a resting solid, adapted in height and proven.
 
 Each stands for a slab of heights by one outline, taken near the slab's middle and simplified.
-`hausdorff_bound` bounds how far every true edge in the slab is from it; outside of a tube of that radius
+`section_bounds` bounds how far every true edge in the slab is from it; outside of a tube of that radius
 round its edges nothing changes over the slab, so every true section's material is within it of the outline's;
-`thin_features` proves the reverse. Where the real surface may be off the facets, facets that are as much
+the reverse is proven there, too. Where the real surface may be off the facets, facets that are as much
 higher or lower count, too: sloping walls are off by more in a section than in space. Slabs end at level faces
 and where upright walls begin or end; in between they are made as high as the proof allows.
 """
@@ -17,39 +17,50 @@ from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints
-from palpate.cad.hausdorff_bound import OutlineEdges, corners_of, distance_bound, facets_of, outline_of
-from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, RestingSurface, surface_of
-from palpate.cad.simplify import simplify_ring
-from palpate.cad.slicing import SectionRing, regions_of, slice_surface
-from palpate.cad.thin_features import material_bound_mm
-from palpate.cad.values import CrossSection, Region, Solid, StableState
+from palpate.cad.outline_simplification import simplify_ring
+from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.cad.resting_surface import (
+    ROUNDING_SHARE,
+    SAME_HEIGHT_MM,
+    RestingSurface,
+    SectionRing,
+    regions_of,
+    resting_surface_of,
+    slice_surface,
+)
+from palpate.cad.section_bounds import (
+    OutlineEdges,
+    corner_pieces,
+    distance_bound,
+    facet_pieces,
+    material_bound_mm,
+    outline_edges,
+)
 
-__all__ = ["sections_of"]
-
-_SHARE = 0.18
+_SIMPLIFY_SHARE = 0.18
 """Of the tolerance, for simplifying outlines between sloping walls; drift over the slab takes the rest."""
-_SHARE_UPRIGHT = 0.9
-_FEW_EDGES = 60
+_SIMPLIFY_SHARE_UPRIGHT = 0.9
+_KEPT_EDGES = 60
 """Outlines with no more are left as they are, but for rounding."""
-_ENOUGH = 0.93
+_ENOUGH_SHARE = 0.93
 """A slab that takes so much of the tolerance is high enough."""
-_AIM = 0.985
-_TRIES = 7
-_MORE = 4.0
+_AIM_SHARE = 0.985
+_MAX_TRIES = 7
+_MAX_GROWTH = 4.0
 """A slab is tried that is at most so many times higher than the one before."""
 _LEAST_SLAB_MM = 1e-3
-_SOONER = (0.5, 0.8, 0.2)
+_SOONER_SHARES = (0.5, 0.8, 0.2)
 """Where in a slab the next one may begin if it cannot at its end."""
-_LEVEL = "a nearly level wall moves too far"
-_THIN_MM, _MOST_THIN = 0.02, 4
+_LEVEL_PROBLEM = "a nearly level wall moves too far"
+_THIN_SLAB_MM, _MOST_THIN_SLABS = 0.02, 4
 """Nobody knows a finger's height better: after so many lower slabs in a row, heights are skipped."""
 _MOST_SKIPPED_MM = 0.32
 """At once, beside a height where sections cannot be given."""
 _LEAST_KNOWN_MM = 0.25
 """Sections between skipped heights are left out too if they cover less."""
-_POINT_MM = 2e-6
+_SAME_POINT_MM = 2e-6
 """Points closer together are one."""
-_LEAST_SHARE = 0.05
+_RING_SHARE = 0.05
 """Of the size of a ring: no ring is simplified by more than this."""
 
 
@@ -74,7 +85,7 @@ def sections_of(
             f"{solid.name}: its surface is off by {solid.off_mm:.3g} mm already; "
             f"give a tolerance greater than that"
         )
-    surface = surface_of(solid, state)
+    surface = resting_surface_of(solid, state)
     found: list[CrossSection] = []
     problem = ""
     for begin, end in _ranges(solid, surface, heights_mm):
@@ -117,7 +128,7 @@ def _ranges(
         return [(0.0, top)]
     merged: list[tuple[float, float]] = []
     for begin, end in sorted((max(0.0, a), min(top, b)) for a, b in heights_mm):
-        if end - begin < HEIGHT_MM:
+        if end - begin < SAME_HEIGHT_MM:
             continue
         if merged and begin <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
@@ -150,33 +161,33 @@ def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> 
     Beside a height that has a problem more and more is skipped, so that a nearly level wall is soon over.
     """
     breaks = _breaks(surface, budget)
-    breaks = breaks[(breaks > begin + HEIGHT_MM) & (breaks < end - HEIGHT_MM)]
+    breaks = breaks[(breaks > begin + SAME_HEIGHT_MM) & (breaks < end - SAME_HEIGHT_MM)]
     peaks = surface.peaks()
     for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
-        at, height, skip, thin, likely = low, high - low, _THIN_MM, 0, 2 * _AIM * budget
+        at, height, skip, thin, likely = low, high - low, _THIN_SLAB_MM, 0, 2 * _AIM_SHARE * budget
         last: _Slab | None = None  # it may yet have to end sooner
         while at < high:
-            height = max(_foreseen(surface, at, at + height, likely), _THIN_MM)
-            to, trial = _highest(surface, at, high, height, peaks, budget)
+            height = max(_foreseen_height(surface, at, at + height, likely), _THIN_SLAB_MM)
+            to, trial = _highest_slab(surface, at, high, height, peaks, budget)
             if trial.problem and last is not None and not last[1].problem:
-                last, (at, to), trial = _begun_lower(surface, last, (to, trial), high, peaks, budget)
-            likely = _likely(surface, at, to, trial, budget)
-            thin = thin + 1 if to - at < _THIN_MM and to < high else 0
-            if trial.problem or thin > _MOST_THIN:
-                trial = replace(trial, problem=trial.problem or _LEVEL)
+                last, (at, to), trial = _begin_lower(surface, last, (to, trial), high, peaks, budget)
+            likely = _likely_drift(surface, at, to, trial, budget)
+            thin = thin + 1 if to - at < _THIN_SLAB_MM and to < high else 0
+            if trial.problem or thin > _MOST_THIN_SLABS:
+                trial = replace(trial, problem=trial.problem or _LEVEL_PROBLEM)
                 to = min(high, at + skip)
                 skip = min(2 * skip, _MOST_SKIPPED_MM)
             elif not thin:
-                skip = _THIN_MM
+                skip = _THIN_SLAB_MM
             if last is not None:
                 yield last
             last = (at, to), trial
-            at, height = to, _MORE * max(to - at, _THIN_MM)
+            at, height = to, _MAX_GROWTH * max(to - at, _THIN_SLAB_MM)
         if last is not None:
             yield last
 
 
-def _begun_lower(
+def _begin_lower(
     surface: RestingSurface,
     last: _Slab,
     here: tuple[float, _Trial],
@@ -190,15 +201,15 @@ def _begun_lower(
     at which none can begin. `here`: end and trial of the one that failed, which comes back if no other does.
     """
     (begin, end), proven = last
-    for share in _SOONER:
+    for share in _SOONER_SHARES:
         at = begin + share * (end - begin)
-        to, trial = _highest(surface, at, high, 2 * (end - at), peaks, budget)
+        to, trial = _highest_slab(surface, at, high, 2 * (end - at), peaks, budget)
         if not trial.problem and to > end + _LEAST_SLAB_MM:
             return ((begin, at), proven), (at, to), trial
     return last, (end, here[0]), here[1]
 
 
-def _foreseen(surface: RestingSurface, at: float, high: float, likely_mm: float) -> float:
+def _foreseen_height(surface: RestingSurface, at: float, high: float, likely_mm: float) -> float:
     """Height of a slab from `at` in which no facet drifts sideways by more, up to `high`: a guess for one."""
     facets = surface.within(at, high)
     begin, drift = np.maximum(surface.low[facets], at), surface.drift[facets]
@@ -206,14 +217,14 @@ def _foreseen(surface: RestingSurface, at: float, high: float, likely_mm: float)
     return float(end[end < surface.high[facets]].min(initial=high)) - at
 
 
-def _likely(surface: RestingSurface, at: float, to: float, trial: _Trial, budget: float) -> float:
+def _likely_drift(surface: RestingSurface, at: float, to: float, trial: _Trial, budget: float) -> float:
     """How far a facet may drift in the next slab, judged by how far an outline was off in this one."""
     facets = surface.within(at, to)
     height = np.minimum(surface.high[facets], to) - np.maximum(surface.low[facets], at)
     drifted = float((surface.drift[facets] * height).max(initial=0.0))
     if not 0 < trial.drift_mm < np.inf:
-        return 2 * _AIM * budget
-    return _AIM * budget * min(max(drifted / trial.drift_mm, 1.0), _MORE)
+        return 2 * _AIM_SHARE * budget
+    return _AIM_SHARE * budget * min(max(drifted / trial.drift_mm, 1.0), _MAX_GROWTH)
 
 
 def _breaks(surface: RestingSurface, budget: float) -> Floats:
@@ -224,12 +235,12 @@ def _breaks(surface: RestingSurface, budget: float) -> Floats:
     sloping = ~surface.level & ~surface.upright
     order = np.argsort(surface.low[sloping])
     low, high = surface.low[sloping][order], np.maximum.accumulate(surface.high[sloping][order])
-    gap = np.flatnonzero(low[1:] > high[:-1] + HEIGHT_MM)
+    gap = np.flatnonzero(low[1:] > high[:-1] + SAME_HEIGHT_MM)
     bounds = np.concatenate([low[:1], high[gap], low[gap + 1], high[-1:]])
     return np.unique(np.concatenate([faces, bounds]))
 
 
-def _highest(
+def _highest_slab(
     surface: RestingSurface, at: float, high: float, height: float, peaks: Floats, budget: float
 ) -> tuple[float, _Trial]:
     """The end of the highest slab from `at` that is found in a few tries, up to `high`.
@@ -244,22 +255,22 @@ def _highest(
         to = high
     tries = 0
     while True:
-        trial = _trial(surface, at, to, budget)
+        trial = _try_outline(surface, at, to, budget)
         tries += 1
         if not trial.problem:
             good = (to, trial)
-            if to == high or trial.drift_mm >= _ENOUGH * budget or tries >= _TRIES:
+            if to == high or trial.drift_mm >= _ENOUGH_SHARE * budget or tries >= _MAX_TRIES:
                 return good
         else:
             bad = to
-        if good is not None and (tries >= _TRIES or bad - good[0] < 0.04 * (good[0] - at)):
+        if good is not None and (tries >= _MAX_TRIES or bad - good[0] < 0.04 * (good[0] - at)):
             return good
         if good is None and bad - at < _LEAST_SLAB_MM:
             return bad, trial
-        to = _next(at, high, good, bad, trial, tries, peaks, budget)
+        to = _next_end(at, high, good, bad, trial, tries, peaks, budget)
 
 
-def _next(
+def _next_end(
     at: float,
     high: float,
     good: tuple[float, _Trial] | None,
@@ -276,9 +287,9 @@ def _next(
     least = at if good is None else good[0]
     tried = bad if trial.problem else least
     if 0 < trial.drift_mm < np.inf:
-        ratio = _AIM * budget / trial.drift_mm
+        ratio = _AIM_SHARE * budget / trial.drift_mm
         power = min(tries, 2) if good is None else 1
-        guess = at + (tried - at) * min(max(ratio**power, 0.1), _MORE)
+        guess = at + (tried - at) * min(max(ratio**power, 0.1), _MAX_GROWTH)
     else:
         between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
         guess = float(between[len(between) // 2]) if len(between) else np.inf
@@ -292,7 +303,7 @@ def _next(
     return (least + bad) / 2 if good is not None else at + (bad - at) / 4
 
 
-def _trial(surface: RestingSurface, low: float, high: float, budget: float) -> _Trial:
+def _try_outline(surface: RestingSurface, low: float, high: float, budget: float) -> _Trial:
     """Try one outline for a slab."""
     facets = surface.within(low, high)
     if not len(facets):
@@ -303,21 +314,21 @@ def _trial(surface: RestingSurface, low: float, high: float, budget: float) -> _
     for share in (0.5, 0.42, 0.61):
         raw = [
             ring
-            for ring in map(_cleaned, slice_surface(surface, low + share * (high - low)))
+            for ring in map(_clean, slice_surface(surface, low + share * (high - low)))
             if len(ring.points)
         ]
-        most = budget * (_SHARE_UPRIGHT if upright else _SHARE)
-        few = sum(len(ring.points) for ring in raw) <= _FEW_EDGES
+        most = budget * (_SIMPLIFY_SHARE_UPRIGHT if upright else _SIMPLIFY_SHARE)
+        few = sum(len(ring.points) for ring in raw) <= _KEPT_EDGES
         # Facets of one plane are not quite that in single precision: their points go in any case.
-        rounding = min(ROUNDING * surface.size_mm, most)
+        rounding = min(ROUNDING_SHARE * surface.size_mm, most)
         for simplify in (rounding, 0.0) if few else (most, rounding, 0.0):
-            trial = _proven(surface, facets, around, raw, simplify, budget)
+            trial = _prove(surface, facets, around, raw, simplify, budget)
             if trial is not None:
                 return trial
     return _Trial((), 0.0, 0.0, "its outline crosses or touches itself")
 
 
-def _proven(
+def _prove(
     surface: RestingSurface,
     facets: Ints,
     slab: tuple[float, float],
@@ -329,19 +340,19 @@ def _proven(
     rings, owners = [], []
     count, stray = 0, 0.0
     for ring in raw:
-        least = min(simplify, _LEAST_SHARE * float(np.ptp(ring.points, axis=0).max()))
+        least = min(simplify, _RING_SHARE * float(np.ptp(ring.points, axis=0).max()))
         own = simplify_ring(ring.points, surface.normal[ring.facet], surface.bare[ring.facet], least)
         if len(own) < 3:
             own = np.arange(len(ring.points))
         place = (np.searchsorted(own, np.arange(len(ring.points)), side="right") - 1) % len(own)
-        stray = max(stray, _stray(ring.points, ring.points[own], place))
+        stray = max(stray, _stray_mm(ring.points, ring.points[own], place))
         rings.append(ring.points[own])
         owners.append(count + place)
         count += len(own)
-    outline = outline_of(rings)
-    off, good = _off(surface, facets, slab, raw, outline, owners, budget)
+    outline = outline_edges(rings)
+    off, good = _outline_bound(surface, facets, slab, raw, outline, owners, budget)
     if not good:
-        return _Trial((), off, off, _LEVEL)
+        return _Trial((), off, off, _LEVEL_PROBLEM)
     if rings and not shapely.MultiLineString([np.vstack([ring, ring[:1]]) for ring in rings]).is_simple:
         return None
     regions = regions_of(rings)
@@ -354,7 +365,7 @@ def _proven(
     return _Trial(regions, reached, off)
 
 
-def _off(
+def _outline_bound(
     surface: RestingSurface,
     facets: Ints,
     slab: tuple[float, float],
@@ -368,7 +379,7 @@ def _off(
     middles = np.concatenate([(ring.points + np.roll(ring.points, -1, axis=0)) / 2 for ring in raw])
     near, owner = cKDTree(middles), np.concatenate(owners)
     most = 0.0
-    for pieces in (facets_of(surface, facets, *slab), corners_of(surface, facets, *slab)):
+    for pieces in (facet_pieces(surface, facets, *slab), corner_pieces(surface, facets, *slab)):
         off, good = distance_bound(pieces, outline, near, owner, budget, budget)
         most = max(most, off)
         if not good:
@@ -376,7 +387,7 @@ def _off(
     return most, True
 
 
-def _stray(points: Floats, chosen: Floats, place: Ints) -> float:
+def _stray_mm(points: Floats, chosen: Floats, place: Ints) -> float:
     """How far points (n, 2) are at most from the chords between `chosen` ones; `place` (n,): whose chord."""
     leg = (np.roll(chosen, -1, axis=0) - chosen)[place]
     away = points - chosen[place]
@@ -384,7 +395,7 @@ def _stray(points: Floats, chosen: Floats, place: Ints) -> float:
     return float(np.hypot(*(away - share[:, None] * leg).T).max())
 
 
-def _cleaned(ring: SectionRing) -> SectionRing:
+def _clean(ring: SectionRing) -> SectionRing:
     """Without points that repeat the one before."""
-    far = np.hypot(*(np.roll(ring.points, -1, axis=0) - ring.points).T) > _POINT_MM
+    far = np.hypot(*(np.roll(ring.points, -1, axis=0) - ring.points).T) > _SAME_POINT_MM
     return SectionRing(ring.points[far], ring.facet[far])

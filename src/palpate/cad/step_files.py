@@ -10,26 +10,23 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
-from palpate.base.files import confined, read_bytes
-from palpate.base.files.limits import CAD_BYTES
-from palpate.base.optional_imports import needed
+from palpate.base.file_io import CAD_BYTES, read_bytes
+from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
-from palpate.cad.scenes import distinct_shapes
-from palpate.cad.surface import rounding
-from palpate.cad.values import Solid
-
-__all__ = ["STEP_SUFFIXES", "read_step"]
+from palpate.cad.mesh_files import distinct_shapes
+from palpate.cad.mesh_topology import vertex_rounding
+from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid
 
 STEP_SUFFIXES = (".step", ".stp")
 
-_TURN_RAD = math.radians(10.0)
+_MAX_CHORD_TURN_RAD = math.radians(10.0)
 """Most that neighbouring chords of a curve turn by."""
-_SHARE = 0.5
+_DEVIATION_SHARE = 0.5
 """OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
 
-_FINER, _FINE_FACETS = 3.0, 12_000
+_FINER_FACTOR, _FINE_FACETS = 3.0, 12_000
 """Curves are cut so many times as finely as they have to be, if that takes few facets: many take long."""
 
 _ADVICE = "allow its curves a larger tolerance, or export it as STL"
@@ -44,25 +41,25 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     or "m") may repeat. Raises InputError for what cannot be read, for units that are not the file's, and for
     what `mesh_checks` refuses.
     """
-    needed("cascadio", "step", "reading STEP files")
+    import_extra("cascadio", "step", "reading STEP files")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if not data.lstrip().startswith(b"ISO-10303-21"):
         raise InputError(f"{path}: is no STEP file: it does not start with ISO-10303-21")
     if not data.rstrip().endswith(b"END-ISO-10303-21;"):
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     _check_units(path, data, units)
-    scene, within_mm = confined(path, _ADVICE, _tessellated, path, curve_mm)
+    scene, within_mm = read_confined(path, _ADVICE, _tessellate, path, curve_mm)
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
-        off = math.nextafter(within_mm + rounding(vertices), math.inf)
+        off = math.nextafter(within_mm + vertex_rounding(vertices), math.inf)
         solids += check_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
     if not solids:
         raise InputError(f"{path}: holds no solid")
     return tuple(solids)
 
 
-def _tessellated(path: Path, curve_mm: float) -> tuple[Any, float]:
+def _tessellate(path: Path, curve_mm: float) -> tuple[Any, float]:
     """What OpenCASCADE makes of a file, as a trimesh scene in metres, and within what its chords are.
 
     What it makes of a damaged one may be a crash, a search without end or more memory than there is.
@@ -70,20 +67,20 @@ def _tessellated(path: Path, curve_mm: float) -> tuple[Any, float]:
     scene = _scene(path, curve_mm)
     if sum(len(mesh.faces) for mesh in scene.geometry.values() if hasattr(mesh, "faces")) > _FINE_FACETS:
         return scene, curve_mm
-    return _scene(path, curve_mm / _FINER), curve_mm / _FINER
+    return _scene(path, curve_mm / _FINER_FACTOR), curve_mm / _FINER_FACTOR
 
 
 def _scene(path: Path, curve_mm: float) -> Any:
-    trimesh = needed("trimesh", "step", "reading STEP files")
-    cascadio = needed("cascadio", "step", "reading STEP files")
+    trimesh = import_extra("trimesh", "step", "reading STEP files")
+    cascadio = import_extra("cascadio", "step", "reading STEP files")
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "tessellated.glb"
         # One thread: the same triangles in the same order, always.
         failed = cascadio.step_to_glb(
             str(path.resolve()),
             str(target),
-            tol_linear=curve_mm * _SHARE,
-            tol_angular=_TURN_RAD,
+            tol_linear=curve_mm * _DEVIATION_SHARE,
+            tol_angular=_MAX_CHORD_TURN_RAD,
             use_parallel=False,
         )
         if failed or not target.is_file():

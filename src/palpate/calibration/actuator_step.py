@@ -1,8 +1,8 @@
 """Calibration step for actuators: homing, direction, backlash, friction, latency, overshoot.
 
 Slides and aims have all of these. Of arms' joints direction and friction are measured, and how tips stop;
-their plays stay as described, for the fit of the fingers to narrow down.
-The table is cleared for homing; presses and stops need a disc. Results are fingers' tables `actuators`.
+their plays stay as described, for the fit of the fingers to narrow down. The table is cleared for homing;
+presses and stops need a disc. Results are fingers' tables `actuators`.
 """
 
 import math
@@ -11,17 +11,21 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from palpate.base.errors import InputError
-from palpate.calibration.backlash import combine_backlash, estimate_backlash
+from palpate.calibration.actuator_estimators import (
+    Homing,
+    StopLatency,
+    StopStalls,
+    combine_backlash,
+    estimate_backlash,
+    estimate_friction,
+    fit_homing,
+    fit_latency,
+)
+from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.finger_model import nominal_models, slide_in_contact, zero_in_file_mm
-from palpate.calibration.fitted_kinematics import FingerModel
-from palpate.calibration.friction import estimate_friction
-from palpate.calibration.homing import Homing, StopStalls, fit_homing
-from palpate.calibration.measurements import PressMeasurement, StopMeasurement
-from palpate.calibration.prober import Prober
+from palpate.calibration.finger_model import FingerModel, nominal_models, slide_in_contact, zero_in_file_mm
+from palpate.calibration.measurements import PressMeasurement, Prober, StopMeasurement
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import LocatedReference, locate_reference, probes_at_bearing
-from palpate.calibration.stop_latency import StopLatency, fit_latency
 from palpate.config import (
     ActuatorsCalibration,
     ArmFingerConfig,
@@ -37,14 +41,14 @@ from palpate.config.calibration_finger import (
     StopsCalibration,
 )
 
-__all__ = ["measure_actuators"]
-
-_STALLS = 2
+_STALLS_PER_STOP = 2
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
-_REPEATS = 2
-_SIGMAS = 3.3  # that a bound is taken for, where nothing but a bound is known
-_WORST = 1.5  # times the longest of a few
-_LAG = 0.5  # samples by which frames, averaged since the last look, are older than the servo's state
+_STOPS_PER_SPEED = 2
+_BOUND_SIGMAS = 3.3  # that a bound is taken for, where nothing but a bound is known
+_SETTLE_MARGIN = 1.5  # times the longest of a few
+_FRAME_LAG_SAMPLES = (
+    0.5  # samples by which frames, averaged since the last look, are older than the servo's state
+)
 
 
 def measure_actuators(
@@ -66,7 +70,7 @@ def measure_actuators(
         frictions = prober.swing()
     for index, spec in enumerate(specs):
         if isinstance(spec, SlideFingerConfig):
-            stalls[spec.name] = _stalled(prober, index, spec, tell)
+            stalls[spec.name] = _stall(prober, index, spec, tell)
     tell("disc in the middle: play, friction and stopping")
     prober.put(disc, (0.0, 0.0))
     models = nominal_models(specs)
@@ -89,7 +93,7 @@ def measure_actuators(
             results.append(_arm_result(spec, own, latency, settle_s))
         else:
             results.append(
-                _result(
+                _slide_result(
                     spec,
                     stalls[spec.name],
                     own,
@@ -102,7 +106,7 @@ def measure_actuators(
     return results
 
 
-def _stalled(
+def _stall(
     prober: Prober, index: int, spec: SlideFingerConfig, tell: Callable[[str], None]
 ) -> StopStalls | None:
     stops = spec.slide.stops_mm
@@ -110,7 +114,7 @@ def _stalled(
         tell(f"{spec.name}: no slide.stops_mm in the rig file, so travel and zero are taken as described")
         return None
     tell(f"{spec.name}: homing against {stops[0]:g} and {stops[1]:g} mm")
-    back, front = (np.array([prober.home(index, stop) for _ in range(_STALLS)]) for stop in stops)
+    back, front = (np.array([prober.home(index, stop) for _ in range(_STALLS_PER_STOP)]) for stop in stops)
     return StopStalls(stops, back, front)
 
 
@@ -139,7 +143,7 @@ def _stops(
     stops: list[StopMeasurement] = []
     for speed in dict.fromkeys((slow, (slow + approach_mm_s) / 2, approach_mm_s)):
         tell(f"stopping from {speed:g} mm/s")
-        for _ in range(_REPEATS):
+        for _ in range(_STOPS_PER_SPEED):
             stops += prober.stop(contacts, speed)
     return stops
 
@@ -152,7 +156,7 @@ def _settle_s(stops: Sequence[StopMeasurement], step_mm: float) -> float:
     slowest = min((stop.speed_mm_s for stop in stops), default=0.0)
     stops = [stop for stop in stops if stop.speed_mm_s == slowest]
     ran_on = [(abs(stop.stood_mm - stop.felt_mm) + step_mm) / stop.speed_mm_s for stop in stops]
-    return _WORST * max(ran_on, default=0.0)
+    return _SETTLE_MARGIN * max(ran_on, default=0.0)
 
 
 def _aim_turns(spec: SlideFingerConfig, found: LocatedReference) -> bool:
@@ -166,7 +170,7 @@ def _aim_turns(spec: SlideFingerConfig, found: LocatedReference) -> bool:
     return len(own) > 1 and float(np.dot(measured - measured.mean(), bearing - bearing.mean())) > 0
 
 
-def _result(
+def _slide_result(
     spec: SlideFingerConfig,
     stalls: StopStalls | None,
     presses: Sequence[PressMeasurement],
@@ -178,7 +182,7 @@ def _result(
 ) -> ActuatorsCalibration:
     per_rad = spec.slide.mm_per_rad
     backlash = combine_backlash(
-        [estimate_backlash(press, press.counts.sum(axis=(1, 2)), _LAG) for press in presses]
+        [estimate_backlash(press, press.counts.sum(axis=(1, 2)), _FRAME_LAG_SAMPLES) for press in presses]
     )
     friction = estimate_friction(presses)
     if stalls is None:
@@ -213,7 +217,7 @@ def _result(
     aim = RotaryCalibration(
         direction_confirmed=aim_turns,
         backlash_deg=half,
-        backlash_sigma_deg=half / _SIGMAS,
+        backlash_sigma_deg=half / _BOUND_SIGMAS,
         friction_a=aim_friction_a,
     )
     return ActuatorsCalibration(slide=slide, aim=aim)
@@ -243,6 +247,6 @@ def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -
     return RotaryCalibration(
         direction_confirmed=bool(moved.any()) and bool((current[moved] > 0).all()),
         backlash_deg=half,
-        backlash_sigma_deg=half / _SIGMAS,
+        backlash_sigma_deg=half / _BOUND_SIGMAS,
         friction_a=max(middle, 0.0),
     )

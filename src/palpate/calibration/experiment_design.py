@@ -1,4 +1,4 @@
-"""Experiment design: which touches say most about where fingers stand.
+"""Experiment design: touches that find a reference, and those that say most about the fingers.
 
 Every touch that could be made has a row of derivatives; the one that shrinks the covariance most is taken,
 again and again (greedy D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would
@@ -11,22 +11,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats
-from palpate.calibration.finger_fit import Fit, ReferencePlacement, Touches, predict_residuals
-from palpate.calibration.fitted_kinematics import FingerModel
-from palpate.calibration.prober import ApproachTable, Probe, ServoPath
+from palpate.calibration.finger_fit import (
+    FingerFit,
+    ReferencePlacement,
+    TouchArrays,
+    fit_fingers,
+    predict_residuals,
+    touch_loads,
+)
+from palpate.calibration.finger_model import FingerModel
+from palpate.calibration.measurements import ApproachTable, Probe, Prober, ServoPath, TouchMeasurement
+from palpate.config import ArmFingerConfig, FingerConfig
 
-__all__ = ["PredictedTouches", "choose_touches", "predict_touches", "probes_towards"]
-
-
-_MOST_OBLIQUE = math.radians(48.0)
+_MAX_OBLIQUE_RAD = math.radians(48.0)
 """Further from head-on a tip may slip, and load its aim sideways."""
-_ROOM_MM = 4.0
+_MIN_ROOM_MM = 4.0
 """A face must go on so far on both sides of a contact."""
-_BEYOND_MM = 12.0
-_SAMPLES = 160
-_HALVINGS = 24
-_TOUCHED_BEFORE_MM = 15.0  # what is at a point is met so far before it, and by as much again
+_OVERTRAVEL_MM = 12.0
+_TRAVEL_SAMPLES = 160
+_BISECTIONS = 24
+_CONTACT_AHEAD_MM = 15.0  # what is at a point is met so far before it, and by as much again
 _DIRECTION_MM = 2.0  # either way: far enough that rows of servo angles do not show
 
 Complexes = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
@@ -51,8 +57,8 @@ class PredictedTouches:
         """Approaches that meet a face well inside of it, not too obliquely."""
         result: Bools = (
             np.isfinite(self.travel_mm)
-            & (np.abs(self.oblique_rad) <= _MOST_OBLIQUE)
-            & (self.room_mm >= _ROOM_MM)
+            & (np.abs(self.oblique_rad) <= _MAX_OBLIQUE_RAD)
+            & (self.room_mm >= _MIN_ROOM_MM)
         )
         return result
 
@@ -60,7 +66,7 @@ class PredictedTouches:
 def predict_touches(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
-    fit: Fit,
+    fit: FingerFit,
     number: int,
     approaches: Sequence[ServoPath],
 ) -> PredictedTouches:
@@ -69,7 +75,7 @@ def predict_touches(
     finger, length = table.finger, table.length_mm
 
     def at(travel_mm: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        touches = Touches(
+        touches = TouchArrays(
             finger,
             np.full(len(finger), number),
             table.servos_at(travel_mm),
@@ -80,19 +86,19 @@ def predict_touches(
         )
         return predict_residuals(models, placings, touches, fit.values, fit.poses)
 
-    shares = np.linspace(0.0, 1.0, _SAMPLES)
+    shares = np.linspace(0.0, 1.0, _TRAVEL_SAMPLES)
     gaps = np.array([at(share * length)[0] for share in shares])
     inside = gaps < 0
     first = inside.argmax(axis=0)
     meets = inside.any(axis=0) & (first > 0)
-    step = length / (_SAMPLES - 1)
+    step = length / (_TRAVEL_SAMPLES - 1)
     near, far = (first - 1) * step, first * step
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (near + far) / 2
         through = at(middle)[0] < 0
         near, far = np.where(through, near, middle), np.where(through, middle, far)
     _, normal, room, rows = at(near)
-    travelled = _moved(table, models, fit.values, near)
+    travelled = _travel_directions(table, models, fit.values, near)
     # The outward normal of what is met head-on points back along the way.
     oblique = np.angle(-(normal[:, 0] + 1j * normal[:, 1]) * travelled.conj())
     return PredictedTouches(np.where(meets, near, np.nan), oblique, room, rows)
@@ -124,7 +130,7 @@ def choose_touches(
             carried = spread @ row
             spread -= np.outer(carried, carried) / (sigma_mm**2 + row @ carried)
             left[best] = False
-            end = min(float(predicted.travel_mm[best]) + _BEYOND_MM, approaches[best].length_mm)
+            end = min(float(predicted.travel_mm[best]) + _OVERTRAVEL_MM, approaches[best].length_mm)
             probe = Probe(best, end)
             grip.append(replace(probe, side=int(np.sign(predicted.oblique_rad[best]))))
         if grip:
@@ -146,9 +152,9 @@ def probes_towards(
     table = ApproachTable(approaches)
     start = _centres(table, models, values, np.zeros(len(approaches)))
     # Over all of its length: that is its direction to a part of what its middle may be off.
-    along = _moved(table, models, values, table.length_mm / 2)
+    along = _travel_directions(table, models, values, table.length_mm / 2)
     rel = (complex(*point_mm) - start) * along.conj()
-    short = np.maximum(rel.real - _TOUCHED_BEFORE_MM - table.length_mm, 0.0)
+    short = np.maximum(rel.real - _CONTACT_AHEAD_MM - table.length_mm, 0.0)
     away = short + np.abs(aside_mm - rel.imag)
     found = []
     for index in range(len(models)):
@@ -173,7 +179,7 @@ def _centres(
     return result
 
 
-def _moved(
+def _travel_directions(
     table: ApproachTable, models: Sequence[FingerModel], values: Floats, travel_mm: Floats
 ) -> Complexes:
     """Directions of travel (n,) there, as unit vectors x + iy."""
@@ -183,3 +189,132 @@ def _moved(
     step = after - before
     result: Complexes = step / np.abs(step)
     return result
+
+
+_SEARCH_OFFSETS_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
+_PRESS_ROOM_MM = 12.0  # half of what is touched, and what the face may be elsewhere
+_OTHER_SIGMA_MM = 0.006  # what is left: force, tares
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedReference:
+    """A reference that was found: the touches that did it, a fit, and what approaches would meet."""
+
+    touched: tuple[TouchMeasurement, ...]
+    fit: FingerFit
+    predicted: PredictedTouches
+
+
+def locate_reference(
+    prober: Prober,
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    known: Sequence[TouchMeasurement],
+    specs: Sequence[FingerConfig],
+    start: FingerFit | None = None,
+) -> LocatedReference:
+    """Touch the last of `placings`, which has been put, from all sides.
+
+    `known`, `start`: touches of the earlier ones, and their fit.
+    Raises InputError if fingers meet nothing where it should be.
+    """
+    number = len(placings) - 1
+    touched: list[TouchMeasurement] = []
+    values = np.array([model.prior for model in models]) if start is None else start.values
+    about = placings[number].about_mm
+    fit = start
+    looks = len(_SEARCH_OFFSETS_MM) if start is None else 1 + placings[number].reference.turns
+    for aside in _SEARCH_OFFSETS_MM[:looks]:
+        grip = probes_towards(about, aside, prober.approaches, models, values)
+        touched += [item for item in prober.touch(grip, number) if item is not None]
+        if not touched:
+            continue
+        touches = touch_arrays([*known, *touched], models, placings, specs)
+        begin = None if start is None else (start.values, start.poses)
+        fit = fit_fingers(models, placings, touches, begin)
+        values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
+    if fit is None or len({item.finger for item in touched}) < min(2, len(models)):
+        reference, (x, y) = placings[number].reference, placings[number].about_mm
+        raise InputError(
+            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
+            "that looked for it met something; put it there and begin this step again"
+        )
+    return LocatedReference(
+        tuple(touched), fit, predict_touches(models, placings, fit, number, prober.approaches)
+    )
+
+
+def probes_at_bearing(
+    found: LocatedReference, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
+) -> list[tuple[Probe, float]]:
+    """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
+
+    A bearing is the direction from the tip's axis to the contact, from the direction of travel. A tip that
+    is pressed touches some millimetres of a face, and where a plate stands is hardly known along its faces:
+    those that may meet a corner are taken only if there are no others.
+    """
+    finger = np.array([item.finger for item in prober.approaches])
+    result = []
+    for index in range(len(models)):
+        own = np.flatnonzero(found.predicted.good & (finger == index))
+        if len(own):
+            room = found.predicted.room_mm[own]
+            own = own[room >= min(_PRESS_ROOM_MM, float(room.max()))]
+            off = np.abs(found.predicted.oblique_rad[own] - bearing_rad)
+            best = int(own[off.argmin()])
+            oblique = float(found.predicted.oblique_rad[best])
+            probe = Probe(best, float(found.predicted.travel_mm[best]), int(np.sign(oblique)))
+            result.append((probe, oblique))
+    return result
+
+
+def touch_arrays(
+    touched: Sequence[TouchMeasurement],
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    specs: Sequence[FingerConfig],
+) -> TouchArrays:
+    """Touches as arrays for the fit, with what each is expected to be off by.
+
+    Where the force may have pushed a joint through its play, it is taken to be halfway. By what the tip has
+    given way sideways its dent seems deeper: half of what the rig file allows is taken for it.
+    """
+    number = {model.name: k for k, model in enumerate(models)}
+    finger = np.array([number[item.finger] for item in touched], dtype=np.int64)
+    force = np.array([item.force_n for item in touched])
+    servos = np.array([item.servos_rad for item in touched]).reshape(-1, 2)
+    ways = np.array([(item.aim_way, item.elbow_way) for item in touched], dtype=np.float64).reshape(-1, 2)
+    loads = touch_loads(touched, specs)
+    rounding, flank = np.empty(len(touched)), np.empty(len(touched))
+    for k, (model, spec) in enumerate(zip(models, specs, strict=True)):
+        own = finger == k
+        values = np.tile(model.prior, (int(own.sum()), 1))
+        angle = model.facing_rad(values, servos[own], ways[own]) + loads.towards_rad[own]
+        towards = np.column_stack([np.cos(angle), np.sin(angle)])
+        rounding[own] = model.rounding_mm(values, servos[own], towards)
+        # Towards the contact a joint's turn brings the tip nearer; the force turns it back, to that flank.
+        nearer = np.einsum("nkx,nx->nk", model.moved_by(values, servos[own]), towards)
+        pushed = np.where(loads.pushes[own], np.sign(nearer), ways[own])
+        unsure = np.abs(pushed - ways[own]) / 2
+        unsure = np.where(ways[own] == 0, 1.0, unsure) if isinstance(spec, ArmFingerConfig) else unsure
+        flank[own] = np.sqrt(((unsure * _plays_rad(spec) * nearer) ** 2).sum(axis=1) / 3)
+        ways[own] = (ways[own] + pushed) / 2
+    stiffness = np.array([spec.tip.stiffness_n_per_mm for spec in specs])[finger]
+    placing = np.array([item.placing for item in touched], dtype=np.int64)
+    shape = np.array([item.reference.tolerance_mm for item in placings])[placing] / math.sqrt(3)
+    return TouchArrays(
+        finger,
+        placing,
+        servos,
+        ways,
+        force / stiffness + loads.give_mm,
+        np.sqrt(rounding**2 + flank**2 + shape**2 + _OTHER_SIGMA_MM**2),
+        np.ones(len(touched), dtype=bool),
+    )
+
+
+def _plays_rad(spec: FingerConfig) -> Floats:
+    """Declared plays (2,) of both joints; that of a slide is in its zero: a touch keeps it on one flank."""
+    if isinstance(spec, ArmFingerConfig):
+        return np.radians([spec.shoulder.backlash_deg, spec.elbow.backlash_deg])
+    return np.radians([spec.aim.backlash_deg, 0.0])

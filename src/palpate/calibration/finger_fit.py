@@ -1,9 +1,14 @@
 """Bundle adjustment of all fingers in one frame, from touches of references at unknown places.
 
-Every touch gives one equation:
-the tip's centre is as far from the reference's surface as the tip's radius less its dent. The estimate is the
-most probable one under the rig file's bounds as wide priors, found by robust least squares (Huber's and
-Cauchy's losses; Triggs et al., Bundle Adjustment, 2000, sections 4 and 9 for outliers and free networks).
+Every touch gives one equation: the tip's centre is as far from the reference's surface as the tip's radius
+less its dent. The estimate is the most probable one under the rig file's bounds as wide priors, found by
+robust least squares (Huber's and Cauchy's losses; Triggs et al., Bundle Adjustment, 2000, sections 4 and 9
+for outliers and free networks).
+
+The force of a touch bends what carries the tip and may push its aim. A contact at the bearing b from the
+direction of travel pushes the tip with N along its normal, sideways with N sin b less what friction takes
+off. It slips at friction times N; where it sticks, a third is left or more, as the skin is softer along the
+surface.
 """
 
 import math
@@ -14,16 +19,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import rotation_matrix
-from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
+from palpate.base.geometry.plane import rotation_matrix, wrap_angle
+from palpate.calibration.finger_model import RADIUS, FingerModel
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import Reference
+from palpate.config import ArmFingerConfig, FingerConfig
 
-__all__ = ["Fit", "ReferencePlacement", "Touches", "fit_fingers", "predict_residuals"]
-
-
-_OUTLIER = 4.5  # standard deviations
-_STARTS = 12  # orientations from which a plate's is looked for
-_ROUNDS = 6
+_OUTLIER_SIGMAS = 4.5  # standard deviations
+_PLATE_STARTS = 12  # orientations from which a plate's is looked for
+_MAX_OUTLIER_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +39,7 @@ class ReferencePlacement:
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class TouchArrays:
     """n touches as arrays: whose, of which placing, servo angles and ways (n, 2), dent (mm) and noise.
 
     `ways`: from which side of their play joints came (`FingerModel`). `sigma_mm` (n,): what a touch's
@@ -50,13 +54,13 @@ class Touches:
     sigma_mm: Floats
     used: Bools
 
-    def with_used(self, used: Bools) -> "Touches":
+    def with_used(self, used: Bools) -> "TouchArrays":
         """The same, with others fitted."""
         return replace(self, used=used)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FingerFit:
     """Values (fingers, k) and poses (placings, 3: x, y, θ) that explain touches best.
 
     `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared.
@@ -81,9 +85,9 @@ class Fit:
 def fit_fingers(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
-    touches: Touches,
+    touches: TouchArrays,
     start: tuple[Floats, Floats] | None = None,
-) -> Fit:
+) -> FingerFit:
     """Fit everything at once; `start`: values and poses to begin with, poses of the first placings at least.
 
     Touches that are more than 4.5 standard deviations off are left out and marked, one placing after the
@@ -95,11 +99,11 @@ def fit_fingers(
     outlier = np.zeros(len(touches.finger), dtype=bool)
     x = problem.packed(values, poses)
     x = problem.solved(x, touches.used, robust=True)
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_OUTLIER_ROUNDS):
         used = touches.used & ~outlier
         x = problem.solved(x, used, robust=False)
         off = np.abs(problem.evaluated(x)[0]) / problem.deviation(x, used)
-        found = touches.used & (off > _OUTLIER)
+        found = touches.used & (off > _OUTLIER_SIGMAS)
         if (found == outlier).all():
             break
         outlier = found
@@ -109,7 +113,7 @@ def fit_fingers(
 def predict_residuals(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
-    touches: Touches,
+    touches: TouchArrays,
     values: Floats,
     poses: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -122,7 +126,7 @@ class _Problem:
     """Residuals of touches and priors, and their derivatives, for one vector of all unknowns."""
 
     def __init__(
-        self, models: Sequence[FingerModel], placings: Sequence[ReferencePlacement], touches: Touches
+        self, models: Sequence[FingerModel], placings: Sequence[ReferencePlacement], touches: TouchArrays
     ) -> None:
         self.placings, self.touches = placings, touches
         self._models = models
@@ -230,7 +234,7 @@ class _Problem:
         result: Floats = self.touches.sigma_mm * factor
         return result
 
-    def result(self, x: Floats, used: Bools, outlier: Bools) -> Fit:
+    def result(self, x: Floats, used: Bools, outlier: Bools) -> FingerFit:
         """What has been found."""
         values, poses = self.split(x)
         slope = self._weighed(x, used)[1]
@@ -240,7 +244,7 @@ class _Problem:
         # Fitted touches less the unknowns that they, not the priors, have determined.
         touched = slope[: int(used.sum())]
         bound = float(np.trace(touched @ covariance @ touched.T))
-        return Fit(
+        return FingerFit(
             values,
             poses,
             covariance,
@@ -259,11 +263,11 @@ def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
     poses = np.zeros((len(problem.placings), 3))
     poses[: len(known)] = known
     for number in range(len(known), len(poses)):
-        poses[number] = _found_pose(problem, values, number)
+        poses[number] = _fit_pose(problem, values, number)
     return poses
 
 
-def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
+def _fit_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     """The pose of one placing that suits its touches best, the fingers being where `values` says."""
     placing, touches = problem.placings[number], problem.touches
     mine = touches.used & (touches.placing == number)
@@ -283,7 +287,7 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
         result: Floats = np.column_stack([-normal, turning]) / sigma[:, None]
         return result
 
-    count = _STARTS if placing.reference.turns else 1
+    count = _PLATE_STARTS if placing.reference.turns else 1
     turns = 2 * math.pi / placing.reference.repeats / count * np.arange(count)
     found = [
         least_squares(
@@ -293,3 +297,73 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     ]
     best: Floats = min(found, key=lambda item: float(item.cost)).x
     return best
+
+
+_MIN_SHEAR_STIFFNESS_SHARE = 2 / 3  # of the skin's stiffnesses along and across a surface, at least
+
+
+@dataclass(frozen=True, eq=False)
+class TouchLoads:
+    """Loads of n touches, all (n,).
+
+    `side`: +1 for a contact to the left of the way, -1 to the right: the tip is pushed to the other side.
+    `give_mm` ± `give_sigma_mm`: how far the tip has given way along the normal; all of a finger's are wrong
+    alike. `sheared_rad` ± `sheared_sigma_rad`: how much nearer to the way the contact was felt than it was.
+    `towards_rad`: direction of the contact, from where the finger faces. `pushes` (n, 2): whether the force
+    may have pushed a joint through its play.
+    """
+
+    side: Floats
+    give_mm: Floats
+    give_sigma_mm: Floats
+    sheared_rad: Floats
+    sheared_sigma_rad: Floats
+    towards_rad: Floats
+    pushes: Bools
+
+
+def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[FingerConfig]) -> TouchLoads:
+    """By the rig file's bounds, taken for uniform distributions; arrays' headings need not be well known."""
+    by_name = {spec.name: spec for spec in specs}
+    own = [by_name[item.finger] for item in touched]
+    towards = np.array(
+        [
+            item.angle_rad + math.radians(spec.array.heading_deg)
+            for item, spec in zip(touched, own, strict=True)
+        ]
+    )
+    bearing = np.array([item.facing_rad for item in touched]) + towards
+    bearing = np.where(np.abs(bearing) > math.pi, wrap_angle(bearing), bearing)
+    force = np.array([item.force_n for item in touched])
+    deflection = np.array([spec.bounds.deflection_mm_per_n for spec in own])
+    friction = np.array([spec.tip.max_friction for spec in own])
+    radius = np.array([spec.tip.radius_mm for spec in own])
+    dent = force / np.array([spec.tip.stiffness_n_per_mm for spec in own])
+    side, sine = np.sign(bearing), np.abs(np.sin(bearing))
+    # A slide gives way across its travel; an arm, whose joints both turn, in any direction.
+    arms = np.array([isinstance(spec, ArmFingerConfig) for spec in own], dtype=bool)
+    give = deflection * force * np.where(arms, 1.0, sine**2)
+    # Compliance from 0 to what is declared, and of the sideways push from the least that friction leaves.
+    tangent = np.tan(np.minimum(np.abs(bearing), 1.5))
+    least = np.maximum(1 - _MIN_SHEAR_STIFFNESS_SHARE, 1 - friction / np.maximum(tangent, 1e-9))
+    least = np.where(arms, 1.0, least)
+    mean = (1 + least) / 4
+    sigma = np.sqrt((1 + least + least**2) / 9 - mean**2)
+    # It slips at friction times the force; skin is sheared no further than the tip has gone along the face.
+    sheared = np.minimum(friction / _MIN_SHEAR_STIFFNESS_SHARE, tangent) * dent / radius
+    return TouchLoads(
+        side=side,
+        give_mm=give * mean,
+        give_sigma_mm=give * sigma,
+        sheared_rad=sheared / 2,
+        sheared_sigma_rad=sheared / math.sqrt(12),
+        towards_rad=towards,
+        pushes=np.array([_may_be_pushed(spec) for spec in own]),
+    )
+
+
+def _may_be_pushed(spec: FingerConfig) -> tuple[bool, bool]:
+    """Which joints a force may push through their play, as the rig file says."""
+    if isinstance(spec, ArmFingerConfig):
+        return spec.shoulder.backlash_holds_n is not None, spec.elbow.backlash_holds_n is not None
+    return spec.aim.backlash_holds_n is not None, False

@@ -1,7 +1,7 @@
 """Calibration step for where fingers stand: references at several places, touched by all fingers.
 
-Each placing begins with touches that find the reference, goes on with those
-that say most, and ends with the first of these again: a reference that has moved meanwhile shows.
+Each placing begins with touches that find the reference, goes on with those that say most, and ends with the
+first of these again: a reference that has moved meanwhile shows.
 """
 
 import math
@@ -11,40 +11,35 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats
-from palpate.calibration.consistency import check_fit, check_still
-from palpate.calibration.experiment_design import choose_touches
+from palpate.calibration.consistency_checks import check_fit, check_still
+from palpate.calibration.experiment_design import choose_touches, locate_reference, touch_arrays
 from palpate.calibration.finger_fit import (
-    Fit,
+    FingerFit,
     ReferencePlacement,
-    Touches,
+    TouchArrays,
     fit_fingers,
     predict_residuals,
+    touch_loads,
 )
-from palpate.calibration.fitted_kinematics import RADIUS, FingerModel
-from palpate.calibration.idle import COVERAGE_SIGMAS
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe, Prober
+from palpate.calibration.finger_model import RADIUS, FingerModel
+from palpate.calibration.idle_statistics import COVERAGE_SIGMAS
+from palpate.calibration.measurements import Probe, Prober, TouchMeasurement
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import locate_reference, touch_arrays
-from palpate.calibration.touch_load import touch_loads
 from palpate.config import FingerConfig
-
-__all__ = ["fit_touches", "hold_out", "plan_placements", "touch_placing"]
-
 
 _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
 )
-_LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to forces repeats itself
-_LATE_MM = 0.005  # a tip creeps 1 mm in a second, and its measured force is a few milliseconds old
-_TYPICAL_MM = 0.012
-_COUNT = 6
-_AWAY = 0.4  # of the workspace's radius: where references lie
+_MIN_VARIANCE_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to forces repeats itself
+_CREEP_BOUND_MM = 0.005  # a tip creeps 1 mm in a second, and its measured force is a few milliseconds old
+_TYPICAL_SIGMA_MM = 0.012
+_GRIPS_PER_PLACING = 6
+_REFERENCE_RADIUS_SHARE = 0.4  # of the workspace's radius: where references lie
 
 
 def plan_placements(disc: Reference, plate: Reference, radius_mm: float) -> list[ReferencePlacement]:
     """Where references are to lie: the disc on three sides of the middle, then the plate between these."""
-    away = min(_AWAY * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
+    away = min(_REFERENCE_RADIUS_SHARE * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
     found = []
     for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):
         for k in range(3):
@@ -75,7 +70,12 @@ def touch_placing(
     found = locate_reference(prober, models, placings, known, specs, start)
     touched = list(found.touched)
     grips = choose_touches(
-        found.predicted, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT
+        found.predicted,
+        prober.approaches,
+        models,
+        found.fit.covariance,
+        _TYPICAL_SIGMA_MM,
+        _GRIPS_PER_PLACING,
     )
 
     def carried_out(grip: Sequence[Probe]) -> list[TouchMeasurement]:
@@ -110,7 +110,7 @@ def fit_touches(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touched: Sequence[TouchMeasurement],
-) -> tuple[Touches, Fit, Fit]:
+) -> tuple[TouchArrays, FingerFit, FingerFit]:
     """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
 
     Once it is known that touches agree, the fit is made again with what they scatter by: servos that come to
@@ -120,7 +120,7 @@ def fit_touches(
     touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches, _begin_of_fit(specs, models, placings, touched))
     check_fit(specs, models, placings, touches, fit)
-    share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
+    share = max(_MIN_VARIANCE_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
     fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))
     slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
@@ -147,7 +147,7 @@ def _begin_of_fit(
     return begin
 
 
-def _with_dents_alike(specs: Sequence[FingerConfig], touches: Touches, fit: Fit) -> Fit:
+def _with_dents_alike(specs: Sequence[FingerConfig], touches: TouchArrays, fit: FingerFit) -> FingerFit:
     """A fit whose radii are as uncertain as what all dents of a finger may be off by alike.
 
     Touches know a radius less a dent only, and one dent is nearly as deep as the other: what is wrong with
@@ -158,11 +158,13 @@ def _with_dents_alike(specs: Sequence[FingerConfig], touches: Touches, fit: Fit)
         dent_mm = float(touches.dent_mm[touches.finger == index].mean())
         soft_mm = dent_mm * spec.tip.stiffness_spread / COVERAGE_SIGMAS
         at = index * fit.values.shape[1] + RADIUS
-        covariance[at, at] += soft_mm**2 + _LATE_MM**2 / 3
+        covariance[at, at] += soft_mm**2 + _CREEP_BOUND_MM**2 / 3
     return replace(fit, covariance=covariance)
 
 
-def _with_give_alike(slopes: Floats, give_sigma_mm: Floats, touches: Touches, fit: Fit) -> Fit:
+def _with_give_alike(
+    slopes: Floats, give_sigma_mm: Floats, touches: TouchArrays, fit: FingerFit
+) -> FingerFit:
     """A fit that is more uncertain by what all touches of a finger may have given way by alike.
 
     `slopes` (n, unknowns): derivatives of residuals. What a shift of a finger's residuals by their deviations

@@ -1,7 +1,10 @@
-"""Frame alignment: a fit's fingers in the hand frame, with their bounds and residuals.
+"""Alignment of a fit's fingers with the hand frame, their bounds and residuals.
 
-The bound on a finger's contacts is a sum of parts, so that it can be read and argued with: what the fit
-leaves open, what touches differ by, encoder steps, the aim's play, what stopping adds (docs/calibration.md).
+Touches of references at unknown places say where fingers stand to one another, not where the rig stands on
+its table (gauge freedom). So W is defined by the rig file: it is the frame in which bases and headings are,
+all in all, nearest to what the file says. The bound on a finger's contacts is a sum of parts, so that it can
+be read and argued with: what the fit leaves open, what touches differ by, encoder steps, the aim's play,
+what stopping adds (docs/calibration.md).
 """
 
 import math
@@ -13,9 +16,8 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from palpate.base.geometry import Bools, Floats
-from palpate.calibration.finger_fit import Fit, Touches
-from palpate.calibration.finger_model import zero_in_file_mm
-from palpate.calibration.fitted_kinematics import (
+from palpate.calibration.finger_fit import FingerFit, TouchArrays, touch_loads
+from palpate.calibration.finger_model import (
     AIM_PLAY,
     BASE,
     ELBOW_PLAY,
@@ -30,17 +32,9 @@ from palpate.calibration.fitted_kinematics import (
     ArmModel,
     FingerModel,
     SlideModel,
+    zero_in_file_mm,
 )
-from palpate.calibration.gauge_freedom import (
-    BasePose,
-    RigidMotion,
-    align_to_nominal,
-    fitted_poses,
-    nominal_poses,
-)
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import ServoPath
-from palpate.calibration.touch_load import touch_loads
+from palpate.calibration.measurements import ServoPath, TouchMeasurement
 from palpate.config import FingerConfig
 from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
@@ -49,33 +43,77 @@ from palpate.config.calibration_finger import (
     ArmPlaceCalibration,
     ContactBounds,
     DirectionParts,
-    Place,
+    FingerPlace,
     PlaceCalibration,
     PositionParts,
     RotaryCalibration,
     SlideCalibration,
     TactileCalibration,
 )
-from palpate.drivers.finger import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD
 
-__all__ = [
-    "ARM_PLACE",
-    "PLACE",
-    "AlignedFit",
-    "align_fit",
-    "bound_contacts",
-    "calibrate_place",
-    "calibrate_plays",
-    "estimate_array_headings",
-    "summarise_residuals",
-]
+HEADING_ARM_MM = 100.0
+"""A heading counts like a point so far from its base; with several fingers it hardly matters."""
 
 
-_STEP = 1e-5
-_DIRECTIONS = 16
-_ALONG = 5
-PLACE = [0, 1, HEADING, RADIUS, ZERO]
-ARM_PLACE = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
+@dataclass(frozen=True)
+class BasePose:
+    """Where a finger stands: its base (mm) and its heading (rad)."""
+
+    base_mm: tuple[float, float]
+    heading_rad: float
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """A turn about the origin, then a shift: point ↦ R(angle) · point + shift."""
+
+    angle_rad: float
+    shift_mm: tuple[float, float]
+
+    def point_mm(self, point: tuple[float, float]) -> tuple[float, float]:
+        """A point in the other frame."""
+        c, s = math.cos(self.angle_rad), math.sin(self.angle_rad)
+        x, y = point
+        return (c * x - s * y + self.shift_mm[0], s * x + c * y + self.shift_mm[1])
+
+    def place(self, place: BasePose) -> BasePose:
+        """A finger's place in the other frame."""
+        return BasePose(self.point_mm(place.base_mm), place.heading_rad + self.angle_rad)
+
+
+def align_to_nominal(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> RigidMotion:
+    """The motion that brings `found` places nearest to `nominal` ones: from any frame to the hand frame.
+
+    Least squares over bases and, as points `HEADING_ARM_MM` away, headings (Horn's closed form in the plane;
+    Umeyama 1991). One finger is enough, because it has a heading. ValueError for none.
+    """
+    if not nominal or len(nominal) != len(found):
+        raise ValueError("a hand frame needs as many places found as described, and at least one")
+    wanted = np.array([complex(*place.base_mm) for place in nominal])
+    given = np.array([complex(*place.base_mm) for place in found])
+    turns = np.array([n.heading_rad - f.heading_rad for n, f in zip(nominal, found, strict=True)])
+    centred = (given - given.mean()).conj() * (wanted - wanted.mean())
+    angle = float(np.angle(centred.sum() + HEADING_ARM_MM**2 * np.exp(1j * turns).sum()))
+    shift = wanted.mean() - np.exp(1j * angle) * given.mean()
+    return RigidMotion(angle, (float(shift.real), float(shift.imag)))
+
+
+def nominal_poses(specs: Sequence[FingerConfig]) -> list[BasePose]:
+    """Where the rig file says that fingers stand."""
+    return [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+
+
+def fitted_poses(values: Floats) -> list[BasePose]:
+    """Where fingers stand by values (fingers, k) of a fit."""
+    return [BasePose((x, y), heading) for x, y, heading in values[:, :3].tolist()]
+
+
+_DIFFERENCE_STEP = 1e-5
+_FACE_DIRECTIONS = 16
+_SAMPLES_PER_APPROACH = 5
+SLIDE_PLACE_VALUES = [0, 1, HEADING, RADIUS, ZERO]
+ARM_PLACE_VALUES = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
 """Values whose covariance a calibration file has, of a slide and of an arm."""
 
 
@@ -94,7 +132,7 @@ class AlignedFit:
         return self.covariance[at, at]
 
 
-def align_fit(specs: Sequence[FingerConfig], fit: Fit) -> AlignedFit:
+def align_fit(specs: Sequence[FingerConfig], fit: FingerFit) -> AlignedFit:
     """Move a fit's fingers into the hand frame.
 
     Where the rig stands, which cannot be known, goes out of the covariance.
@@ -104,16 +142,17 @@ def align_fit(specs: Sequence[FingerConfig], fit: Fit) -> AlignedFit:
     slopes = np.empty((len(flat), len(flat)))
     for k in range(len(flat)):
         step = np.zeros(len(flat))
-        step[k] = _STEP
+        step[k] = _DIFFERENCE_STEP
         slopes[:, k] = (
-            _moved(nominal, len(specs), flat + step)[0] - _moved(nominal, len(specs), flat - step)[0]
-        ) / (2 * _STEP)
-    values, frame = _moved(nominal, len(specs), flat)
+            _align_values(nominal, len(specs), flat + step)[0]
+            - _align_values(nominal, len(specs), flat - step)[0]
+        ) / (2 * _DIFFERENCE_STEP)
+    values, frame = _align_values(nominal, len(specs), flat)
     own = fit.covariance[: len(flat), : len(flat)]
     return AlignedFit(values.reshape(fit.values.shape), slopes @ own @ slopes.T, frame)
 
 
-def _moved(nominal: Sequence[BasePose], fingers: int, flat: Floats) -> tuple[Floats, RigidMotion]:
+def _align_values(nominal: Sequence[BasePose], fingers: int, flat: Floats) -> tuple[Floats, RigidMotion]:
     values = flat.reshape(fingers, -1).copy()
     places = fitted_poses(values)
     frame = align_to_nominal(nominal, places)
@@ -125,10 +164,10 @@ def _moved(nominal: Sequence[BasePose], fingers: int, flat: Floats) -> tuple[Flo
 
 def estimate_array_headings(
     touched: Sequence[TouchMeasurement],
-    touches: Touches,
+    touches: TouchArrays,
     models: Sequence[FingerModel],
     specs: Sequence[FingerConfig],
-    fit: Fit,
+    fit: FingerFit,
 ) -> list[tuple[float, float]]:
     """Where each finger's array looks from where the finger faces, by normals of touches.
 
@@ -151,7 +190,9 @@ def estimate_array_headings(
     return found
 
 
-def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]) -> Place:
+def calibrate_place(
+    model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]
+) -> FingerPlace:
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
     values, covariance = hand.values[index], hand.of(index)
     sigma = np.sqrt(np.diag(covariance))
@@ -174,7 +215,7 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
             fore_sigma_mm=float(sigma[FORE]),
             elbow_zero_deg=math.degrees(values[ELBOW_ZERO]),
             elbow_zero_sigma_deg=math.degrees(sigma[ELBOW_ZERO]),
-            covariance=covariance[np.ix_(ARM_PLACE, ARM_PLACE)].tolist(),
+            covariance=covariance[np.ix_(ARM_PLACE_VALUES, ARM_PLACE_VALUES)].tolist(),
         )
     assert isinstance(model, SlideModel)
     per_rad = model.mm_per_rad * (1 + float(values[SCALE]))
@@ -182,7 +223,7 @@ def calibrate_place(model: FingerModel, hand: AlignedFit, index: int, heading: t
         **stands,
         zero_mm=zero_in_file_mm(float(values[ZERO]), per_rad),
         mm_per_turn=2 * math.pi * per_rad,
-        covariance=covariance[np.ix_(PLACE, PLACE)].tolist(),
+        covariance=covariance[np.ix_(SLIDE_PLACE_VALUES, SLIDE_PLACE_VALUES)].tolist(),
     )
 
 
@@ -245,7 +286,11 @@ def bound_contacts(
     sigmas = float(ndtri((1 + coverage) / 2))
     plane = math.sqrt(float(chdtri(2, 1 - coverage)))
     servos = np.concatenate(
-        [a.servos_at(np.linspace(0.0, a.length_mm, _ALONG)) for a in approaches if a.finger == index]
+        [
+            a.servos_at(np.linspace(0.0, a.length_mm, _SAMPLES_PER_APPROACH))
+            for a in approaches
+            if a.finger == index
+        ]
     )
     values, covariance = hand.values[index], hand.of(index)
     rows = np.tile(values, (len(servos), 1))
@@ -331,7 +376,7 @@ def _fit_mm(model: FingerModel, values: Floats, covariance: Floats, servos_rad: 
 
     What counts is how far off centre and radius together put a surface, in whatever direction it faces.
     """
-    faces = np.arange(_DIRECTIONS) * 2 * math.pi / _DIRECTIONS
+    faces = np.arange(_FACE_DIRECTIONS) * 2 * math.pi / _FACE_DIRECTIONS
     normal = np.column_stack([np.cos(faces), np.sin(faces)])
     slopes = model.slopes(values, servos_rad, np.zeros_like(servos_rad))
     rows = np.einsum("dx,pxk->pdk", normal, slopes)
@@ -341,7 +386,12 @@ def _fit_mm(model: FingerModel, values: Floats, covariance: Floats, servos_rad: 
 
 
 def summarise_residuals(
-    touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: list[str], frame: RigidMotion
+    touches: TouchArrays,
+    fit: FingerFit,
+    without: FingerFit,
+    held_out: Bools,
+    names: list[str],
+    frame: RigidMotion,
 ) -> Residuals:
     """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
     used = ~fit.outlier

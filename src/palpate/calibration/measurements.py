@@ -1,18 +1,27 @@
-"""Measurements of a rig that is being calibrated: touches of references, presses, stops, idle arrays.
+"""Measurements of a rig that is being calibrated, the `Prober` that makes them, and the run record.
 
-A `prober.Prober` makes them; the estimators are pure functions of them. Servo angles count from Goal Position
-2048, the servo next to the base first.
+Touches of references, presses, stops, idle arrays; the estimators are pure functions of them. A prober is a
+rig, real or emulated, without ports or clocks. Servo angles count from Goal Position 2048, the servo next to
+the base first. The record, `palpate/calibration-run@1`, is JSON beside the rig file by which a run can be
+resumed.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+from pydantic import Field
 
 from palpate.base.geometry import Counts, Floats, Ints
+from palpate.calibration.reference import Reference
+from palpate.config.calibration_file import CalibrationDevice
+from palpate.config.calibration_finger import Actuators, TactileCalibration
+from palpate.config.fields import FileModel, Items
 
-__all__ = ["FREE", "IN", "OUT", "IdleMeasurement", "PressMeasurement", "StopMeasurement", "TouchMeasurement"]
-
-
-FREE, IN, OUT = 0, 1, 2
+LEG_FREE, LEG_IN, LEG_OUT = 0, 1, 2
 """Legs of a press: before contact, pressing on, going back."""
 
 
@@ -96,3 +105,149 @@ class StopMeasurement:
     stood_mm: float
     contact_mm: float
     samples_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class ServoPath:
+    """Straight approach of a finger, as its servos carry it out: they stand at `servos_rad` (m, 2) along it.
+
+    The rows are evenly spaced over `length_mm` of travel; between them, servos move evenly. Two are enough
+    for a slide, whose aim stays where it is. `stage_rad`: angle of the turning stage, 0 without one.
+    """
+
+    finger: int
+    servos_rad: Floats
+    length_mm: float
+    stage_rad: float = 0.0
+
+    def servos_at(self, travel_mm: Floats) -> Floats:
+        """Servo angles (n, 2) after travels (n,)."""
+        at = np.linspace(0.0, self.length_mm, len(self.servos_rad))
+        return np.column_stack([np.interp(travel_mm, at, angles) for angles in self.servos_rad.T])
+
+
+class ApproachTable:
+    """All paths of a rig as arrays, to be asked at once."""
+
+    def __init__(self, paths: Sequence[ServoPath]) -> None:
+        self._paths = paths
+        self.finger = np.array([item.finger for item in paths], dtype=np.int64)
+        self.length_mm = np.array([item.length_mm for item in paths])
+        self.stage_rad = np.array([item.stage_rad for item in paths])
+
+    @cached_property
+    def _alike(self) -> list[tuple[Ints, Floats]]:
+        """Paths with as many rows each: their numbers (k,), their servo angles (k, m, 2)."""
+        count = np.array([len(item.servos_rad) for item in self._paths])
+        return [
+            (own, np.stack([self._paths[k].servos_rad for k in own.tolist()]))
+            for own in (np.flatnonzero(count == rows) for rows in np.unique(count))
+        ]
+
+    def servos_at(self, travel_mm: Floats) -> Floats:
+        """Servo angles (n, 2) of each path after its travel (n,); beyond its ends as it goes on there."""
+        result = np.empty((len(self._paths), 2))
+        share = travel_mm / self.length_mm
+        for own, servos in self._alike:
+            last = servos.shape[1] - 1
+            place = share[own] * last
+            row = np.clip(np.floor(place).astype(np.int64), 0, last - 1)
+            part = (place - row)[:, None]
+            k = np.arange(len(own))
+            result[own] = (1 - part) * servos[k, row] + part * servos[k, row + 1]
+        return result
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An approach, by its number, up to `end_mm` of travel.
+
+    `side`: +1 for a contact that will be to the left of the way, -1 to the right, 0 if that is not known. An
+    aim then comes from where its play is taken up as the contact will push it.
+    """
+
+    approach: int
+    end_mm: float
+    side: int = 0
+
+
+class Prober(Protocol):
+    """A rig that can be measured. Every method raises DeviceError or SafetyStop when a device fails."""
+
+    @property
+    def approaches(self) -> Sequence[ServoPath]:
+        """Every free path with the turning stage, if there is one, where it is nearest to 0."""
+        ...
+
+    @property
+    def turned(self) -> "Prober":
+        """The same rig, with paths at all angles of its turning stage, fewer at each.
+
+        A grip is of paths at one angle. Those of a slide whose aim stays where it waits are left out: the
+        side of its play would not be known.
+        """
+        ...
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        """Have a reference put somewhere near a place in W, alone on the table, and kept from moving."""
+        ...
+
+    def clear(self) -> None:
+        """Have the table cleared."""
+        ...
+
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
+        """Touch with several fingers, each once at most; None for what met nothing."""
+        ...
+
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
+        """Press slowly on contacts that are known, with several fingers, and go back.
+
+        `end_mm` of each is how far it had gone when it touched there.
+        """
+        ...
+
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
+        """Run into contacts that are known, at a speed, and stop."""
+        ...
+
+    def swing(self) -> list[float]:
+        """Current (A) that each finger's aim needs to turn freely, in the mean of both ways; 0 for arms."""
+        ...
+
+    def idle(self, seconds: float) -> list[IdleMeasurement]:
+        """Record every array with nothing touching it."""
+        ...
+
+    def home(self, finger: int, stop_mm: float) -> float:
+        """Servo angle at which a slide stalls, gently driven against the hard stop at `stop_mm`."""
+        ...
+
+
+class RunRecord(FileModel):
+    """Results of a calibration so far; steps that are not done are left out."""
+
+    format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
+    steps: Items[str] = Field(description="Steps that were asked for.")
+    geometry_sha256: str = Field(description="Of the rig as described.")
+    references_sha256: str = Field(description="Of the references.")
+    places: Items[tuple[str, float, float]] = Field(description="What is put where: name, x, y (mm).")
+    devices: Items[CalibrationDevice] = Field(description="Every device that takes part.")
+    actuators: Items[Actuators] | None = Field(default=None, description="By finger.")
+    tactile: Items[TactileCalibration] | None = Field(default=None, description="By finger.")
+    touched: Items[Items[TouchMeasurement]] = Field(
+        default=[], description="Touches of every placing that is done."
+    )
+    stage: Items[TouchMeasurement] | None = Field(
+        default=None, description="Touches of the disc at several angles of the turning stage."
+    )
+
+    def is_for(self, other: "RunRecord") -> bool:
+        """Whether this is about the same rig, references, devices and steps as another one."""
+        return (
+            self.steps == other.steps
+            and self.geometry_sha256 == other.geometry_sha256
+            and self.references_sha256 == other.references_sha256
+            and self.places == other.places
+            and self.devices == other.devices
+        )

@@ -1,7 +1,7 @@
 """Data reduction of presses: the way in of each as a few levels whose samples are averaged.
 
-A level is a stretch of the travel. Averages over it take out noise, encoder steps and most of
-the steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.
+A level is a stretch of the travel. Averages over it take out noise, encoder steps and most of the steps of
+Present Current, and the fit has a dozen numbers of each column in place of hundreds.
 """
 
 import math
@@ -12,15 +12,13 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.calibration.measurements import FREE, IN, PressMeasurement
-
-__all__ = ["LEVELS", "PressAtBearing", "PressLevels", "average_levels", "informative_presses"]
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, PressMeasurement
 
 LEVELS = 16
 
-_WINDOW = 5  # samples within which a finger that moves must have got on by an encoder step
-_FEWEST = 8  # samples of a leg
-_FELT_SIGMAS = 8.0  # sum over the array that is a contact for sure
+_MOTION_WINDOW_SAMPLES = 5  # samples within which a finger that moves must have got on by an encoder step
+_MIN_SAMPLES = 8  # samples of a leg
+_CONTACT_SIGMAS = 8.0  # sum over the array that is a contact for sure
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,29 +90,29 @@ def informative_presses(
 
     A reference whose place is known by a few touches is met a little elsewhere than predicted now and then.
     """
-    found = [item for item in presses if _enough(*_parts(item.press, live, full, noise))]
+    found = [item for item in presses if _has_enough(*_parts(item.press, live, full, noise))]
     return found if 2 * len(found) >= len(presses) else list(presses)
 
 
 def _parts(press: PressMeasurement, live: Bools, full: Floats, noise: float) -> tuple[Bools, Bools]:
     """Samples (n,) of a finger that moves: those of its free way, and those that count as pressing."""
     total = press.counts[:, live].sum(axis=1)
-    in_contact = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
+    in_contact = total > _CONTACT_SIGMAS * noise * np.sqrt(live.sum())
     within = ~((press.counts >= full) & live).any(axis=(1, 2))
-    return _moving(press, FREE), _moving(press, IN) & in_contact & within
+    return _moving(press, LEG_FREE), _moving(press, LEG_IN) & in_contact & within
 
 
-def _enough(free: Bools, chosen: Bools) -> bool:
-    return bool(free.sum() >= _FEWEST and chosen.sum() >= _FEWEST)
+def _has_enough(free: Bools, chosen: Bools) -> bool:
+    return bool(free.sum() >= _MIN_SAMPLES and chosen.sum() >= _MIN_SAMPLES)
 
 
 def _levels(pressed: PressAtBearing, live: Bools, full: Floats, noise: float) -> PressLevels:
     press, place = pressed.press, pressed.approach_mm()
     free, chosen = _parts(press, live, full, noise)
-    if not _enough(free, chosen):
+    if not _has_enough(free, chosen):
         raise InputError(
             f"finger {press.finger}, placing {press.placing}: a press has too few samples of a finger "
-            f"that moves ({free.sum()} free, {chosen.sum()} in contact; {_FEWEST} are needed); begin it "
+            f"that moves ({free.sum()} free, {chosen.sum()} in contact; {_MIN_SAMPLES} are needed); begin it "
             "further away, press harder or more slowly"
         )
     place, counts = place[chosen], press.counts[chosen]
@@ -153,9 +151,9 @@ def _moving(press: PressMeasurement, leg: int) -> Bools:
     """Samples (n,) of a leg in which the finger moves on, by the steps round each of them."""
     there = np.flatnonzero(press.leg == leg)
     result = np.zeros(len(press.leg), dtype=bool)
-    if len(there) < _FEWEST:
+    if len(there) < _MIN_SAMPLES:
         return result
-    window = min(_WINDOW, len(there) // 4)
+    window = min(_MOTION_WINDOW_SAMPLES, len(there) // 4)
     place = press.travel_mm[there]
     padded = np.pad(place, window, mode="reflect", reflect_type="odd")
     moved = padded[2 * window :] - padded[: -2 * window]

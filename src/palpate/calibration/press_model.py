@@ -1,15 +1,17 @@
 """Forward model of presses, what columns and the servos' currents must read, and the fit of its unknowns.
 
-Travel past first contact gives the dent, the dent and the bearing give the columns' shares
-(`pressure_distribution`), stiffness gives forces, gains give counts. Presses at different bearings move one
-patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
-knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+The skin is an elastic foundation (Johnson, Contact Mechanics, ch. 4.3) that yields along the radius:
+pressure in a direction grows with how far the reference reaches into the undeformed circle there. Travel
+past first contact gives the dent, the dent and the bearing give the columns' shares, stiffness gives forces,
+gains give counts. Presses at different bearings move one patch over the columns, and each patch grows with
+its dent: both tell where the array's middle looks without knowing gains, so that a slope of gains is not
+taken for it. Currents tell newtons.
 
-An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
-and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An arm
-gives way in any direction, by how much depends on its posture: a share of the dent that each press has for
-itself, and one that all have in common, which looks like a softer skin. How much all that is remains open as
-far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
+An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the
+way, and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. An
+arm gives way in any direction, by how much depends on its posture: a share of the dent that each press has
+for itself, and one that all have in common, which looks like a softer skin. How much all that is remains
+open as far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
 
 Errors of one level are not independent: where the travel is off, all columns and the current are off
 together. What travels scatter by is estimated from the residuals, and each level is decorrelated by it
@@ -25,27 +27,108 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
-from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
 from palpate.config import ArmFingerConfig, FingerConfig
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile import Description
 
-__all__ = ["PressFit", "fit_presses"]
+_COLUMN_NODES, _PATCH_NODES = 4, 12  # nodes of Gauss's rule: pressure is smooth where there is any
+
+
+@dataclass(frozen=True, eq=False)
+class PressureDistribution:
+    """Force of n contacts by columns.
+
+    `share` (n, cols) of all force that the skin bears; less than 1 in sum if some of it is beside the
+    array. `lean` (n,): what the tip as a whole is pushed with, as a part of the sum of what its skin
+    bears; the skin's forces point to the axis, so that they partly cancel.
+    """
+
+    share: Floats
+    lean: Floats
+
+
+def distribute_pressure(
+    columns_rad: Floats,
+    pitch_rad: float,
+    towards_rad: Floats,
+    dent: Floats,
+    curvature: Floats,
+) -> PressureDistribution:
+    """How contacts spread over columns at `columns_rad` (cols,), each `pitch_rad` wide.
+
+    `towards_rad` (n,): direction from the axis to the contact, as the columns'. In tip radii: `dent`
+    (n,) is the deepest dent, in 0 … 1 (both excluded); `curvature` (n,) is tip radius over the
+    reference's, 0 for a flat face.
+    """
+    half = _half_width(dent, curvature)
+    whole = _quadrature(-half, half, dent, curvature, _PATCH_NODES)
+    middle = wrap_angle(columns_rad - towards_rad[:, None])
+    low = np.clip(middle - pitch_rad / 2, -half[:, None], half[:, None])
+    high = np.clip(middle + pitch_rad / 2, -half[:, None], half[:, None])
+    by_column = _quadrature(low, high, dent[:, None], curvature[:, None], _COLUMN_NODES)[0]
+    return PressureDistribution(by_column / whole[0][:, None], whole[1] / whole[0])
+
+
+def dent_and_bearing(
+    travel_mm: Floats, bearing_rad: Floats, radius_mm: float, curvature_per_mm: Floats
+) -> tuple[Floats, Floats]:
+    """Deepest dent (mm) and bearing (rad) after a travel past first contact, all (n,).
+
+    `bearing_rad`: direction to the contact from the direction of travel, when the tip just touches.
+    Against a disc the tip slides round it on the way: a triangle of the two centres. Dents before
+    contact are negative.
+    """
+    per_mm = curvature_per_mm / (1 + curvature_per_mm * radius_mm)  # 1 / distance of the centres
+    ahead, aside = travel_mm * np.cos(bearing_rad), travel_mm * np.sin(bearing_rad)
+    nearer = np.sqrt((1 - per_mm * ahead) ** 2 + (per_mm * aside) ** 2)
+    dent: Floats = (2 * ahead - per_mm * travel_mm**2) / (1 + nearer)
+    turned: Floats = bearing_rad + np.arctan2(per_mm * aside, 1 - per_mm * ahead)
+    return dent, turned
+
+
+def _half_width(dent: Floats, curvature: Floats) -> Floats:
+    """Angle from a patch's middle to its end, rad: where the reference crosses the undeformed circle."""
+    left = 1 - dent
+    cosine = (curvature * (1 + left**2) + 2 * left) / (2 * (curvature * left + 1))
+    result: Floats = np.arccos(np.clip(cosine, -1.0, 1.0))
+    return result
+
+
+def _dent(angle: Floats, dent: Floats, curvature: Floats) -> Floats:
+    """Dent in tip radii at `angle` from a patch's middle."""
+    left = 1 - dent
+    centre = curvature * left + 1  # distance to the disc's centre in its radii
+    root = np.sqrt(np.maximum(1 - (centre * np.sin(angle)) ** 2, 0.0))
+    result: Floats = 1 - (curvature * left**2 + 2 * left) / (centre * np.cos(angle) + root)
+    return result
+
+
+def _quadrature(
+    low: Floats, high: Floats, dent: Floats, curvature: Floats, nodes: int
+) -> tuple[Floats, Floats]:
+    """Integrals over angles `low` … `high` of the dent, and of its part along the patch's middle."""
+    place, weight = np.polynomial.legendre.leggauss(nodes)
+    half = (high - low)[..., None] / 2
+    angle = (high + low)[..., None] / 2 + half * place
+    depth = _dent(angle, dent[..., None], curvature[..., None]) * weight * half
+    return depth.sum(axis=-1), (depth * np.cos(angle)).sum(axis=-1)
+
 
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
-_WEAK = 0.2  # of a press's strongest level: levels below count as that one
-_STEP = 1e-5  # of differences in place of derivatives
-_LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
+_MIN_LEVEL_SHARE = 0.2  # of a press's strongest level: levels below count as that one
+_DIFFERENCE_STEP = 1e-5  # of differences in place of derivatives
+_MIN_DENT_RADII, _MAX_DENT_RADII = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
 _HEADING_BOUND_DEG = 5.0  # where the rig file gives none
 _STRETCH_SIGMA = 0.005  # of a press's travel: joints and links that are not as described, the skin's evenness
-_LIT = 0.1  # of the strongest column of a press: what a weaker one is off by says little
+_MIN_LIT_SHARE = 0.1  # of the strongest column of a press: what a weaker one is off by says little
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
-_SHEAR_SHARE = 0.7  # of the skin's stiffness along a surface to that across it, as of rubber
-_SURE = 1e-5  # deviation of what the rig file rules out
-_SHARED = 6  # unknowns of the finger as a whole, of which these are the places
-_PHASE, _FIRM, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS = range(_SHARED)
+_SHEAR_STIFFNESS_SHARE = 0.7  # of the skin's stiffness along a surface to that across it, as of rubber
+_CERTAIN_SIGMA = 1e-5  # deviation of what the rig file rules out
+_SHARED_UNKNOWNS = 6  # unknowns of the finger as a whole, of which these are the places
+_PHASE, _STIFFNESS, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS = range(_SHARED_UNKNOWNS)
 _NUMERIC = (_PHASE, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS)  # whose derivatives are differences
 
 
@@ -98,18 +181,18 @@ def fit_presses(
     x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
     model = model.decorrelated(x)
     x = least_squares(model.residuals, x, model.jacobian, method="lm").x
-    square = _squared(model.jacobian(x))
+    square = _gram_matrix(model.jacobian(x))
     squares, lit = model.misfits(x)
     sigma = np.sqrt(max(1.0, model.misfit(x)) * np.diag(np.linalg.inv(square)))
     gains, touch, bearing, _, _ = model.parts(x)
     counts = model.counts(x)
     return PressFit(
         gain=np.exp(gains),
-        gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
+        gain_log_sigma=sigma[_SHARED_UNKNOWNS : _SHARED_UNKNOWNS + len(gains)],
         phase_rad=float(x[_PHASE]),
         phase_sigma_rad=float(sigma[_PHASE]),
-        stiffness_n_per_mm=math.exp(x[_FIRM]),
-        stiffness_log_sigma=float(sigma[_FIRM]),
+        stiffness_n_per_mm=math.exp(x[_STIFFNESS]),
+        stiffness_log_sigma=float(sigma[_STIFFNESS]),
         crosstalk=float(x[_CROSSTALK]),
         crosstalk_sigma=float(sigma[_CROSSTALK]),
         friction=float(x[_FRICTION]),
@@ -124,7 +207,7 @@ def fit_presses(
     )
 
 
-def _squared(slopes: Floats) -> Floats:
+def _gram_matrix(slopes: Floats) -> Floats:
     """The transposed times itself, without BLAS: its threads cost more than they save here."""
     result: Floats = np.einsum("ki,kj->ij", slopes, slopes)
     return result
@@ -158,7 +241,9 @@ class _Model:
         self._is_arm = isinstance(spec, ArmFingerConfig)
         own = self._softness / math.sqrt(3) if self._is_arm else 0.0
         self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own)
-        self._load_sigma = np.maximum(np.array([self._friction, self._softness]) / math.sqrt(3), _SURE)
+        self._load_sigma = np.maximum(
+            np.array([self._friction, self._softness]) / math.sqrt(3), _CERTAIN_SIGMA
+        )
         self._gain_sigma = spec.array.gain_spread / math.sqrt(3)
         self._bearing = np.array([p.bearing_rad for p in presses])
         self._bearing_sigma = np.array([p.bearing_sigma_rad for p in presses])
@@ -172,7 +257,7 @@ class _Model:
         most = np.zeros(self._presses)
         np.maximum.at(most, levels.press, strongest)
         # Shallow dents are known to a part of an encoder step only.
-        self.strongest = np.maximum(strongest, _WEAK * most[levels.press])[:, None]
+        self.strongest = np.maximum(strongest, _MIN_LEVEL_SHARE * most[levels.press])[:, None]
         noise = noise_counts**2 / (levels.samples[:, None] * np.maximum(rows_used, 1))
         # One over the standard deviation of counts, (m, cols); 0 where a column is not looked at.
         sigma = np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2)
@@ -207,14 +292,14 @@ class _Model:
 
     def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """Logarithms of gains, travels and bearings at first contact, frictions, stretches."""
-        gains, rest = x[_SHARED : _SHARED + self._cols], x[_SHARED + self._cols :]
+        gains, rest = x[_SHARED_UNKNOWNS : _SHARED_UNKNOWNS + self._cols], x[_SHARED_UNKNOWNS + self._cols :]
         touch, bearing, friction, stretch = rest.reshape(4, self._presses)
         return gains, touch, bearing, friction, stretch
 
     def counts(self, x: Floats) -> Floats:
         """What columns should read, (m, cols)."""
         gains, touch, bearing, _, stretch = self.parts(x)
-        load, _ = self._forces(x[:_SHARED], touch, bearing, stretch)
+        load, _ = self._forces(x[:_SHARED_UNKNOWNS], touch, bearing, stretch)
         result: Floats = load * np.exp(gains) * self._counts_per_n
         return result
 
@@ -226,7 +311,7 @@ class _Model:
         """
         m, cols = len(self._levels.press), self._cols
         slopes = self.jacobian(x)[: m * (cols + 1)]
-        at_touch = _SHARED + cols + self._levels.press
+        at_touch = _SHARED_UNKNOWNS + cols + self._levels.press
         along = np.column_stack(
             [
                 slopes[: m * cols].reshape(m, cols, -1)[np.arange(m), :, at_touch],
@@ -251,7 +336,7 @@ class _Model:
         summed, most = np.zeros(shape), np.zeros(shape)
         np.add.at(summed, press, self._by_level(self.residuals(x))[:, :-1])
         np.maximum.at(most, press, np.where(self._rows_used > 0, self.counts(x), 0.0))
-        lit = most > _LIT * most.max(axis=1, keepdims=True)
+        lit = most > _MIN_LIT_SHARE * most.max(axis=1, keepdims=True)
         levels = np.bincount(press, minlength=self._presses)[:, None]
         return np.where(lit, summed**2 / levels, 0.0), lit
 
@@ -286,7 +371,7 @@ class _Model:
     def residuals(self, x: Floats) -> Floats:
         """What is off, in standard deviations: counts (m · cols), pushes (m), what is likely."""
         gains, touch, bearing, friction, stretch = self.parts(x)
-        load, push = self._forces(x[:_SHARED], touch, bearing, stretch)
+        load, push = self._forces(x[:_SHARED_UNKNOWNS], touch, bearing, stretch)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
         off_n = friction[self._levels.press] + push - self._levels.push_n
         counts, pushes = self._apart(counts, off_n / self._push_sigma)
@@ -306,7 +391,7 @@ class _Model:
         m, cols, n = len(self._levels.press), self._cols, self._presses
         result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 3 * n, len(x)))
         gains, touch, bearing, _, stretch = self.parts(x)
-        shared = x[:_SHARED]
+        shared = x[:_SHARED_UNKNOWNS]
         load, push = self._forces(shared, touch, bearing, stretch)
         to_counts = np.exp(gains) * self._counts_per_n * self._weight
         to_push = 1 / self._push_sigma
@@ -316,30 +401,30 @@ class _Model:
 
         def moved(shared: Floats, touch: Floats, bearing: Floats, stretch: Floats) -> tuple[Floats, Floats]:
             there = self._forces(shared, touch, bearing, stretch)
-            return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
+            return scaled((there[0] - load) / _DIFFERENCE_STEP, (there[1] - push) / _DIFFERENCE_STEP)
 
         counts, current = scaled(load, push)
         read = result[: m * cols].reshape(m, cols, -1)
         pushed = result[m * cols : m * (cols + 1)]
-        read[..., _FIRM], pushed[:, _FIRM] = counts, current
+        read[..., _STIFFNESS], pushed[:, _STIFFNESS] = counts, current
         for place in _NUMERIC:
-            step = np.zeros(_SHARED)
-            step[place] = _STEP
+            step = np.zeros(_SHARED_UNKNOWNS)
+            step[place] = _DIFFERENCE_STEP
             read[..., place], pushed[:, place] = moved(shared + step, touch, bearing, stretch)
         every = np.arange(cols)
-        read[:, every, _SHARED + every] = counts
+        read[:, every, _SHARED_UNKNOWNS + every] = counts
         level, press = np.arange(m), self._levels.press
-        at_touch = _SHARED + cols + press
+        at_touch = _SHARED_UNKNOWNS + cols + press
         for k, there in (
-            (0, (touch + _STEP, bearing, stretch)),
-            (1, (touch, bearing + _STEP, stretch)),
-            (3, (touch, bearing, stretch + _STEP)),
+            (0, (touch + _DIFFERENCE_STEP, bearing, stretch)),
+            (1, (touch, bearing + _DIFFERENCE_STEP, stretch)),
+            (3, (touch, bearing, stretch + _DIFFERENCE_STEP)),
         ):
             read[level, :, at_touch + k * n], pushed[level, at_touch + k * n] = moved(shared, *there)
         pushed[level, at_touch + 2 * n] = to_push
         read[:], pushed[:] = self._apart(read, pushed)
         likely = result[m * (cols + 1) :]
-        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-3 * n, 0)])
+        places = np.concatenate([_NUMERIC, _SHARED_UNKNOWNS + every, np.arange(-3 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
             [
                 [1 / self._phase_sigma, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
@@ -372,11 +457,11 @@ class _Model:
         sine, cosine = np.abs(np.sin(turned)), np.cos(turned)
         # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
         slid = np.abs(np.tan((turned + bearing[press]) / 2))
-        along = np.minimum(_SHEAR_SHARE * slid, shared[_FRICTION])
+        along = np.minimum(_SHEAR_STIFFNESS_SHARE * slid, shared[_FRICTION])
         aside = 1.0 if self._is_arm else sine * (sine - along * cosine)
         dent = free / (1 + shared[_SOFTNESS] * aside)
-        felt = turned - np.sign(turned) * along * dent / (_SHEAR_SHARE * radius)
-        depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _LEAST_DENT, _MOST_DENT)
+        felt = turned - np.sign(turned) * along * dent / (_SHEAR_STIFFNESS_SHARE * radius)
+        depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _MIN_DENT_RADII, _MAX_DENT_RADII)
         pressed = distribute_pressure(
             self._columns_rad,
             float(self._columns_rad[1] - self._columns_rad[0]),
@@ -384,6 +469,6 @@ class _Model:
             depth,
             self._curvature * radius,
         )
-        force = math.exp(shared[_FIRM]) * np.maximum(dent, 0.0)
+        force = math.exp(shared[_STIFFNESS]) * np.maximum(dent, 0.0)
         share = pressed.share + shared[_CROSSTALK] * (pressed.share @ self._exchange)
         return force[:, None] * share, force * pressed.lean * (cosine + along * sine)

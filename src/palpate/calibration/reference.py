@@ -1,7 +1,7 @@
 """Reference artefacts: things of known shape that fingers touch to be calibrated, a disc and a convex plate.
 
 Each has a `name`, the `radius_mm` of the smallest circle round its origin that holds it, `tolerance_mm` by
-which its surface may be elsewhere, `turns`, whether its orientation can be felt, and `repeats`, how many
+which its surface may be elsewhere, `turns`, whether its orientation can be measured, and `repeats`, how many
 orientations look the same. Its frame has its origin at the centre; mm.
 """
 
@@ -13,8 +13,6 @@ import shapely
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
-
-__all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,17 @@
-"""Fit of the turning stage: its axis and its play, by touches of a disc that stands still as fingers turn.
+"""Fit of the turning stage: its axis and its play, by touches of a disc that stands still.
+
+The fingers are those of a calibration, with what they may be off by.
 
 In the frame of the ring that carries the fingers the disc turns back about the axis: at a stage angle φ its
-centre is at c + R(−φ) (d − c). Generalised least squares: what is wrong with the fingers' places, an angle or
-the disc is alike in many touches, and counts as their common error (Schmidt's consider covariance).
+centre is at c + R(−φ) (d − c). Generalised least squares: what is wrong with the fingers' places, as their
+calibration knows them, with an angle or the disc is alike in many touches, and counts as their common error
+(Schmidt's consider covariance).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from scipy.special import chdtri
@@ -15,33 +19,93 @@ from scipy.special import chdtri
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate
-from palpate.calibration.finger_fit import ReferencePlacement, Touches, predict_residuals
-from palpate.calibration.fitted_kinematics import FingerModel
-from palpate.calibration.known_fingers import KnownFingers
+from palpate.calibration.experiment_design import touch_arrays
+from palpate.calibration.finger_fit import ReferencePlacement, TouchArrays, predict_residuals, touch_loads
+from palpate.calibration.finger_model import (
+    AIM_PLAY,
+    ELBOW_PLAY,
+    SCALE,
+    SHOULDER_PLAY,
+    ArmModel,
+    FingerModel,
+    certain_models,
+)
+from palpate.calibration.frame_alignment import ARM_PLACE_VALUES, SLIDE_PLACE_VALUES
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.reference_search import touch_arrays
-from palpate.calibration.touch_load import touch_loads
 from palpate.config import FingerConfig, StageConfig
-from palpate.drivers.finger import TICK_RAD
+from palpate.config.calibration_finger import ActuatorsCalibration, ArmActuatorsCalibration, FingerCalibration
+from palpate.drivers.kinematics import TICK_RAD
 
-__all__ = ["CENTRE", "DISC", "PLAY", "StageFit", "StageTouches", "fit_stage", "stage_touches"]
+_MIN_SIGMA = 1e-6  # of what a calibration takes for certain: mm, rad, a share
+
+
+@dataclass(frozen=True, eq=False)
+class KnownFingers:
+    """Values (fingers, k) of calibrated fingers in the hand frame, and the covariance of all of them.
+
+    `covariance`: (fingers · k, fingers · k).
+    """
+
+    models: Sequence[FingerModel]
+    values: Floats
+    covariance: Floats
+
+    @classmethod
+    def from_calibration(cls, specs: Sequence[FingerConfig], calibrated: Sequence[FingerCalibration]) -> Self:
+        """By a calibration file, of which `specs` are the rig's fingers; each finger's errors for themselves.
+
+        All must have places and actuators.
+        """
+        models = certain_models(specs)
+        values = np.array([model.prior for model in models])
+        columns = values.shape[1]
+        covariance = _MIN_SIGMA**2 * np.eye(values.size)
+        for index, (model, found) in enumerate(zip(models, calibrated, strict=True)):
+            assert found.place is not None
+            own = index * columns + np.array(
+                ARM_PLACE_VALUES if isinstance(model, ArmModel) else SLIDE_PLACE_VALUES
+            )
+            covariance[np.ix_(own, own)] += np.array(found.place.covariance)
+            for column, (value, sigma) in _actuator_values(found).items():
+                at = index * columns + column
+                values[index, column] = value
+                covariance[at, at] += sigma**2
+        return cls(models, values, covariance)
+
+
+def _actuator_values(found: FingerCalibration) -> dict[int, tuple[float, float]]:
+    """Plays, and the error of a slide's travel, with their deviations, by columns of the values."""
+    if isinstance(found.actuators, ArmActuatorsCalibration):
+        joints = {SHOULDER_PLAY: found.actuators.shoulder, ELBOW_PLAY: found.actuators.elbow}
+    else:
+        assert isinstance(found.actuators, ActuatorsCalibration)
+        joints = {AIM_PLAY: found.actuators.aim}
+    moving = {
+        column: (math.radians(joint.backlash_deg), math.radians(joint.backlash_sigma_deg))
+        for column, joint in joints.items()
+    }
+    if isinstance(found.actuators, ActuatorsCalibration):
+        slide = found.actuators.slide
+        moving[SCALE] = 0.0, slide.mm_per_turn_sigma / abs(slide.mm_per_turn)
+    return moving
+
 
 CENTRE, DISC, PLAY = slice(0, 2), slice(2, 4), 4
 """Unknowns: the axis (mm), the disc's place with the stage at 0 (mm), the play either way (rad)."""
 
 _UNKNOWNS = 5
-_ROUNDS = 12
-_CLOSE = 1e-9
-_OUTLIER = 4.5  # standard deviations
-_MOST_OUTLIERS = 0.1  # of all touches
-_MOST_SQUARES = 2.0  # chi square over its degrees of freedom
-_LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm
-_BY_CHANCE = 1e-5  # of one of some ten tests for another cause
-_SAME_RAD = math.radians(0.5)  # angles that are nearer are one: the stage's error there is the same
-_LEAST_ANGLES = 3
-_LEAST_TURN_DEG = 2.0
-_HALVINGS = 20
+_MAX_ITERATIONS = 12
+_STEP_TOLERANCE = 1e-9
+_OUTLIER_SIGMAS = 4.5  # standard deviations
+_MAX_OUTLIER_SHARE = 0.1  # of all touches
+_MAX_REDUCED_CHI_SQUARE = 2.0  # chi square over its degrees of freedom
+_MIN_VARIANCE_SHARE = 0.04  # of the expected squares: some 0.002 mm
+_CHANCE_PER_TEST = 1e-5  # of one of some ten tests for another cause
+_SAME_ANGLE_RAD = math.radians(0.5)  # angles that are nearer are one: the stage's error there is the same
+_MIN_ANGLES = 3
+_MIN_TURN_DEG = 2.0
+_BISECTIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +117,7 @@ class StageTouches:
     `shared_mm` (n, m): deviations that several touches have in common.
     """
 
-    touches: Touches
+    touches: TouchArrays
     angle_rad: Floats
     way: Floats
     angle_covariance: Floats
@@ -93,7 +157,7 @@ def stage_touches(
     count = np.bincount(stop, minlength=len(numbers))
     angle = np.bincount(stop, reading, minlength=len(numbers)) / np.maximum(count, 1)
     way = np.array([next(item.stage_way for item in own if item.placing == k) for k in range(len(numbers))])
-    group = _alike(angle)
+    group = _group_angles(angle)
     _check_angles(angle, way, group, len(own), stage, disc)
     step = TICK_RAD / abs(stage.gear_ratio) / math.sqrt(12)
     unsure = np.where(way == 0, math.radians(stage.backlash_deg) / math.sqrt(3), 0.0)
@@ -111,10 +175,10 @@ def _check_angles(
 ) -> None:
     """InputError for stops (v,) or touches that cannot show an axis and a play."""
     met, turned_deg = len(np.unique(group)), math.degrees(float(np.ptp(angle_rad)))
-    if met < _LEAST_ANGLES or turned_deg < _LEAST_TURN_DEG or count <= 2 * _UNKNOWNS:
+    if met < _MIN_ANGLES or turned_deg < _MIN_TURN_DEG or count <= 2 * _UNKNOWNS:
         raise InputError(
             f"the {disc.name} was met {count} times at {met} stage angles, over {turned_deg:.1f}°: "
-            f"the axis needs {_LEAST_ANGLES} or more; widen stage.range_deg, or clear its way"
+            f"the axis needs {_MIN_ANGLES} or more; widen stage.range_deg, or clear its way"
         )
     if not {1, -1} <= set(way.tolist()):
         raise InputError(
@@ -131,22 +195,22 @@ def fit_stage(known: KnownFingers, given: StageTouches, disc: ReferenceDisc, sta
     the others scatter by. Raises InputError if touches do not agree, with the cause that explains them.
     """
     problem = _Problem(known, given, disc)
-    x, used = _without_outliers(problem, start)
+    x, used = _reject_outliers(problem, start)
     now = problem.at(x, used, 1.0)
     left_out = int((~used).sum())
     ratio = now.chi_square / now.freedom
-    if ratio > _MOST_SQUARES or not _is_enough(given, used):
+    if ratio > _MAX_REDUCED_CHI_SQUARE or not _is_enough(given, used):
         every = np.ones(len(used), dtype=bool)
-        _blame(problem, problem.at(problem.solved(x, every, 1.0), every, 1.0))
+        _raise_likeliest_cause(problem, problem.at(problem.solved(x, every, 1.0), every, 1.0))
         raise InputError(
             f"touches of the {disc.name} at {len(given.angle_rad)} stops of the stage differ by "
             f"{math.sqrt(ratio):.1f} times what they should, {left_out} of {len(used)} do not agree at all: "
             "does the stage sit tight, and did nothing slide? begin this step again"
         )
-    share = _share(problem, now)
+    share = _variance_share(problem, now)
     x = problem.solved(x, used, share)
     scaled = problem.at(x, used, share)
-    _blame(problem, scaled)
+    _raise_likeliest_cause(problem, scaled)
     residual = problem.derived(x)[0]
     return StageFit(x, scaled.covariance, residual, ~used, now.chi_square, now.freedom)
 
@@ -243,38 +307,38 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, share: float) -> Floats:
         """Unknowns that fit the used touches best, from `x` on (Gauss-Newton)."""
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_ITERATIONS):
             residual, slopes, values, _, per_rad = self.derived(x)
             root = np.linalg.cholesky(self.covariance(values, per_rad, used, share))
             step = np.linalg.lstsq(
                 np.linalg.solve(root, slopes[used]), np.linalg.solve(root, residual[used]), rcond=None
             )[0]
             x = x - step
-            if float(np.abs(step).max()) < _CLOSE:
+            if float(np.abs(step).max()) < _STEP_TOLERANCE:
                 break
         return x
 
 
-def _alike(angle_rad: Floats) -> Ints:
+def _group_angles(angle_rad: Floats) -> Ints:
     """Numbers (v,) of angles, the same for those that are one."""
     order = np.argsort(angle_rad)
-    far = np.diff(angle_rad[order]) > _SAME_RAD
+    far = np.diff(angle_rad[order]) > _SAME_ANGLE_RAD
     group = np.empty(len(angle_rad), dtype=np.int64)
     group[order] = np.concatenate([[0], np.cumsum(far)])
     return group
 
 
-def _without_outliers(problem: _Problem, start: Floats) -> tuple[Floats, Bools]:
+def _reject_outliers(problem: _Problem, start: Floats) -> tuple[Floats, Bools]:
     """Unknowns, and which touches agree with them: the worst is left out, again and again."""
     count = len(problem.given.touches.finger)
     used = np.ones(count, dtype=bool)
     x = problem.solved(start, used, 1.0)
-    for _ in range(1 + int(_MOST_OUTLIERS * count) + 1):
+    for _ in range(1 + int(_MAX_OUTLIER_SHARE * count) + 1):
         now = problem.at(x, used, 1.0)
         own = np.sqrt(np.maximum(np.diag(now.rest), 1e-300))
         off = np.abs(now.rest @ now.residual_mm) / own
         worst = int(off.argmax())
-        if off[worst] <= _OUTLIER or used.sum() <= 2 * _UNKNOWNS:
+        if off[worst] <= _OUTLIER_SIGMAS or used.sum() <= 2 * _UNKNOWNS:
             break
         used = used.copy()
         used[np.flatnonzero(used)[worst]] = False
@@ -286,22 +350,22 @@ def _is_enough(given: StageTouches, used: Bools) -> bool:
     """Whether few touches were left out, and not half of any stop's: that would be a disc that moved."""
     stop = given.touches.placing
     left_out, made = np.bincount(stop[~used], minlength=len(given.angle_rad)), np.bincount(stop)
-    few = int(left_out.sum()) <= max(1, _MOST_OUTLIERS * len(used))
+    few = int(left_out.sum()) <= max(1, _MAX_OUTLIER_SHARE * len(used))
     return few and not ((left_out > 1) & (2 * left_out >= made)).any()
 
 
-def _share(problem: _Problem, now: _Linear) -> float:
+def _variance_share(problem: _Problem, now: _Linear) -> float:
     """Share of the expected squares of single touches by which they agree as they should, within limits."""
-    low, high = math.log(_LEAST_SHARE), math.log(_MOST_SQUARES)
+    low, high = math.log(_MIN_VARIANCE_SHARE), math.log(_MAX_REDUCED_CHI_SQUARE)
     derived = problem.derived(now.x)
-    for _ in range(_HALVINGS):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         at = problem.linear(now.x, now.used, math.exp(middle), derived)
         low, high = (middle, high) if at.chi_square > at.freedom else (low, middle)
     return math.exp(high)
 
 
-def _blame(problem: _Problem, now: _Linear) -> None:
+def _raise_likeliest_cause(problem: _Problem, now: _Linear) -> None:
     """InputError with what explains touches much better than five unknowns do: a disc that moved, a gear."""
     stop = problem.given.touches.placing[now.used]
     causes = []
@@ -310,7 +374,7 @@ def _blame(problem: _Problem, now: _Linear) -> None:
         fall, moved = now.explained(later)
         causes.append(
             (
-                fall - float(chdtri(2, _BY_CHANCE)),
+                fall - float(chdtri(2, _CHANCE_PER_TEST)),
                 f"the disc has moved by about {math.hypot(*moved):.2f} mm while the stage turned: keep it "
                 "from sliding (tape, a weight), and begin this step again",
             )
@@ -319,7 +383,7 @@ def _blame(problem: _Problem, now: _Linear) -> None:
     fall, more = now.explained(turned[:, None])
     causes.append(
         (
-            fall - float(chdtri(1, _BY_CHANCE)),
+            fall - float(chdtri(1, _CHANCE_PER_TEST)),
             f"the stage turns {1 + float(more[0]):.4f} times as far as its servo says: correct "
             "stage.gear_ratio, or see that nothing slips",
         )

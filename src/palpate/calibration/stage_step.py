@@ -15,46 +15,41 @@ from scipy.special import chdtri
 
 from palpate.base.errors import InputError
 from palpate.base.geometry.plane import rotate
-from palpate.calibration.consistency import check_still
-from palpate.calibration.experiment_design import choose_touches, predict_touches
-from palpate.calibration.finger_fit import Fit, ReferencePlacement
-from palpate.calibration.finger_model import certain_models
-from palpate.calibration.fitted_kinematics import FingerModel
-from palpate.calibration.known_fingers import KnownFingers
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe, Prober
+from palpate.calibration.consistency_checks import check_still
+from palpate.calibration.experiment_design import choose_touches, locate_reference, predict_touches
+from palpate.calibration.finger_fit import FingerFit, ReferencePlacement
+from palpate.calibration.finger_model import FingerModel, certain_models
+from palpate.calibration.measurements import Probe, Prober, TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.reference_search import locate_reference
 from palpate.calibration.stage_fit import (
     CENTRE,
     PLAY,
+    KnownFingers,
     StageFit,
     fit_stage,
     stage_touches,
 )
 from palpate.config import FingerConfig, RigFile, StageConfig
-from palpate.config.calibration_stage import StageCalibration
-from palpate.drivers.finger import TICK_RAD
+from palpate.config.calibration_file import StageCalibration
+from palpate.drivers.kinematics import TICK_RAD
 
-__all__ = ["calibrate_stage", "measure_stage", "place_disc"]
-
-_STOPS = 5  # angles over the stage's range
-_AWAY = 0.4  # of the workspace's radius: how far from the axis the disc lies
-_CORNERS = 36
-_GRIPS = 2  # at each stop
-_TYPICAL_MM = 0.012
-_PLACED_MM = 3.0  # the disc is where it is expected at a stage angle to within so much
-_KNOWN_MM = 1e-3
+_STAGE_STOPS = 5  # angles over the stage's range
+_DISC_RADIUS_SHARE = 0.4  # of the workspace's radius: how far from the axis the disc lies
+_BEARINGS_TRIED = 36
+_GRIPS_PER_STOP = 2  # at each stop
+_TYPICAL_SIGMA_MM = 0.012
+_PLACED_SIGMA_MM = 3.0  # the disc is where it is expected at a stage angle to within so much
+_KNOWN_SIGMA_MM = 1e-3
 
 
 def place_disc(rig: RigFile, disc: ReferenceDisc) -> tuple[float, float]:
     """Where the disc is to lie, in W: beside the axis, where fingers see it well inside at all angles."""
     stage = _stage_of(rig)
     radius = rig.workspace.radius_mm
-    away = max(min(_AWAY * radius, radius - disc.radius_mm - 10.0), 1.0)
-    bearing = np.linspace(0, 2 * math.pi, _CORNERS, endpoint=False) + math.pi / 2
+    away = max(min(_DISC_RADIUS_SHARE * radius, radius - disc.radius_mm - 10.0), 1.0)
+    bearing = np.linspace(0, 2 * math.pi, _BEARINGS_TRIED, endpoint=False) + math.pi / 2
     arm = away * np.column_stack([np.cos(bearing), np.sin(bearing)])
-    turns = -np.radians(np.linspace(*stage.range_deg, _STOPS))
+    turns = -np.radians(np.linspace(*stage.range_deg, _STAGE_STOPS))
     seen = np.array(stage.centre_mm) + np.stack([rotate(arm, np.full(len(arm), turn)) for turn in turns])
     furthest = np.hypot(seen[..., 0], seen[..., 1]).max(axis=0)
     x, y = (np.array(stage.centre_mm) + arm[int(furthest.argmin())]).tolist()
@@ -125,7 +120,7 @@ class _Tour:
     stage: StageConfig
     models: Sequence[FingerModel]
     placing: ReferencePlacement
-    fit: Fit
+    fit: FingerFit
     tell: Callable[[str], None]
 
     def touched(self) -> list[TouchMeasurement]:
@@ -151,7 +146,7 @@ class _Tour:
         """Touches of all grips at one stop, to which the stage turns by an angle."""
         at, name = f"the stage at {math.degrees(angle_rad):.1f}°", self.placing.reference.name
         self.tell(f"stop {number} of {count}: {at}")
-        way, found = _way(self.stage, turn_rad), list[TouchMeasurement]()
+        way, found = _approach_side(self.stage, turn_rad), list[TouchMeasurement]()
         for k, grip in enumerate(grips, start=1):
             self.tell(f"touch {k} of {len(grips)}")
             met = [item for item in self.turned.touch(grip, number) if item is not None]
@@ -170,8 +165,10 @@ class _Tour:
         centre, pose = np.array(self.stage.centre_mm), self.fit.poses[:1].copy()
         pose[:, :2] = centre + rotate(pose[:, :2] - centre, np.array([-angle_rad]))
         predicted = predict_touches(self.models, [self.placing], replace(self.fit, poses=pose), 0, paths)
-        unsure = block_diag(_KNOWN_MM**2 * np.eye(self.fit.values.size), _PLACED_MM**2 * np.eye(3))
-        grips = choose_touches(predicted, paths, self.models, unsure, _TYPICAL_MM, _GRIPS)
+        unsure = block_diag(
+            _KNOWN_SIGMA_MM**2 * np.eye(self.fit.values.size), _PLACED_SIGMA_MM**2 * np.eye(3)
+        )
+        grips = choose_touches(predicted, paths, self.models, unsure, _TYPICAL_SIGMA_MM, _GRIPS_PER_STOP)
         return [[replace(probe, approach=numbers[probe.approach]) for probe in grip] for grip in grips]
 
 
@@ -184,12 +181,12 @@ def _stage_of(rig: RigFile) -> StageConfig:
 def _angles(turned: Prober) -> list[float]:
     """Stage angles to stop at, ascending: evenly spaced as nearly as paths are offered."""
     offered = np.unique([item.stage_rad for item in turned.approaches])
-    wanted = np.linspace(offered[0], offered[-1], _STOPS)
+    wanted = np.linspace(offered[0], offered[-1], _STAGE_STOPS)
     chosen = {float(offered[np.abs(offered - angle).argmin()]) for angle in wanted}
     return sorted(chosen)
 
 
-def _way(stage: StageConfig, turned_rad: float) -> int:
+def _approach_side(stage: StageConfig, turned_rad: float) -> int:
     """From which side the stage has come, if it turned by more than all of its play."""
     least = 2 * math.radians(stage.backlash_deg) + 2 * TICK_RAD / abs(stage.gear_ratio)
     return int(math.copysign(1, turned_rad)) if abs(turned_rad) > least else 0

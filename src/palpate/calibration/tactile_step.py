@@ -1,25 +1,188 @@
 """Calibration step for tactile arrays: idle, and pressed on a disc and a plate at many bearings.
 
-Results are fingers' tables `tactile`. Force comes from the finger's own servos: the currents that they
-need besides friction.
+Gains of taxels, phase, stiffness and crosstalk follow from the presses: columns first (`press_model`);
+within a column the taxels share the load, as references stand higher than the array and touch it along all
+of its rows. A reference that leans would be taken for a slope of gains along the tip. Force comes from the
+finger's own servos: the currents that they need besides friction. Results are fingers' tables `tactile`.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
+import numpy as np
+
+from palpate.base.errors import InputError
+from palpate.base.geometry import Bools, Floats
+from palpate.calibration.experiment_design import locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.finger_model import nominal_models
-from palpate.calibration.fitted_kinematics import FingerModel
-from palpate.calibration.idle import analyse_idle
-from palpate.calibration.press_levels import PressAtBearing
-from palpate.calibration.prober import Prober
+from palpate.calibration.finger_model import FingerModel, nominal_models
+from palpate.calibration.idle_statistics import COVERAGE_SIGMAS, IdleFit, analyse_idle, least_contact_force_n
+from palpate.calibration.measurements import LEG_IN, Prober
+from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
+from palpate.calibration.press_model import PressFit, dent_and_bearing, fit_presses
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import locate_reference, probes_at_bearing
-from palpate.calibration.taxel_gains import fit_gains
-from palpate.config import FingerConfig, TactileCalibration
-from palpate.drivers.tactile.messages import Description
+from palpate.config import ArmFingerConfig, FingerConfig, TactileCalibration, UnusableTaxel
+from palpate.drivers.tactile import Description, Shape, column_windows
 
-__all__ = ["IDLE_S", "measure_tactile"]
+_ROW_SHARE = 0.003  # rows do not share a load more evenly
+_MAX_SILENT_SHARE = 0.15  # of what its column's taxels read
+_MIN_LOAD_SIGMAS = 40.0  # what a column must read to tell a silent taxel
+_MIN_LIT_SHARE = 0.02  # of the strongest column: residuals of weaker ones say nothing
+_MAX_CROSSTALK = 0.25
+_MAX_MISFIT_RATIO = (
+    3.0  # a press is left out that is off by so many deviations, and so many times as much as most
+)
+
+
+def fit_gains(
+    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, spec: FingerConfig
+) -> TactileCalibration:
+    """Calibrate the array of one finger from its presses at several bearings.
+
+    Bounds hold in 99.9 % of cases. A gain is counts per N over what the array says; of a taxel that was not
+    pressed it is 1, bounded by the rig file's `gain_spread`. The newtons are those that currents show, whose
+    scale all gains and the stiffness share. Only the way in is looked at: there the backlash is taken up and
+    friction always has the same sign. Rows are taken to bear even shares: those of an emulated ball do, those
+    of a real one do not. Presses that met nothing where they should have, and those that no place on the
+    reference explains, as a corner in the patch, are left out, as long as they are fewer than half. Raises
+    InputError without presses, for an array that is not bent round a cylinder, for real balls, and for
+    presses that move or load the array too little.
+    """
+    if not presses:
+        raise InputError("gains of an array: there are no presses; press a reference at several bearings")
+    if description.shape is not Shape.CYLINDER or description.cols < 2:
+        raise InputError(
+            f"array {description.unique_id.hex()}: only arrays bent round a cylindrical tip are calibrated "
+            "by presses; give the gains of this one in the rig file"
+        )
+    if spec.tip.is_ball and not description.emulated:
+        raise InputError(
+            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do "
+            "not bear even shares; give them in the rig file, and do without a calibration"
+        )
+    full = description.max_count - 0.5 - idle.zero_counts
+    used = informative_presses(presses, idle.live, full, idle.noise_counts)
+    columns = _fit_columns(used, full, description, idle, spec)
+    while (worst := _worst_press(columns.found)) is not None and 2 * (len(used) - 1) > len(presses):
+        used = [*used[:worst], *used[worst + 1 :]]
+        columns = _fit_columns(used, full, description, idle, spec)
+    levels, silent, found = columns.levels, columns.silent, columns.found
+    usable = idle.live & ~silent
+    ratio, ratio_sigma = _row_gains(levels, usable, columns.counts, found.counts, idle.noise_counts)
+    bound = np.expm1(COVERAGE_SIGMAS * np.hypot(found.gain_log_sigma, ratio_sigma))
+    pressed = usable & (bound < spec.array.gain_spread)
+    gain = np.where(pressed, found.gain * ratio, 1.0)
+    lit = np.abs(found.counts) > _MIN_LIT_SHARE * found.counts.max(axis=1, keepdims=True)
+    faults = ((idle.dead, "dead"), (idle.hot, "hot"), (np.argwhere(silent).tolist(), "unresponsive"))
+    return TactileCalibration(
+        gain=gain.tolist(),
+        gain_bound=np.where(pressed, bound, spec.array.gain_spread).tolist(),
+        unusable=[
+            UnusableTaxel.model_validate({"row": row, "col": col, "what": what})
+            for places, what in faults
+            for row, col in places
+        ],
+        noise_counts=idle.noise_counts,
+        offset_counts=float(idle.zero_counts[idle.live].mean()),
+        drift_counts_per_s=idle.drift_counts_per_s,
+        force_drift_n_per_s=idle.drift_of_sums(column_windows(usable / (gain * description.counts_per_n))),
+        crosstalk=min(max(found.crosstalk, 0.0), _MAX_CROSSTALK),
+        crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
+        stiffness_n_per_mm=found.stiffness_n_per_mm,
+        stiffness_bound=math.expm1(COVERAGE_SIGMAS * found.stiffness_log_sigma),
+        least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
+        saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
+        phase_deg=math.degrees(found.phase_rad),
+        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), _facing_sigma_deg(spec)),
+        presses=len(used),
+        residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """A fit of columns, with what went into it: `counts` (m, cols), means over the rows that are used."""
+
+    levels: PressLevels
+    silent: Bools
+    counts: Floats
+    found: PressFit
+
+
+def _fit_columns(
+    used: Sequence[PressAtBearing], full: Floats, description: Description, idle: IdleFit, spec: FingerConfig
+) -> _Columns:
+    levels = average_levels(used, idle.live, full, idle.noise_counts)
+    silent = _silent_taxels(levels, idle)
+    usable = idle.live & ~silent
+    rows_used = usable.sum(axis=0)
+    counts = (levels.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
+    found = fit_presses(used, levels, counts, rows_used, idle.noise_counts, description, spec)
+    return _Columns(levels, silent, counts, found)
+
+
+def _worst_press(found: PressFit) -> int | None:
+    """The press that is off most, if the others are not off nearly as much."""
+    worst = int(found.misfit.argmax())
+    limit = _MAX_MISFIT_RATIO * max(1.0, float(np.median(found.misfit)))
+    return worst if found.misfit[worst] > limit else None
+
+
+def _facing_sigma_deg(spec: FingerConfig) -> float:
+    """By how much the finger may face elsewhere than described, from its travel, in all presses alike."""
+    return spec.elbow.zero_bound_deg / math.sqrt(3) if isinstance(spec, ArmFingerConfig) else 0.0
+
+
+def _silent_taxels(levels: PressLevels, idle: IdleFit) -> Bools:
+    """Live taxels (rows, cols) that read next to nothing where their column reads much."""
+    live = idle.live
+    total = (levels.counts * levels.samples[:, None, None]).sum(axis=0)
+    noise = idle.noise_counts * math.sqrt(float(levels.samples.sum()))
+    middle = np.zeros(live.shape[1])
+    for col in np.flatnonzero(live.any(axis=0)):
+        middle[col] = np.median(total[live[:, col], col])
+    result: Bools = live & (middle > _MIN_LOAD_SIGMAS * noise) & (total < _MAX_SILENT_SHARE * middle)
+    return result
+
+
+def _row_gains(
+    levels: PressLevels, usable: Bools, column_counts: Floats, modelled: Floats, noise: float
+) -> tuple[Floats, Floats]:
+    """Gain of taxels over the mean of their column's usable ones, ± a share of it; (rows, cols).
+
+    Counts are weighed by what the model says of the column, which has no noise of its own in it.
+    """
+    weight = np.maximum(modelled, 0.0)
+    along = np.einsum("mc,mrc->rc", weight, levels.counts)
+    mean = np.einsum("mc,mc->c", weight, column_counts)
+    noise_of_sum = noise * np.sqrt(np.einsum("mc,m->c", weight**2, 1 / levels.samples))
+    safe = np.maximum(mean, 1e-9)
+    ratio = np.where(usable, along / safe, 1.0)
+    sigma = np.hypot(_ROW_SHARE, noise_of_sum / safe / np.maximum(ratio, 0.1))
+    return ratio, np.minimum(sigma, 10.0)
+
+
+def _saturates_n(
+    presses: Sequence[PressAtBearing],
+    levels: PressLevels,
+    found: PressFit,
+    live: Bools,
+    full: Floats,
+    spec: FingerConfig,
+) -> float | None:
+    """Least force on the tip with a live taxel at its largest count, by the dent on the way in."""
+    least = math.inf
+    for at, start, touch, bearing in zip(
+        presses, levels.start_mm, found.touch_mm, found.bearing_rad, strict=True
+    ):
+        saturated = ((at.press.counts >= full) & live).any(axis=(1, 2)) & (at.press.leg == LEG_IN)
+        travel = at.approach_mm()[saturated] - start - touch
+        curvature = np.full(len(travel), at.curvature_per_mm)
+        dent, _ = dent_and_bearing(travel, np.full(len(travel), bearing), spec.tip.radius_mm, curvature)
+        least = min(least, float(dent.min(initial=math.inf)) * found.stiffness_n_per_mm)
+    return None if math.isinf(least) else least
+
 
 _DISC_DEG = (
     0.0,
@@ -50,7 +213,7 @@ def measure_tactile(
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
         tell(f"{reference.name} in the middle: {len(bearings)} presses of each finger")
         prober.put(reference, (0.0, 0.0))
-        for item in _pressed(prober, specs, models, reference, bearings, placing, tell):
+        for item in _press_at_bearings(prober, specs, models, reference, bearings, placing, tell):
             presses[item.press.finger].append(item)
     prober.clear()
     tell(f"arrays untouched for {IDLE_S:g} s")
@@ -66,7 +229,7 @@ def measure_tactile(
     ]
 
 
-def _pressed(
+def _press_at_bearings(
     prober: Prober,
     specs: Sequence[FingerConfig],
     models: Sequence[FingerModel],

@@ -20,37 +20,19 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.base.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
-from palpate.cli.commissioning.calibrate import calibrate
-from palpate.cli.commissioning.home import home
-from palpate.cli.commissioning.init import init
-from palpate.cli.commissioning.setup_motors import setup_motors
-from palpate.cli.diagnostics.check import check
-from palpate.cli.diagnostics.doctor import doctor
-from palpate.cli.diagnostics.find_port import find_port
-from palpate.cli.diagnostics.scan import scan
-from palpate.cli.diagnostics.stop import stop
-from palpate.cli.emulate import emulate
-from palpate.cli.export import export
-from palpate.cli.identify import identify
-from palpate.cli.monitor.watch import watch
-from palpate.cli.objects_check import check_objects
-from palpate.cli.objects_edit import merge, remove, rename
-from palpate.cli.objects_import import import_objects
-from palpate.cli.objects_show import show_objects
-from palpate.cli.plan import plan
-from palpate.cli.recognize import recognize
-from palpate.cli.replay import replay
-from palpate.cli.report import report
-from palpate.cli.schema import schema
-from palpate.cli.sessions import info, list_sessions, prune
+from palpate.base.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable_text
+from palpate.cli.calibrate import calibrate, home
+from palpate.cli.check import check, doctor
+from palpate.cli.identify import identify, plan, recognize
+from palpate.cli.objects import check_objects, import_objects, merge, remove, rename, show_objects
+from palpate.cli.ports import emulate, find_port, scan, stop
+from palpate.cli.sessions import export, info, list_sessions, prune, replay, report
+from palpate.cli.setup import init, schema, setup_motors
 from palpate.cli.study import study
 from palpate.cli.terminal import print_notices
-from palpate.cli.view import view
-from palpate.jobs.warning import RigWarning
+from palpate.cli.view import view, watch
+from palpate.jobs.script import RigWarning
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
-
-__all__ = ["ExitCode", "app", "main"]
 
 _HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -160,7 +142,7 @@ def main() -> None:
     for number in INTERRUPTS:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has it
             signal.signal(number, _interrupt)
-    sys.exit(_guarded())
+    sys.exit(_run())
 
 
 def _fill_closed_streams() -> None:
@@ -174,22 +156,22 @@ def _fill_closed_streams() -> None:
         sys.stdin = os.fdopen(0, closefd=False)
 
 
-def _guarded() -> int:
+def _run() -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", RigWarning)
             warnings.showwarning = _notice
             # In its own "standalone" mode typer would print several lines for an error.
-            return _flushed(int(app(standalone_mode=False) or 0))
+            return _flush(int(app(standalone_mode=False) or 0))
     except typer.Exit as end:
-        return _flushed(int(end.exit_code))
+        return _flush(int(end.exit_code))
     except TyperException as error:
         problem = error.format_message()  # empty where no command was given, and the help has been shown
-        return _say(f"error: {problem}", ExitCode.INPUT) if problem else _flushed(ExitCode.INPUT)
+        return _say(f"error: {problem}", ExitCode.INPUT) if problem else _flush(ExitCode.INPUT)
     except (Interrupted, PalpateError, MemoryError) as error:
         return _report(error)
     except OSError as error:
-        return _unprinted(error)
+        return _report_broken_output(error)
 
 
 def _notice(message: Warning | str, *_: object, **__: object) -> None:
@@ -209,16 +191,16 @@ def _report(error: Interrupted | PalpateError | MemoryError) -> int:
     return _say(f"{word}: {error}", code, _notes(error))
 
 
-def _flushed(code: int) -> int:
+def _flush(code: int) -> int:
     try:
         if sys.stdout is not None:  # it is None if the caller has closed it
             sys.stdout.flush()
     except OSError as error:
-        return _unprinted(error)
+        return _report_broken_output(error)
     return code
 
 
-def _unprinted(error: OSError) -> int:
+def _report_broken_output(error: OSError) -> int:
     """What a command ends with whose standard output, or error output, takes nothing more."""
     with suppress(OSError):  # or the interpreter tries once more, and complains
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -242,5 +224,5 @@ def _notes(error: BaseException) -> list[str]:
 def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
     with suppress(OSError):
         for line in (message, *notes):
-            typer.echo(printable(line), err=True)
+            typer.echo(printable_text(line), err=True)
     return code

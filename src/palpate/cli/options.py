@@ -1,29 +1,15 @@
-"""Options that several commands share, each with its help."""
+"""Options that several commands share, each with its help, and the files that they name.
 
+Imports no more than typer at its top: every command needs it at start-up.
+"""
+
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palpate.base.vocabulary import Strategy
-
-__all__ = [
-    "VIEW_PORT",
-    "ContactsOption",
-    "JsonOption",
-    "NoCalibrationOption",
-    "ObjectsArgument",
-    "ObjectsOption",
-    "PictureOption",
-    "PortOption",
-    "RigOption",
-    "SceneOption",
-    "SeedOption",
-    "SessionArgument",
-    "StrategyOption",
-    "ViewOption",
-    "ViewPortOption",
-]
 
 VIEW_PORT = 8765
 """Of the live view, if no other is given."""
@@ -66,3 +52,32 @@ ViewOption = Annotated[
 ViewPortOption = Annotated[
     int, typer.Option("--view-port", min=1, max=65535, help="With --view: its port on this computer.")
 ]
+
+
+def rig_files(rig: Path | None) -> dict[str, Path | None]:
+    """The rig file and the calibration beside it, whether it is used or not."""
+    from palpate.config import calibration_path
+
+    return {"--rig": rig, "the rig's calibration": None if rig is None else calibration_path(rig)}
+
+
+def scene_files(scene: Path | None) -> dict[str, Path | None]:
+    """The scene and the objects file that it names. Raises InputError for a scene that is wrong."""
+    from palpate.config import load_scene
+
+    return {"--scene": scene, "the scene's objects": None if scene is None else load_scene(scene).objects}
+
+
+def session_files(session: Path | None) -> dict[str, Path | None]:
+    """What a run recorded in its folder, which may be named by its log, too; a report can be written anew."""
+    from palpate.rig.session.archive import recorded_files
+    from palpate.rig.session.log_file import session_of
+
+    if session is None:
+        return {}
+    return {f"the session's {file.name}": file for file in recorded_files(session_of(session))}
+
+
+def several_files(paths: Iterable[Path]) -> dict[str, Path | None]:
+    """Files that have no option each."""
+    return {str(path): path for path in paths}

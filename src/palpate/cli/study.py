@@ -5,15 +5,12 @@ from typing import Annotated
 
 import typer
 
-from palpate.base.errors import printable
+from palpate.base.errors import printable_text
 from palpate.base.vocabulary import PartMotion, Strategy
-from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsOption, RigOption, StrategyOption
+from palpate.cli.terminal import note_on_interruption
 
-__all__ = ["study"]
-
-
-_WRITTEN_EVERY_S = 60.0
+_PIPED_LINE_INTERVAL_S = 60.0
 
 
 def study(
@@ -67,23 +64,26 @@ def study(
     Touches are simulated within the rig's bounds, and what fingers push moves, if the rig file says how. Also
     what each error costs, and at which heights fingers should be. Exit code 1: an answer was wrong.
     """
-    from palpate.base.files.writing import check_places, write_text
-    from palpate.cli.output_places import rig_files
-    from palpate.cli.terminal import Doing, Terminal, print_notices
-    from palpate.config.results import to_json
+    from palpate.base.file_io import check_places, write_text
+    from palpate.cli.options import rig_files
+    from palpate.cli.terminal import StatusLine, Terminal, print_notices
+    from palpate.config.result_model import to_json
     from palpate.jobs.files import load_objects
     from palpate.jobs.rig import open_rig
     from palpate.jobs.study import study as studied
-    from palpate.rig.catalogue.reachability_text import finding_lines
+    from palpate.rig.catalogue.reachability import finding_lines
     from palpate.views.report.study import study_report
-    from palpate.views.study_text import study_lines
+    from palpate.views.report.study_text import study_lines
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(objects)
     name = "the shipped objects" if objects is None else str(objects)
     check_places({"--report": report, "--keep": keep}, {**rig_files(rig), "--objects": objects})
     print_notices(finding_lines(bench, models.objects, name))
     terminal = Terminal(stderr=True, soft_wrap=True, highlight=False)
-    with if_interrupted(_after_interruption(keep)), Doing(terminal, "preparing", _WRITTEN_EVERY_S) as doing:
+    with (
+        note_on_interruption(_interruption_note(keep)),
+        StatusLine(terminal, "preparing", _PIPED_LINE_INTERVAL_S) as doing,
+    ):
         out = studied(
             bench,
             models,
@@ -103,18 +103,18 @@ def study(
     heights = [finger.height_mm for finger in bench.fingers]
     if report is not None:
         write_text(report, study_report(out, models.objects, heights))
-    typer.echo(to_json(out) if json else "\n".join([*study_lines(out, heights), *_files(report, keep)]))
+    typer.echo(to_json(out) if json else "\n".join([*study_lines(out, heights), *_file_lines(report, keep)]))
     return 1 if out.wrong else 0
 
 
-def _files(report: Path | None, keep: Path | None) -> list[str]:
+def _file_lines(report: Path | None, keep: Path | None) -> list[str]:
     """What was written, and where."""
     named = (("report", report), ("runs", keep))
-    words = ", ".join(f"{what} {printable(str(place))}" for what, place in named if place is not None)
+    words = ", ".join(f"{what} {printable_text(str(place))}" for what, place in named if place is not None)
     return ["", words] if words else []
 
 
-def _after_interruption(keep: Path | None) -> str:
+def _interruption_note(keep: Path | None) -> str:
     if keep is None:
         return "runs that were done are lost; with --keep FILE they are kept, and the same command goes on"
     return f"runs that were done are in {keep}; the same command goes on from there"

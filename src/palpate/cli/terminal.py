@@ -1,8 +1,13 @@
-"""The terminal as commands write on it: escaped text, notices, and what goes on at the moment."""
+"""The terminal as commands use it: escaped text, notices, questions, time left, interruptions.
 
+Every command imports it at start-up: rich and the standard library, nothing else of palpate but its errors.
+"""
+
+import re
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
@@ -12,10 +17,44 @@ from rich.markup import escape
 from rich.segment import Segment
 from rich.status import Status
 
-from palpate.base.errors import InputError, printable
-from palpate.cli.time_left import TimeLeft
+from palpate.base.errors import InputError, printable_text
 
-__all__ = ["Doing", "Terminal", "can_ask", "check_can_ask", "print_notices"]
+_COUNT = re.compile(r"(\d+) of (\d+)")
+_MIN_COUNTING_S = 2.0  # of counting, before anything is said of the rest
+
+
+class TimeLeft:
+    """Estimates from the pace so far; a count goes on while its words and its end stay the same."""
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._count: tuple[str, int] | None = None
+        self._begun = 0, 0.0
+        self._newest = 0
+
+    def after(self, words: str) -> str:
+        """The words, with the time left after the first count in them."""
+        found = _COUNT.search(words)
+        if found is None:
+            return words
+        done, total = int(found[1]), int(found[2])
+        now, count = self._now_s(), (words[: found.start()], total)
+        if count != self._count or done < self._newest:
+            self._count, self._begun = count, (done, now)
+        self._newest = done
+        first, begun_s = self._begun
+        if done == first or now - begun_s < _MIN_COUNTING_S:
+            return words
+        left_s = (now - begun_s) / (done - first) * (total - done)
+        return f"{words[: found.end()]} (about {duration_words(left_s)} left){words[found.end() :]}"
+
+
+def duration_words(seconds: float) -> str:
+    """A duration as people say it: 40 s, 3 min, 1 h 20 min."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
 
 
 class Terminal(Console):
@@ -26,17 +65,17 @@ class Terminal(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """What rich makes of something, without control characters but its own."""
-        rendered = map(_safe, super().render(renderable, options))
-        return rendered if self.is_terminal else _stripped(rendered)
+        rendered = map(_escape_segment, super().render(renderable, options))
+        return rendered if self.is_terminal else _strip_line_ends(rendered)
 
 
-def _safe(segment: Segment) -> Segment:
+def _escape_segment(segment: Segment) -> Segment:
     if segment.control or segment.text.isprintable():
         return segment
-    return segment._replace(text="\n".join(map(printable, segment.text.split("\n"))))
+    return segment._replace(text="\n".join(map(printable_text, segment.text.split("\n"))))
 
 
-def _stripped(segments: Iterable[Segment]) -> Iterator[Segment]:
+def _strip_line_ends(segments: Iterable[Segment]) -> Iterator[Segment]:
     """Segments without blanks before the end of a line; those that no end of a line follows stay."""
     blanks: list[Segment] = []
     for segment in segments:
@@ -69,10 +108,10 @@ def check_can_ask(why: str, instead: str) -> None:
 def print_notices(lines: Iterable[str]) -> None:
     """Tell the operator what does not stop the command, a line each."""
     for line in lines:
-        typer.echo(f"notice: {printable(line)}", err=True)
+        typer.echo(f"notice: {printable_text(line)}", err=True)
 
 
-class Doing:
+class StatusLine:
     """A moving line on a terminal while something is done. Use as a context manager.
 
     `written_every_s`: into a file or a pipe a line is written so often; never, if it is None.
@@ -102,3 +141,32 @@ class Doing:
         elif self._every_s is not None and time.monotonic() - self._written_s >= self._every_s:
             self._written_s = time.monotonic()
             self._console.print(escape(words), soft_wrap=True)
+
+
+@contextmanager
+def note_on_interruption(note: str) -> Iterator[None]:
+    """Add `note` to an interruption that says nothing yet; errors say themselves what they leave behind."""
+    try:
+        yield
+    except Exception:
+        raise
+    except BaseException as interruption:
+        if not getattr(interruption, "__notes__", ()):
+            interruption.add_note(note)
+        raise
+
+
+_CLEAR_QUESTION = "Is the table clear, and are hands away?"
+
+
+def ask_to_move(console: Console, ready: str = _CLEAR_QUESTION) -> None:
+    """Ask whether fingers may move: `ready`, a question. InputError unless the answer is yes."""
+    check_can_ask_to_move()
+    answer = console.input(f"Fingers are going to move. {ready} \\[y/N] ")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise InputError("nothing was moved: the question was not answered with yes")
+
+
+def check_can_ask_to_move() -> None:
+    """Raise InputError if there is no terminal to ask on. For commands that do much before they ask."""
+    check_can_ask("fingers are going to move", "say --yes if they may")

@@ -1,21 +1,30 @@
-"""`palpate view`: a session on a page in the browser, recorded or while it is being recorded."""
+"""Commands that show arrays and sessions: `palpate watch` and `palpate view`. Neither moves anything."""
 
 import os
 import signal
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import VIEW_PORT, SessionArgument
+from palpate.base.errors import InputError
+from palpate.cli.options import (
+    VIEW_PORT,
+    NoCalibrationOption,
+    RigOption,
+    SessionArgument,
+    ViewOption,
+    ViewPortOption,
+)
+from palpate.cli.terminal import note_on_interruption
 
 if TYPE_CHECKING:
     from palpate.config import RigFile
 
-__all__ = ["view"]
-
-_LAST_FRAMES_S = 0.5
+_LAST_FRAMES_GRACE_S = 0.5
 
 
 def view(
@@ -31,7 +40,7 @@ def view(
     from palpate.base.errors import InputError
     from palpate.config import load_rig
     from palpate.rig.session.log_file import session_of
-    from palpate.views.live.feed import SessionFeed
+    from palpate.views.live.frames import SessionFeed
     from palpate.views.live.server import LiveView, serve
 
     folder = session_of(session)
@@ -43,7 +52,7 @@ def view(
         if lifetime is not None:
             lifetime.check()
 
-    stop = None if lifetime is None else _stopper(lifetime, load_rig(folder / "rig.toml"))
+    stop = None if lifetime is None else _stop_callback(lifetime, load_rig(folder / "rig.toml"))
     shown = LiveView(feed.store, feed.setting, update, stop)
     try:
         serve(shown, port, lambda address: typer.echo(f"{address} shows {folder}; Ctrl-C ends", err=True))
@@ -74,27 +83,26 @@ class _Lifetime:
             return
         now = time.monotonic()
         self._idle_since_s = now if self._idle_since_s is None else self._idle_since_s
-        if now - self._idle_since_s > _LAST_FRAMES_S:
+        if now - self._idle_since_s > _LAST_FRAMES_GRACE_S:
             os._exit(0)
 
 
-def _stopper(lifetime: _Lifetime, rig: "RigFile") -> Callable[[], Mapping[str, object]]:
+def _stop_callback(lifetime: _Lifetime, rig: "RigFile") -> Callable[[], Mapping[str, object]]:
     """Ends the run as Ctrl-C does, and on real ports sends what `palpate stop` sends as well."""
 
     def stop() -> Mapping[str, object]:
         lifetime.is_stopping = True
         try:
-            return _stopped(lifetime, rig)
+            return _stop_run(lifetime, rig)
         finally:
             lifetime.is_stopping = False
 
     return stop
 
 
-def _stopped(lifetime: _Lifetime, rig: "RigFile") -> Mapping[str, object]:
+def _stop_run(lifetime: _Lifetime, rig: "RigFile") -> Mapping[str, object]:
     from palpate.base.errors import PalpateError
-    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
-    from palpate.rig.diagnostics.emergency_stop import stop_all
+    from palpate.rig.diagnostics.servo_bus import endpoint_of_rig, stop_all
 
     if not lifetime.has_run:
         return {"stopped": False, "words": "the run has ended already"}
@@ -106,3 +114,82 @@ def _stopped(lifetime: _Lifetime, rig: "RigFile") -> Mapping[str, object]:
     except PalpateError as error:
         return {"stopped": True, "words": f"stop requested; not confirmed: {error}"}
     return {"stopped": True, "words": "torque is off" if confirmed else "stop requested; NOT confirmed"}
+
+
+@note_on_interruption("nothing was moved")
+def watch(
+    rig: RigOption = None,
+    session: Annotated[
+        Path | None,
+        typer.Option("--session", help="Play a recorded session (its folder, or its log) instead of a rig."),
+    ] = None,
+    finger: Annotated[
+        list[str] | None, typer.Option("--finger", help="Only this finger of the rig; may be repeated.")
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Frames a second; the rig file's sample_rate_hz if left out."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option("--for", help="End after this many seconds.")] = None,
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="With --session: so many times as fast as it was.")
+    ] = None,
+    tare: Annotated[
+        bool,
+        typer.Option("--tare/--no-tare", help="Take what arrays read at the start as nothing touched."),
+    ] = True,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", help="Also write what was shown last as a picture (SVG) here."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a line on stdout.")] = False,
+    no_calibration: NoCalibrationOption = False,
+    view: ViewOption = False,
+    view_port: ViewPortOption = VIEW_PORT,
+) -> None:
+    """Show what the arrays feel, live: taxels, force, contact, frames. Moves nothing.
+
+    Keys: q ends, t tares, r resets the counts. Exit code 3: an array is missing or goes away.
+    """
+    from palpate.base.file_io import check_places
+    from palpate.cli.options import rig_files, session_files
+    from palpate.cli.run_display import view_starter
+    from palpate.cli.watch_display import Keys, choose_display, discard_stdout, show_updates, write_picture
+    from palpate.jobs.rig import open_rig
+    from palpate.jobs.session import open_session
+
+    own = rig is None and rate is None and tare and not no_calibration
+    if session is None and speed is not None:
+        raise InputError("--speed is for --session; arrays sample in their own time")
+    if session is not None and not own:
+        raise InputError(
+            "--session excludes --rig, --no-calibration, --rate and --no-tare: the session has its own"
+        )
+    if session is not None and view:
+        raise InputError(f"--view is for arrays; palpate view {session} shows a session, with a slider")
+    for name, value in (("--rate", rate), ("--for", seconds), ("--speed", speed)):
+        if value is not None and not 0 < value < 1e6:
+            raise InputError(f"{name} {value:g}: must be above 0 and below a million")
+    check_places({"--picture": picture}, rig_files(rig) | session_files(session))
+    how, fingers = choose_display(json=json), finger or []
+    with ExitStack() as ways_out:
+        if session is not None:
+            recorded = open_session(session)
+            monitor = ways_out.enter_context(recorded.watch(fingers, speed=speed or 1.0))
+        else:
+            opened = open_rig(rig, calibration=not no_calibration)
+            pace = 1.0 if how.screen or seconds is None else None
+            shows = view_starter(view_port) if view else None
+            monitor = ways_out.enter_context(
+                opened.watch(fingers, rate_hz=rate, tare=tare, speed=pace, on_session=shows)
+            )
+        keys = ways_out.enter_context(Keys())
+        how.say(monitor.notes)
+        try:
+            shown = show_updates(monitor, how, keys, seconds)
+        except BrokenPipeError:  # of stdout: ports' own errors are DeviceErrors
+            discard_stdout()
+            return
+    if picture is not None:
+        write_picture(picture, shown)
+    how.sum_up(shown)

@@ -27,11 +27,11 @@ from palpate.config.calibration_finger import (
     UnusableTaxel,
 )
 from palpate.config.calibration_overlay import apply_calibration, check_calibration, geometry_sha256
-from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contacts
+from palpate.config.emulation import Scene, load_scene
+from palpate.config.loading import shipped_objects, shipped_rig
 from palpate.config.objects_file import ObjectsFile, load_objects
-from palpate.config.rig_checks import ARM_MARGIN_MM
-from palpate.config.rig_file import RigFile, load_rig
+from palpate.config.rig_file import ARM_MARGIN_MM, RigFile, load_rig
 from palpate.config.rig_fingers import (
     ArmFingerConfig,
     ArrayConfig,
@@ -42,8 +42,7 @@ from palpate.config.rig_fingers import (
 from palpate.config.rig_servos import JointConfig, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig
 from palpate.config.rig_tips import TipConfig
-from palpate.config.scene_file import Scene, load_scene
-from palpate.config.shipped import shipped_objects, shipped_rig
+from palpate.config.writers import calibration_toml
 
 __all__ = [
     "ARM_MARGIN_MM",

@@ -1,31 +1,62 @@
-"""Calibration of a rig, format `palpate/calibration@1`: TOML beside the rig file.
+"""Calibration of a rig, `palpate/calibration@1`, and its references, `palpate/references@1`.
 
-`palpate calibrate` writes it, `calibrated` lays it over the rig file that it was made for, and every other
-command takes the rig from there. `docs/calibration-file.md` explains every key.
+Both are TOML. `palpate calibrate` writes the calibration beside the rig file; `calibration_overlay` lays it
+over the rig, and every other command takes the rig from there. `docs/calibration-file.md` explains every
+key.
 """
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from palpate.config.calibration_finger import FingerCalibration
-from palpate.config.calibration_fit import FitQuality
-from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
-from palpate.config.calibration_stage import StageCalibration
-from palpate.config.fields import Count, FileModel, Flag, Items, Name, Text
+from palpate.config.fields import (
+    Count,
+    FileModel,
+    Flag,
+    Hash,
+    Items,
+    Length,
+    Matrix,
+    Measured,
+    MeasuredLength,
+    Name,
+    Point,
+    Positive,
+    Text,
+    UpLength,
+    UtcTime,
+    covariance_of,
+)
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import problem
 
-__all__ = [
-    "CalibrationDevice",
-    "CalibrationFile",
-    "CalibrationReference",
-    "Residuals",
-    "TouchResidual",
-    "calibration_path",
-    "load_calibration",
-]
+
+class FitQuality(FileModel):
+    """How well what was fitted agrees with its touches."""
+
+    rms_mm: MeasuredLength = Field(description="Root mean square of fitted touches' residuals.")
+    touches: Count = Field(description="Touches that were fitted.")
+    degrees_of_freedom: Count = Field(description="Fitted touches less what they determine.")
+    chi_square: MeasuredLength = Field(
+        description="Sum of squares of residuals over expected deviations, what touches share allowed for."
+    )
+    outliers: Count = Field(description="Touches that were left out.")
+
+
+class StageCalibration(FitQuality):
+    """What was found of the turning stage, and how well touches at its angles agree with that."""
+
+    centre_mm: tuple[Measured, Measured] = Field(description="[x, y] of the ring's axis in the hand frame.")
+    centre_sigma_mm: tuple[UpLength, UpLength] = Field(description="Standard deviations of centre_mm.")
+    covariance: Annotated[Matrix, covariance_of(2)] = Field(description="2 x 2, of centre_mm (mm²).")
+    centre_bound_mm: UpLength = Field(description="Bound: the axis is within this distance of centre_mm.")
+    backlash_deg: MeasuredLength = Field(description="Play, either way.")
+    backlash_sigma_deg: UpLength = Field(description="Standard deviation of backlash_deg.")
+    stops: Count = Field(description="Times that the stage stopped for touches.")
 
 
 class CalibrationReference(FileModel):
@@ -124,3 +155,37 @@ def load_calibration(source: Source) -> CalibrationFile:
 
     """
     return load_toml(source, CalibrationFile, {})
+
+
+class DiscConfig(FileModel):
+    """A round reference."""
+
+    diameter_mm: Positive = Field(description="Diameter.")
+    height_mm: Positive = Field(description="Height of its top above the support plane.")
+    tolerance_mm: Length = Field(default=0.0, description="Its rim is off by at most this.")
+
+
+class PlateConfig(FileModel):
+    """A convex reference with straight faces, such as a square plate."""
+
+    outline_mm: Items[Point] = Field(min_length=3, description="Corners [x, y] in order round it.")
+    height_mm: Positive = Field(description="Height of its top above the support plane.")
+    tolerance_mm: Length = Field(default=0.0, description="Its faces are off by at most this.")
+
+
+class ReferencesFile(FileModel):
+    """The things that fingers touch to be calibrated, `palpate/references@1`."""
+
+    format: Literal["palpate/references@1"]
+    disc: DiscConfig = Field(description="A disc.")
+    plate: PlateConfig = Field(description="A plate.")
+
+
+def references_sha256(file: ReferencesFile) -> str:
+    """SHA-256 of the shapes, by which a calibration knows what it was made with."""
+    return hashlib.sha256(json.dumps(file.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def load_references(source: Source) -> ReferencesFile:
+    """Read and check a references file. Raises InputError, one line."""
+    return load_toml(source, ReferencesFile, {})

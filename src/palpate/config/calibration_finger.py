@@ -1,49 +1,32 @@
 """Calibration of one finger: its array, its actuators, its place, its bounds.
 
-Units are the suffixes of the
-names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the rig file.
+Units are the suffixes of the names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the
+rig file.
 """
 
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from palpate.config.calibration_numbers import (
+from palpate.config.fields import (
+    Count,
+    FileModel,
+    Flag,
     Gain,
+    Items,
     Matrix,
     Measured,
     MeasuredLength,
     MeasuredPositive,
+    Name,
     ShareUp,
-    Travel,
+    TravelPerTurn,
     UpLength,
     UpPositive,
     covariance_of,
 )
-from palpate.config.fields import Count, FileModel, Flag, Items, Name
-from palpate.config.model_places import TAG
-from palpate.config.problems import problem
+from palpate.config.problems import TAG, problem
 from palpate.config.rig_fingers import check_gains
-
-__all__ = [
-    "Actuators",
-    "ActuatorsCalibration",
-    "ArmActuatorsCalibration",
-    "ArmPlaceCalibration",
-    "ContactBounds",
-    "DirectionParts",
-    "FingerCalibration",
-    "Overshoot",
-    "Place",
-    "PlaceCalibration",
-    "PlaceInHandFrame",
-    "PositionParts",
-    "RotaryCalibration",
-    "SlideCalibration",
-    "StopsCalibration",
-    "TactileCalibration",
-    "UnusableTaxel",
-]
 
 
 class UnusableTaxel(FileModel):
@@ -130,7 +113,7 @@ class SlideCalibration(FileModel):
     """What was found of a slide."""
 
     direction_confirmed: Flag = Field(description="It was seen to move the way the rig file says.")
-    mm_per_turn: Travel = Field(description="Travel per servo turn; as described if not homed.")
+    mm_per_turn: TravelPerTurn = Field(description="Travel per servo turn; as described if not homed.")
     mm_per_turn_sigma: UpLength = Field(description="Standard deviation of mm_per_turn.")
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0, in the middle of the play; as described if not homed."
@@ -202,7 +185,9 @@ class PlaceCalibration(PlaceInHandFrame):
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
     )
-    mm_per_turn: Travel = Field(description="Travel per turn of the slide's servo that belongs to this fit.")
+    mm_per_turn: TravelPerTurn = Field(
+        description="Travel per turn of the slide's servo that belongs to this fit."
+    )
     covariance: Annotated[Matrix, covariance_of(5)] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
     )
@@ -242,7 +227,7 @@ Actuators = Annotated[
 ]
 """What was found of a finger's servos, for a finger of either type."""
 
-Place = Annotated[
+FingerPlace = Annotated[
     Annotated[PlaceCalibration, Tag(TAG + "slide")] | Annotated[ArmPlaceCalibration, Tag(TAG + "two-link")],
     _by_key("upper_mm"),
 ]
@@ -285,5 +270,5 @@ class FingerCalibration(FileModel):
     name: Name = Field(description="The rig file's name of the finger.")
     tactile: TactileCalibration | None = Field(default=None, description="Its array and skin.")
     actuators: Actuators | None = Field(default=None, description="Its servos.")
-    place: Place | None = Field(default=None, description="Where it stands.")
+    place: FingerPlace | None = Field(default=None, description="Where it stands.")
     bounds: ContactBounds | None = Field(default=None, description="How far off its contacts may be.")

@@ -1,10 +1,13 @@
 """Calibration overlay: a rig with its measured values, and whether the calibration belongs to it.
 
-The result is a `RigFile` like any other, with values that were measured and bounds that hold for them.
+The result is a `RigFile` like any other, with values that were measured and bounds that hold for them. A
+calibration speaks of the frame in which bases and headings are nearest to the rig file's (ADR 0018); what
+that frame leaves open is added where a value is the drawing's.
 """
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -19,17 +22,32 @@ from palpate.config.calibration_finger import (
     PlaceCalibration,
     TactileCalibration,
 )
-from palpate.config.calibration_frame import frame_offset_bound_mm
 from palpate.config.fields import FileModel
 from palpate.config.rig_file import RigFile
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TaxelsConfig
 from palpate.config.rig_servos import StageConfig
 
-__all__ = ["apply_calibration", "check_calibration", "geometry_sha256"]
+
+def frame_offset_bound_mm(rig: RigFile, point_mm: tuple[float, float]) -> float:
+    """How far a point of the drawing may be off in a calibration's frame, by the bounds of all bases (mm).
+
+    The frame is turned by no more than headings, or bases as seen from their middle, may be off: it is fitted
+    to both by least squares. Its middle is off by the mean of the bases' bounds at most.
+    """
+    count = len(rig.fingers)
+    bounds = [finger.bounds.base_mm for finger in rig.fingers]
+    middle = [sum(finger.base_mm[k] for finger in rig.fingers) / count for k in (0, 1)]
+    levers = [math.dist(finger.base_mm, middle) for finger in rig.fingers]
+    square = math.fsum(lever**2 for lever in levers)
+    aside = math.fsum(lever * bound for lever, bound in zip(levers, bounds, strict=True))
+    turned = math.asin(min(aside / square, 1.0)) if square > 0 else 0.0
+    turned = max(turned, *(math.radians(finger.bounds.heading_deg) for finger in rig.fingers))
+    return math.fsum(bounds) / count + 2 * math.sin(turned / 2) * math.dist(point_mm, middle)
+
 
 _FingerT = TypeVar("_FingerT", bound=FileModel)
 
-_SIGMAS = 3.3
+_BOUND_SIGMAS = 3.3
 """Standard deviations that 99.9 % of a normal distribution lie within (3.29)."""
 
 _NOT_GEOMETRY = frozenset(
@@ -43,7 +61,7 @@ _NOT_GEOMETRY = frozenset(
 """Keys that say where a device is plugged in, or how well something is known: they may change freely."""
 
 
-_LEAST_FRICTION = 0.8
+_MIN_FRICTION_SHARE = 0.8
 """Of a slide's measured friction: it becomes less as grease warms and parts wear in."""
 
 
@@ -55,8 +73,8 @@ def geometry_sha256(rig: RigFile) -> str:
     """
     parts = {
         "format": rig.format,
-        "stage": _built(rig.stage),
-        "fingers": [_built(finger) for finger in rig.fingers],
+        "stage": _table_geometry(rig.stage),
+        "fingers": [_table_geometry(finger) for finger in rig.fingers],
     }
     text = json.dumps(parts, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -105,11 +123,13 @@ def apply_calibration(rig: RigFile, file: CalibrationFile) -> RigFile:
     of its parts. The result is not checked again as a rig file is: an `[emulation]` table says what may be
     off of the rig as described, and that is more than calibration leaves.
     """
-    fingers = [_calibrated(finger, found) for finger, found in zip(rig.fingers, file.fingers, strict=True)]
-    return rig.model_copy(update={"fingers": fingers, "stage": _calibrated_stage(rig, file)})
+    fingers = [
+        _calibrate_finger(finger, found) for finger, found in zip(rig.fingers, file.fingers, strict=True)
+    ]
+    return rig.model_copy(update={"fingers": fingers, "stage": _calibrate_stage(rig, file)})
 
 
-def _calibrated_stage(rig: RigFile, file: CalibrationFile) -> StageConfig | None:
+def _calibrate_stage(rig: RigFile, file: CalibrationFile) -> StageConfig | None:
     """The stage as it was measured; what its angle may be off by besides the play no touch can show."""
     stage, found = rig.stage, file.stage
     if stage is None:
@@ -118,7 +138,7 @@ def _calibrated_stage(rig: RigFile, file: CalibrationFile) -> StageConfig | None
         measured = {
             "centre_mm": found.centre_mm,
             "centre_bound_mm": found.centre_bound_mm,
-            "backlash_deg": found.backlash_deg + _SIGMAS * found.backlash_sigma_deg,
+            "backlash_deg": found.backlash_deg + _BOUND_SIGMAS * found.backlash_sigma_deg,
         }
         return stage.model_copy(update=measured)
     if all(finger.place is None for finger in file.fingers):
@@ -128,21 +148,21 @@ def _calibrated_stage(rig: RigFile, file: CalibrationFile) -> StageConfig | None
     return stage.model_copy(update={"centre_bound_mm": wide})
 
 
-def _calibrated(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:
+def _calibrate_finger(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:
     if found.tactile is not None:
         finger = _with_tactile(finger, found.tactile)
     if isinstance(finger, SlideFingerConfig):
         if isinstance(found.actuators, ActuatorsCalibration):
             finger = _with_actuators(finger, found.actuators)
         if isinstance(found.place, PlaceCalibration):
-            finger = _placed(finger, found.place)
+            finger = _place_slide_finger(finger, found.place)
     else:
         if isinstance(found.actuators, ArmActuatorsCalibration):
             finger = _with_joints(finger, found.actuators)
         if isinstance(found.place, ArmPlaceCalibration):
-            finger = _arm_placed(finger, found.place)
+            finger = _place_arm(finger, found.place)
     if found.bounds is not None:
-        finger = _bounded(finger, found.bounds)
+        finger = _with_bounds(finger, found.bounds)
     return finger
 
 
@@ -158,77 +178,80 @@ def _with_tactile(finger: FingerConfig, found: TactileCalibration) -> FingerConf
     )
     array = {"taxels": taxels, "drift_counts_per_s": found.drift_counts_per_s}
     tip = {"stiffness_n_per_mm": found.stiffness_n_per_mm, "stiffness_spread": found.stiffness_bound}
-    return _changed(finger, array=array, tip=tip)
+    return _replace_in_tables(finger, array=array, tip=tip)
 
 
 def _with_actuators(finger: SlideFingerConfig, found: ActuatorsCalibration) -> SlideFingerConfig:
     slide, aim = found.slide, found.aim
     changes: dict[str, float] = {
-        "backlash_mm": slide.backlash_mm + _SIGMAS * slide.backlash_sigma_mm,
-        "friction_a": _LEAST_FRICTION * slide.friction_a,
+        "backlash_mm": slide.backlash_mm + _BOUND_SIGMAS * slide.backlash_sigma_mm,
+        "friction_a": _MIN_FRICTION_SHARE * slide.friction_a,
     }
     if slide.homed:
         changes |= {
             "zero_mm": slide.zero_mm,
-            "zero_bound_mm": _SIGMAS * slide.zero_sigma_mm,
+            "zero_bound_mm": _BOUND_SIGMAS * slide.zero_sigma_mm,
             "mm_per_turn": slide.mm_per_turn,
-            "mm_per_turn_spread": _SIGMAS * slide.mm_per_turn_sigma / abs(slide.mm_per_turn),
+            "mm_per_turn_spread": _BOUND_SIGMAS * slide.mm_per_turn_sigma / abs(slide.mm_per_turn),
         }
-    play = {"backlash_deg": aim.backlash_deg + _SIGMAS * aim.backlash_sigma_deg}
-    return _changed(finger, slide=changes, aim=play)
+    play = {"backlash_deg": aim.backlash_deg + _BOUND_SIGMAS * aim.backlash_sigma_deg}
+    return _replace_in_tables(finger, slide=changes, aim=play)
 
 
 def _with_joints(finger: ArmFingerConfig, found: ArmActuatorsCalibration) -> ArmFingerConfig:
     shoulder, elbow = (
-        {"backlash_deg": joint.backlash_deg + _SIGMAS * joint.backlash_sigma_deg}
+        {"backlash_deg": joint.backlash_deg + _BOUND_SIGMAS * joint.backlash_sigma_deg}
         for joint in (found.shoulder, found.elbow)
     )
-    return _changed(finger, shoulder=shoulder, elbow=elbow)
+    return _replace_in_tables(finger, shoulder=shoulder, elbow=elbow)
 
 
-def _placed(finger: SlideFingerConfig, found: PlaceCalibration) -> SlideFingerConfig:
+def _place_slide_finger(finger: SlideFingerConfig, found: PlaceCalibration) -> SlideFingerConfig:
     zero_sigma_mm = max(found.covariance[4][4], 0.0) ** 0.5
     placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
-    return _changed(
+    return _replace_in_tables(
         placed,
         slide={
             "zero_mm": found.zero_mm,
-            "zero_bound_mm": _SIGMAS * zero_sigma_mm,
+            "zero_bound_mm": _BOUND_SIGMAS * zero_sigma_mm,
             "mm_per_turn": found.mm_per_turn,
         },
         **_tip_and_array(found),
     )
 
 
-def _arm_placed(finger: ArmFingerConfig, found: ArmPlaceCalibration) -> ArmFingerConfig:
+def _place_arm(finger: ArmFingerConfig, found: ArmPlaceCalibration) -> ArmFingerConfig:
     """An arm where it is; its shoulder's zero is in its heading."""
     placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
     lengths = {"upper_mm": found.upper_mm, "fore_mm": found.fore_mm}
     zero_deg = finger.elbow.zero_deg - finger.elbow.gear_ratio * found.elbow_zero_deg
-    return _changed(
+    return _replace_in_tables(
         placed,
-        links=lengths | {"bound_mm": _SIGMAS * max(found.upper_sigma_mm, found.fore_sigma_mm)},
+        links=lengths | {"bound_mm": _BOUND_SIGMAS * max(found.upper_sigma_mm, found.fore_sigma_mm)},
         shoulder={"zero_bound_deg": 0.0},
-        elbow={"zero_deg": zero_deg, "zero_bound_deg": _SIGMAS * found.elbow_zero_sigma_deg},
+        elbow={"zero_deg": zero_deg, "zero_bound_deg": _BOUND_SIGMAS * found.elbow_zero_sigma_deg},
         **_tip_and_array(found),
     )
 
 
 def _tip_and_array(found: PlaceCalibration | ArmPlaceCalibration) -> dict[str, Mapping[str, object]]:
     return {
-        "tip": {"radius_mm": found.tip_radius_mm, "radius_bound_mm": _SIGMAS * found.tip_radius_sigma_mm},
+        "tip": {
+            "radius_mm": found.tip_radius_mm,
+            "radius_bound_mm": _BOUND_SIGMAS * found.tip_radius_sigma_mm,
+        },
         "array": {
             "heading_deg": found.array_heading_deg,
-            "heading_bound_deg": _SIGMAS * found.array_heading_sigma_deg,
+            "heading_bound_deg": _BOUND_SIGMAS * found.array_heading_sigma_deg,
         },
     }
 
 
-def _bounded(finger: FingerConfig, found: ContactBounds) -> FingerConfig:
+def _with_bounds(finger: FingerConfig, found: ContactBounds) -> FingerConfig:
     """With bounds on contacts, in which those of radius, zero, travel and array's heading are contained."""
     if isinstance(finger, SlideFingerConfig):
-        finger = _changed(finger, slide={"zero_bound_mm": 0.0, "mm_per_turn_spread": 0.0})
-    return _changed(
+        finger = _replace_in_tables(finger, slide={"zero_bound_mm": 0.0, "mm_per_turn_spread": 0.0})
+    return _replace_in_tables(
         finger,
         bounds={"position_mm": found.position_mm, "direction_deg": found.direction_deg},
         tip={"radius_bound_mm": 0.0},
@@ -236,13 +259,13 @@ def _bounded(finger: FingerConfig, found: ContactBounds) -> FingerConfig:
     )
 
 
-def _changed(finger: _FingerT, **tables: Mapping[str, object]) -> _FingerT:
+def _replace_in_tables(finger: _FingerT, **tables: Mapping[str, object]) -> _FingerT:
     """The finger with other values in some of its tables."""
     new = {key: getattr(finger, key).model_copy(update=values) for key, values in tables.items()}
     return finger.model_copy(update=new)
 
 
-def _built(model: FileModel | None) -> object:
+def _table_geometry(model: FileModel | None) -> object:
     """What a table says of how something is built, as plain values."""
     return None if model is None else _geometry(model.model_dump(mode="json", exclude_defaults=True))
 

@@ -1,8 +1,7 @@
 """Contacts, format `palpate/contacts@1`: touches and misses, grip by grip.
 
-Everything is in the
-support-plane frame W, mm and rad. The values keep the file's field names, which carry no unit suffix: the
-file's `units` header fixes them.
+Everything is in the support-plane frame W, mm and rad. The values keep the file's field names, which carry
+no unit suffix: the file's `units` header fixes them.
 """
 
 import math
@@ -13,8 +12,6 @@ from pydantic import AfterValidator, Field, model_validator
 from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, Point
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import problem
-
-__all__ = ["ContactEntry", "ContactsFile", "GripEntry", "Travel", "load_contacts"]
 
 _NOUNS = {"grips": "grip", "contacts": "contact"}
 _ANGLE_SLACK_RAD = 1e-9
@@ -29,7 +26,7 @@ def _normal_range(pair: tuple[float, float]) -> tuple[float, float]:
     return pair
 
 
-class Travel(FileModel):
+class ApproachEntry(FileModel):
     """How a finger came: a straight line of the tip's centre."""
 
     direction: Number = Field(description="Direction of travel, rad, counter-clockwise from +x of W.")
@@ -66,7 +63,7 @@ class ContactEntry(FileModel):
     normal: Annotated[tuple[Number, Number], AfterValidator(_normal_range)] | None = Field(
         default=None, description="Outward surface normal, rad, counter-clockwise from lo to hi."
     )
-    approach: Travel
+    approach: ApproachEntry
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:

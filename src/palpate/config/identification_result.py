@@ -4,18 +4,7 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.base.vocabulary import IdentificationVerdict, PushResponse, Strategy
-from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
-
-__all__ = [
-    "AlternativeOut",
-    "CalibrationUsedOut",
-    "IdentificationOut",
-    "MotionBoundOut",
-    "NotBoundedOut",
-    "Relation",
-    "TouchRecordOut",
-    "TruthOut",
-]
+from palpate.config.result_model import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
 
 
 class Relation(StrEnum):

@@ -1,7 +1,9 @@
-"""Loading of files: from bytes to a checked pydantic model, or one `InputError` line, for all formats.
+"""Loading of files, given or shipped: from bytes to a checked pydantic model, or one `InputError` line.
 
-Every failure names the file, the place in it, what is wrong and what is allowed: a missing file, bytes
-that are not UTF-8, broken JSON or TOML (line and column), keys given twice, unknown keys, wrong values.
+Every failure names the file, the place in it, what is wrong and what is allowed: a missing file, a file of
+another format, bytes that are not UTF-8, broken JSON or TOML (line and column), keys given twice, unknown
+keys, wrong values. Rigs, object models and references that ship inside the package are sources like any
+other.
 """
 
 import json
@@ -11,18 +13,41 @@ import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.resources import files
 from importlib.resources.abc import Traversable
+from pathlib import PurePath
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from palpate.base.errors import InputError
-from palpate.base.files import read_bytes
-from palpate.base.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
-from palpate.config.mistaken_files import mistaken_for
-from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
+from palpate.base.file_io import (
+    JSON_BYTES,
+    MOST_NESTING,
+    MOST_TABLE_KEYS,
+    MOST_VALUES,
+    TOML_BYTES,
+    read_bytes,
+)
+from palpate.config.problems import Problem, excerpt, place_in_words, problems_of, refuse
 
-__all__ = ["Content", "Source", "load_json", "load_toml", "read_json", "source_name"]
+_CAD_SUFFIXES = frozenset({".3mf", ".dxf", ".obj", ".ply", ".step", ".stl", ".stp", ".svg"})
+_OBJECTS_FORMAT = "palpate/objects@1"
+_FORMAT_SEARCH_CHARS = 10_000  # characters in which a file says its format
+_FORMAT_PATTERN = re.compile(
+    r'(?:^|[{,])[ \t]*"?format"?[ \t]*[:=][ \t]*"(palpate/[\w-]{1,40}@\d{1,4})"', re.MULTILINE
+)
+
+
+def describe_other_format(name: str, text: str, wanted: str) -> str | None:
+    """What a file is that cannot be read as the format `wanted`; None: one of this with a fault, perhaps."""
+    if PurePath(name).suffix.lower() in _CAD_SUFFIXES:
+        rest = f"`palpate objects import {name}` makes object models of it"
+        return f"is a CAD file; {rest if wanted == _OBJECTS_FORMAT else f'needed here: {excerpt(wanted)}'}"
+    found = _FORMAT_PATTERN.search(text[:_FORMAT_SEARCH_CHARS])
+    if found is None or found[1] == wanted:
+        return None
+    return f"format: is {excerpt(found[1])}; needed here: {excerpt(wanted)}"
 
 
 @dataclass(frozen=True)
@@ -40,15 +65,17 @@ class Content:
 Source = str | os.PathLike[str] | Traversable | Content
 """A path, a file that ships inside the package, or one that was read already."""
 
-_DIVIDE = "divide it into several files"
+_ADVICE_DIVIDE = "divide it into several files"
 _Model = TypeVar("_Model", bound=BaseModel)
 _TOML_POSITION = re.compile(r"^(?P<what>.*?)\s*\(at (?P<where>.*)\)$", re.DOTALL)
 
 
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-_DOTTED = re.compile(rf"(?:^|(?<=[\s\[,{{])){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{NESTING}}}")
+_KEY_PATTERN = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_DEEP_KEY_PATTERN = re.compile(
+    rf"(?:^|(?<=[\s\[,{{])){_KEY_PATTERN}(?:[ \t]*+\.[ \t]*+{_KEY_PATTERN}){{{MOST_NESTING}}}"
+)
 """A dotted key of too many parts, or a text that looks like one."""
-_INTEGER = "integer string conversion"
+_INTEGER_TOO_LONG = "integer string conversion"
 
 
 class _Refused(ValueError):
@@ -64,7 +91,7 @@ def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
         InputError: anything is wrong with the file; one line, and a note for each further problem.
 
     """
-    text = _read_text(source, JSON_BYTES, _DIVIDE, _format_of(model))
+    text = _read_text(source, JSON_BYTES, _ADVICE_DIVIDE, _format_of(model))
     return _load(source, text, model, nouns, _decode_json, "JSON")
 
 
@@ -76,7 +103,7 @@ def load_toml(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
 
 def read_json(path: str | os.PathLike[str]) -> Content:
     """The bytes of a JSON file, to be a source. InputError where it cannot be read, or is too large."""
-    return Content(os.fspath(path), read_bytes(path, JSON_BYTES, _DIVIDE))
+    return Content(os.fspath(path), read_bytes(path, JSON_BYTES, _ADVICE_DIVIDE))
 
 
 def source_name(source: Source) -> str:
@@ -100,7 +127,7 @@ def _load(
     except RecursionError:
         raise InputError(f"{name}: brackets are nested too deeply") from None
     except ValueError as error:
-        another = mistaken_for(name, text, _format_of(model))
+        another = describe_other_format(name, text, _format_of(model))
         raise InputError(f"{name}: {another or f'not valid {language}: {_syntax(error)}'}") from None
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
@@ -122,22 +149,22 @@ def _read_text(source: Source, most_bytes: int, advice: str, wanted: str) -> str
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         fault = f"line {line} holds byte 0x{raw[error.start]:02x}, which is not UTF-8; save it as UTF-8"
-        raise InputError(f"{name}: {mistaken_for(name, '', wanted) or fault}") from None
+        raise InputError(f"{name}: {describe_other_format(name, '', wanted) or fault}") from None
 
 
 def _decode_json(text: str) -> object:
     values = sum(text.count(mark) for mark in ",[{")
-    if values > VALUES:
+    if values > MOST_VALUES:
         raise _Refused(
-            f"holds about {values} values; at most {VALUES} are read: divide it into several files"
+            f"holds about {values} values; at most {MOST_VALUES} are read: divide it into several files"
         )
     return json.loads(text, object_pairs_hook=_no_repeats)
 
 
 def _decode_toml(text: str) -> object:
-    if found := _DOTTED.search(text):  # tomllib takes time by the square of this
+    if found := _DEEP_KEY_PATTERN.search(text):  # tomllib takes time by the square of this
         line = text.count("\n", 0, found.start()) + 1
-        raise _Refused(f"line {line} has a key of more than {NESTING} parts between dots")
+        raise _Refused(f"line {line} has a key of more than {MOST_NESTING} parts between dots")
     data = tomllib.loads(text)
     _check_keys(data)
     return data
@@ -152,8 +179,8 @@ def _check_keys(value: object) -> None:
 
 
 def _check_size(table: Mapping[str, object] | list[tuple[str, Any]]) -> None:
-    if len(table) > TABLE_KEYS:
-        raise _Refused(f"a table has {len(table)} keys; at most {TABLE_KEYS} are read")
+    if len(table) > MOST_TABLE_KEYS:
+        raise _Refused(f"a table has {len(table)} keys; at most {MOST_TABLE_KEYS} are read")
 
 
 def _no_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -162,7 +189,7 @@ def _no_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(table) < len(pairs):
         counts = Counter(key for key, _ in pairs)
         twice = next(key for key, count in counts.items() if count > 1)
-        raise _Refused(f"the key {shown(twice)} is given twice in one table")
+        raise _Refused(f"the key {excerpt(twice)} is given twice in one table")
     return table
 
 
@@ -172,7 +199,7 @@ def _syntax(error: ValueError) -> str:
     match = _TOML_POSITION.match(str(error))
     if match is not None:
         return f"{match['where']}: {match['what'][:1].lower()}{match['what'][1:]}"
-    if _INTEGER in str(error):
+    if _INTEGER_TOO_LONG in str(error):
         return "a whole number has thousands of digits"
     return " ".join(str(error).split())
 
@@ -181,16 +208,19 @@ def _format_problem(data: object, model: type[BaseModel]) -> Problem | None:
     """Check the format before anything else: errors against the wrong format mislead."""
     wanted = _format_of(model)
     if not isinstance(data, dict):
-        return Problem("", f"holds {shown(data)}; it must be a table with the key format = {shown(wanted)}")
+        return Problem(
+            "", f"holds {excerpt(data)}; it must be a table with the key format = {excerpt(wanted)}"
+        )
     if "format" not in data:
         return (
             None
-            if len(data) and _misspelt_format(data)
-            else Problem("", f'the key "format" is missing; this file must say format {shown(wanted)}')
+            if len(data) and _has_misspelt_format(data)
+            else Problem("", f'the key "format" is missing; this file must say format {excerpt(wanted)}')
         )
     if data["format"] != wanted:
         return Problem(
-            place_in_words(("format",), data, {}), f"is {shown(data['format'])}; needed here: {shown(wanted)}"
+            place_in_words(("format",), data, {}),
+            f"is {excerpt(data['format'])}; needed here: {excerpt(wanted)}",
         )
     return None
 
@@ -200,5 +230,24 @@ def _format_of(model: type[BaseModel]) -> str:
     return str(get_args(model.model_fields["format"].annotation)[0])
 
 
-def _misspelt_format(data: Mapping[str, object]) -> bool:
+def _has_misspelt_format(data: Mapping[str, object]) -> bool:
     return any(isinstance(value, str) and value.startswith("palpate/") for value in data.values())
+
+
+SHIPPED_RIGS = ("bench", "xm430-bench", "xl330-bench")
+"""Rigs that ship with palpate; the first is used where no other is given."""
+
+
+def shipped_rig(name: str = SHIPPED_RIGS[0]) -> Traversable:
+    """Give one of `SHIPPED_RIGS`, else the emulated bench with three fingers; for `load_rig`."""
+    return files("palpate.config").joinpath("rigs", f"{name}.toml")
+
+
+def shipped_objects() -> Traversable:
+    """Give the object models tr-1, tr-2, tr-3, grip, gator and hand; for `load_objects`."""
+    return files("palpate.config").joinpath("objects", "memo.json")
+
+
+def shipped_references() -> Traversable:
+    """Give the references that calibration expects unless told otherwise; for `load_references`."""
+    return files("palpate.config").joinpath("references", "standard.toml")

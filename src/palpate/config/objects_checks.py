@@ -1,21 +1,35 @@
-"""Does what an objects file says make sense? Every finding with its place in the file.
+"""Checks of what an objects file says, each finding with its place; redundant points are dropped.
 
-Stands behind `objects_text`, where the values have the right kinds already, and before `objects_file`. What
-an outline must be is in `outlines`.
+Stands behind `objects_tables`, where the values have the right kinds already, and before `objects_file`.
+Points that repeat the one before, or lie on a straight line between others, say nothing; exporters write
+them. They are left out, and that is said, since edges of answers are counted without them.
 """
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
+from typing import Any
 
-from palpate.base.files.limits import OUTLINES
-from palpate.base.geometry import Floats
-from palpate.config.model_places import Place
-from palpate.config.objects_rings import Outline, curve_of, facets_for, flat_curve, stray_for_mm
-from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
-from palpate.config.outlines import outline_problem, polygons_problem
+import numpy as np
+import shapely
 
-__all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
+from palpate.base.errors import quantity
+from palpate.base.file_io import MOST_OUTLINES
+from palpate.base.geometry import Bools, Floats
+from palpate.config.objects_tables import (
+    CircleText,
+    ObjectsFileText,
+    ObjectText,
+    Outline,
+    SectionText,
+    StateText,
+    curve_of,
+    facets_for,
+    flat_curve,
+    stray_for_mm,
+)
+from palpate.config.outline_checks import MIN_EDGE_MM, outline_problem, polygons_problem
+from palpate.config.problems import Place
 
 NOUNS: Mapping[str, str] = {
     "objects": "object",
@@ -128,8 +142,8 @@ def heights_in_words(ranges: Iterable[tuple[float, float]]) -> str:
 
 def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
     count = sum(1 + len(polygon.holes) for polygon in section.polygons)
-    if count > OUTLINES:
-        yield (*place, "polygons"), f"has {count} outlines; at most {OUTLINES} are read"
+    if count > MOST_OUTLINES:
+        yield (*place, "polygons"), f"has {count} outlines; at most {MOST_OUTLINES} are read"
         return
     simple = True
     for index, polygon in enumerate(section.polygons):
@@ -143,7 +157,10 @@ def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
     if not simple:
         return
     found = polygons_problem(
-        [(_ring(polygon.outer), [_ring(hole) for hole in polygon.holes]) for polygon in section.polygons]
+        [
+            (_polygon_ring(polygon.outer), [_polygon_ring(hole) for hole in polygon.holes])
+            for polygon in section.polygons
+        ]
     )
     if found is not None:
         number, hole_number, what = found
@@ -152,7 +169,7 @@ def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
 
 
 def _outline_problems(outline: Outline, place: Place) -> Iterator[Finding]:
-    found = outline_problem(_ring(outline))
+    found = outline_problem(_polygon_ring(outline))
     if found is not None:
         point, what = found
         if (
@@ -162,6 +179,98 @@ def _outline_problems(outline: Outline, place: Place) -> Iterator[Finding]:
         yield (place if point is None else (*place, point)), what
 
 
-def _ring(outline: Outline) -> Floats:
+def _polygon_ring(outline: Outline) -> Floats:
     """The polygon that an outline is, or one that stands for its curves finely."""
     return flat_curve(outline, _STRAY_MM, facets_for([outline], _STRAY_MM)).ring
+
+
+_MAX_BEND_MM = 1e-7
+"""From a straight line; less than what makes two points of one."""
+_MAX_COORDINATE_MM = 1e9
+"""Further out numbers are too coarse to tell; such outlines are refused elsewhere."""
+
+
+def drop_redundant_points(text: ObjectsFileText) -> tuple[ObjectsFileText, tuple[str, ...]]:
+    """The file's text without such points, and a line for every object that had some."""
+    objects, lines = [], []
+    for item in text.objects:
+        made, repeated, straight = _reduce_object(item)
+        objects.append(made)
+        words = [
+            *(
+                [f"{quantity(repeated, 'point that repeats', 'points that repeat')} the one before"]
+                if repeated
+                else []
+            ),
+            *([f"{quantity(straight, 'point', 'points')} on a straight line"] if straight else []),
+        ]
+        if words:
+            lines.append(f'object "{item.name}": left out {" and ".join(words)}; edges are counted without')
+    return (text.model_copy(update={"objects": objects}) if lines else text), tuple(lines)
+
+
+def _reduce_object(item: ObjectText) -> tuple[ObjectText, int, int]:
+    """An object without idle points, and how many were repeated and on straight lines."""
+    counts = np.zeros(2, dtype=np.int64)
+
+    def kept(outline: Outline) -> Outline:
+        found, *dropped = _reduce_outline(outline)
+        counts[:] += dropped
+        return found
+
+    if item.states is None:
+        outline = None if item.outline is None else kept(item.outline)
+        made = item.model_copy(update={"outline": outline})
+    else:
+        states = []
+        for state in item.states:
+            sections = []
+            for section in state.sections:
+                polygons = [
+                    polygon.model_copy(
+                        update={"outer": kept(polygon.outer), "holes": [kept(hole) for hole in polygon.holes]}
+                    )
+                    for polygon in section.polygons
+                ]
+                sections.append(section.model_copy(update={"polygons": polygons}))
+            states.append(state.model_copy(update={"sections": sections}))
+        made = item.model_copy(update={"states": states})
+    repeated, straight = counts.tolist()
+    return (made if repeated or straight else item), repeated, straight
+
+
+def _reduce_outline(outline: Outline) -> tuple[Outline, int, int]:
+    """An outline without idle points, but at least three; how many were repeated and on straight lines."""
+    if isinstance(outline, CircleText) or len(outline) < 3:
+        return outline, 0, 0
+    points = np.array([point[:2] for point in outline], dtype=np.float64)
+    bent = np.array([len(point) == 3 and point[2] != 0 for point in outline])
+    if (np.abs(points) > _MAX_COORDINATE_MM).any():
+        return outline, 0, 0
+    differs = np.hypot(*(np.roll(points, -1, axis=0) - points).T) >= MIN_EDGE_MM
+    some = np.flatnonzero(differs)
+    idle = _collinear(points[some], bent[some]) if len(some) > 2 else np.zeros(len(some), dtype=bool)
+    left = some[~idle]
+    if len(left) == len(points) or len(left) < 3:
+        return outline, 0, 0
+    chosen: Sequence[Any] = outline
+    return [chosen[k] for k in left.tolist()], int((~differs).sum()), int(idle.sum())
+
+
+def _collinear(points: Floats, bent: Bools) -> Bools:
+    """Which points (n, 2) lie between their neighbours; `bent` (n,): an arc runs to the next point."""
+    before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    across = before + after
+    aside = np.abs(across[:, 0] * before[:, 1] - across[:, 1] * before[:, 0])
+    idle: Bools = (
+        (aside <= _MAX_BEND_MM * np.hypot(*across.T))
+        & ((before * after).sum(axis=1) > 0)
+        & ~bent
+        & ~np.roll(bent, 1)
+    )
+    kept = points[~idle]
+    if len(kept) < 3 or not idle.any():
+        return np.zeros(len(points), dtype=bool)
+    # Fine curves bend by as little at each point: then all of them count.
+    off = shapely.distance(shapely.points(points[idle]), shapely.LinearRing(kept))
+    return idle if float(off.max()) <= _MAX_BEND_MM else np.zeros(len(points), dtype=bool)

@@ -1,49 +1,156 @@
 """Object models, format `palpate/objects@1`: JSON in, checked object models out.
 
-The catalogue of everything that may lie on the table. Each object has stable states, each state has cross
-sections at ranges of height, each section polygons. The short form (one outline, one height) becomes one
-state called "flat" with one section from the table up.
+The catalogue of everything that may lie on the table; what was read of a large file is kept as arrays. Each
+object has stable states, each state has cross sections at ranges of height, each section polygons. The short
+form (one outline, one height) becomes one state called "flat" with one section from the table up.
 
 Outlines keep the order of the file, whichever way round they run: edge k goes from point k to point k + 1,
 the last edge back to point 0. Edges of a section are counted polygon by polygon, outer before holes.
 """
 
 import hashlib
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 import pydantic
+from numpy.typing import NDArray
 
-from palpate.base.files import confined
-from palpate.base.files.cache import user_cache
-from palpate.base.files.code_digest import code_digest
-from palpate.base.files.limits import UNCONFINED_BYTES
-from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
-from palpate.config.idle_points import without_idle_points
+from palpate.base.array_cache import code_digest, user_cache
+from palpate.base.confined_reading import read_confined
+from palpate.base.file_io import UNCONFINED_BYTES
+from palpate.base.geometry import Circle, Curve, Floats, ObjectModel, Polygon, Section, State
 from palpate.config.loading import Source, load_json, read_json, source_name
-from palpate.config.objects_arrays import arrays_of_objects, objects_of_arrays
-from palpate.config.objects_checks import NOUNS, objects_problems
-from palpate.config.objects_rings import curve_of, facets_for, flat_curve, stray_for_mm
-from palpate.config.objects_tables import ObjectsFileText, ObjectText, PolygonText, SectionText, StateText
+from palpate.config.objects_checks import NOUNS, drop_redundant_points, objects_problems
+from palpate.config.objects_tables import (
+    ObjectsFileText,
+    ObjectText,
+    PolygonText,
+    SectionText,
+    StateText,
+    curve_of,
+    facets_for,
+    flat_curve,
+    stray_for_mm,
+)
 from palpate.config.problems import Problem, place_in_words, refuse
 
-__all__ = [
-    "FLAT",
-    "ObjectsFile",
-    "checked_objects",
-    "load_objects",
-    "load_objects_text",
-]
+
+def arrays_of_objects(objects: tuple[ObjectModel, ...], notices: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+    """Object models and what there was to say of their file."""
+    rings = list(_rings(objects))
+    text = json.dumps([list(notices), [_object_record(item) for item in objects]])
+    points = np.concatenate([np.empty((0, 2)), *rings])
+    points.setflags(write=False)
+    return {
+        "text": np.frombuffer(text.encode(), np.uint8),
+        "sizes": np.array([len(ring) for ring in rings], np.int64),
+        "points": points,
+    }
+
+
+def objects_of_arrays(arrays: Mapping[str, NDArray[Any]]) -> tuple[tuple[ObjectModel, ...], tuple[str, ...]]:
+    """Object models and notices. Raises ValueError for arrays that hold none."""
+    try:
+        text, sizes, points = arrays["text"], arrays["sizes"], arrays["points"]
+        if sizes.dtype != np.int64 or sizes.ndim != 1 or bool(np.any(sizes < 0)):
+            raise ValueError("no sizes of rings")
+        if points.dtype != np.float64 or points.shape != (int(sizes.sum()), 2):
+            raise ValueError("no points of rings")
+        notices, items = json.loads(text.tobytes())
+        # Views of one array, which is mapped from its file.
+        rings = iter([points[end - size : end] for size, end in zip(sizes, np.cumsum(sizes), strict=True)])
+        objects = tuple(_read_object(item, rings) for item in items)
+        if next(rings, None) is not None:
+            raise ValueError("more rings than objects have")
+        return objects, tuple(notices)
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        raise ValueError("no objects") from error
+
+
+def _rings(objects: tuple[ObjectModel, ...]) -> Iterator[Floats]:
+    for item in objects:
+        for state in item.states:
+            for section in state.sections:
+                yield from section.rings
+            yield from state.side_mm
+
+
+def _object_record(item: ObjectModel) -> list[object]:
+    states = [_state_record(state) for state in item.states]
+    return [item.name, states, item.tolerance_mm, item.holds_n, item.support_mm, item.normal_bound_rad]
+
+
+def _state_record(state: State) -> list[object]:
+    sections = [
+        [section.z_mm, [_polygon_record(item) for item in section.polygons]] for section in state.sections
+    ]
+    return [
+        state.name,
+        sections,
+        state.probability,
+        state.tipping_angle_rad,
+        state.height_mm,
+        state.heights_mm,
+        state.normal_bound_rad,
+        state.curves_off_mm,
+        state.curves_turn_rad,
+        len(state.side_mm),
+    ]
+
+
+def _polygon_record(polygon: Polygon) -> list[object]:
+    return [len(polygon.holes), [_curve_record(curve) for curve in polygon.curves]]
+
+
+def _curve_record(curve: Curve | None) -> object:
+    if isinstance(curve, Circle):
+        return {"circle": [*curve.centre_mm, curve.radius_mm]}
+    return None if curve is None else curve.tolist()
+
+
+def _read_object(item: list[Any], rings: Iterator[Floats]) -> ObjectModel:
+    name, states, *numbers = item
+    return ObjectModel(name, tuple(_read_state(state, rings) for state in states), *numbers)
+
+
+def _read_state(item: list[Any], rings: Iterator[Floats]) -> State:
+    name, sections, probability, tipping, height, heights, bound, off, turn, sides = item
+    found = tuple(
+        Section(tuple(z), tuple(_read_polygon(polygon, rings) for polygon in polygons))
+        for z, polygons in sections
+    )
+    known = None if heights is None else tuple((low, high) for low, high in heights)
+    side = tuple(next(rings) for _ in range(sides))
+    return State(name, found, probability, tipping, height, known, bound, off, turn, side)
+
+
+def _read_polygon(item: list[Any], rings: Iterator[Floats]) -> Polygon:
+    holes, curves = item
+    outer = next(rings)
+    return Polygon(outer, tuple(next(rings) for _ in range(holes)), tuple(map(_read_curve, curves)))
+
+
+def _read_curve(item: Any) -> Curve | None:
+    if item is None:
+        return None
+    if isinstance(item, dict):
+        x, y, radius = item["circle"]
+        return Circle((x, y), radius)
+    curve = np.array(item, np.float64).reshape(-1, 3)
+    curve.setflags(write=False)
+    return curve
+
 
 FLAT = "flat"
 """Name of the only state of an object given in the short form."""
 
 _LIBRARY = pydantic.VERSION.replace(".", "-")
-_SHOWN = 8  # names in a repr
+_MAX_NAMES_IN_REPR = 8  # names in a repr
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +164,12 @@ class ObjectsFile:
     notices: tuple[str, ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
-        names = ", ".join(model.name for model in self.objects[:_SHOWN])
-        more = f" and {len(self.objects) - _SHOWN} more" if len(self.objects) > _SHOWN else ""
+        names = ", ".join(model.name for model in self.objects[:_MAX_NAMES_IN_REPR])
+        more = (
+            f" and {len(self.objects) - _MAX_NAMES_IN_REPR} more"
+            if len(self.objects) > _MAX_NAMES_IN_REPR
+            else ""
+        )
         return f"<ObjectsFile {names}{more}>"
 
 
@@ -73,17 +184,17 @@ def load_objects(source: Source) -> ObjectsFile:
             the object and the place.
 
     """
-    found = _loaded_large(source) if _is_large(source) else _loaded(source)
+    found = _read_large(source) if _is_large(source) else _read_objects(source)
     name = source_name(source)
     return replace(found, notices=tuple(f"{name}: {line}" for line in found.notices))
 
 
-def _loaded(source: Source) -> ObjectsFile:
-    text, notices = without_idle_points(load_objects_text(source))
-    return replace(checked_objects(text, source_name(source)), notices=notices)
+def _read_objects(source: Source) -> ObjectsFile:
+    text, notices = drop_redundant_points(load_objects_text(source))
+    return replace(objects_from_text(text, source_name(source)), notices=notices)
 
 
-def _loaded_large(source: str | os.PathLike[str]) -> ObjectsFile:
+def _read_large(source: str | os.PathLike[str]) -> ObjectsFile:
     """What was kept of a file of the same content, or else what a process with limits reads of it."""
     content, cache = read_json(source), user_cache()
     kind = f"objects-{code_digest('palpate.config', 'palpate.base.geometry')}-{_LIBRARY}"
@@ -92,7 +203,7 @@ def _loaded_large(source: str | os.PathLike[str]) -> ObjectsFile:
     if kept is not None:
         with suppress(ValueError):
             return ObjectsFile(*objects_of_arrays(kept))
-    found = confined(content.name, "divide it", _loaded, content)
+    found = read_confined(content.name, "divide it", _read_objects, content)
     arrays = arrays_of_objects(found.objects, found.notices)
     cache.keep(kind, key, arrays)
     return ObjectsFile(*objects_of_arrays(arrays))
@@ -111,7 +222,7 @@ def load_objects_text(source: Source) -> ObjectsFileText:
     return load_json(source, ObjectsFileText, NOUNS)
 
 
-def checked_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
+def objects_from_text(text: ObjectsFileText, name: str) -> ObjectsFile:
     """Check what the values of a text mean; InputError as `load_objects`, which calls the file `name`."""
     problems = list(objects_problems(text))
     if problems:

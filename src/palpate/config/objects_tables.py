@@ -1,27 +1,149 @@
-"""The text of an objects file, format `palpate/objects@1`: its tables as they stand there, and the writer.
+"""Text of an objects file, format `palpate/objects@1`: tables, outlines, edits, and the writer.
 
-Between JSON and `objects_file`, which checks what the values mean.
+Between JSON and `objects_file`, which checks what the values mean. Outlines are points, points with arcs
+between them, or a circle. Edits go from text to text, so that everything else in the file stays as it is.
 """
 
 import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Point, Positive, Text
-from palpate.config.objects_rings import Outline
+from palpate.base.errors import InputError
+from palpate.base.geometry import Circle, Curve, Floats
+from palpate.base.geometry.object_model import FacetedCurve, arcs_polygon, circle_facets, circle_polygon
+from palpate.config.fields import (
+    Bounded,
+    Coordinate,
+    FileModel,
+    Fraction,
+    Items,
+    Length,
+    Name,
+    Point,
+    Positive,
+    Text,
+)
+from palpate.config.problems import TAG, nearest
 
-__all__ = [
-    "ObjectText",
-    "ObjectsFileText",
-    "PolygonText",
-    "RefusedText",
-    "SectionText",
-    "SourceText",
-    "StateText",
-    "objects_json",
+_STRAY_SHARE, _MIN_STRAY_MM, _MAX_STRAY_MM = (
+    0.1,
+    0.002,
+    0.02,
+)  # of the tolerance that facets may stray, and its limits
+
+
+class CircleSize(FileModel):
+    """Where a circle is, mm."""
+
+    centre: Point
+    radius: Annotated[Positive, Field(le=1e6)]
+
+
+class CircleText(FileModel):
+    """A circle as it stands in the file."""
+
+    circle: CircleSize
+
+
+_Bulge = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-100, le=100)]
+_BulgedPoint = tuple[Coordinate, Coordinate, _Bulge]
+_PLAIN, _BULGED, _POINTS, _ARCS, _CIRCLE = (
+    TAG + name for name in ("point", "bulged", "points", "arcs", "circle")
+)
+
+
+def _is_bulged(point: object) -> bool:
+    return isinstance(point, list | tuple) and len(point) == 3
+
+
+def _kind_of_point(point: object) -> str:
+    return _BULGED if _is_bulged(point) else _PLAIN
+
+
+def _kind_of_outline(outline: object) -> str:
+    if isinstance(outline, dict | CircleText):
+        return _CIRCLE
+    return _ARCS if isinstance(outline, Sequence) and any(map(_is_bulged, outline)) else _POINTS
+
+
+def _any_of(schema: dict[str, Any]) -> None:
+    """JSON Schema for a list of points fits one with arcs as well: not exactly one of them has to fit."""
+    schema["anyOf"] = schema.pop("oneOf")
+
+
+_AnyPoint = Annotated[
+    Annotated[Point, Tag(_PLAIN)] | Annotated[_BulgedPoint, Tag(_BULGED)], Discriminator(_kind_of_point)
 ]
+
+Outline = Annotated[
+    Annotated[Items[Point], Tag(_POINTS)]
+    | Annotated[Items[_AnyPoint], Tag(_ARCS)]
+    | Annotated[CircleText, Tag(_CIRCLE)],
+    Discriminator(_kind_of_outline),
+    Field(
+        description="Corner points [x, y], mm, either way round, not closed; [x, y, bulge] where an arc runs "
+        "to the next point (bulge: the tangent of a quarter of its angle, positive if it turns left); or a "
+        'circle, {"circle": {"centre": [x, y], "radius": r}}.',
+        json_schema_extra=_any_of,
+    ),
+]
+
+
+def curve_of(outline: Outline) -> Curve | None:
+    """The circle or the arcs of an outline; None for one of straight edges."""
+    if isinstance(outline, CircleText):
+        return Circle(outline.circle.centre, outline.circle.radius)
+    if not any(map(_is_bulged, outline)):
+        return None
+    return _array([(*point[:2], point[2] if len(point) == 3 else 0.0) for point in outline], 3)
+
+
+def outline_edges(outline: Outline) -> int:
+    """How many edges an outline has; a circle is one."""
+    return 1 if isinstance(outline, CircleText) else len(outline)
+
+
+def stray_for_mm(tolerance_mm: float) -> float:
+    """How far facets may stray from curves of an object with some tolerance."""
+    return float(np.clip(_STRAY_SHARE * tolerance_mm, _MIN_STRAY_MM, _MAX_STRAY_MM))
+
+
+def facets_for(outlines: Iterable[Outline], stray_mm: float) -> int:
+    """How many facets the largest circle among outlines needs; all of a state have as many. 0: no circle."""
+    circles = [curve for curve in map(curve_of, outlines) if isinstance(curve, Circle)]
+    return max((circle_facets(circle.radius_mm, stray_mm) for circle in circles), default=0)
+
+
+def flat_curve(outline: Outline, stray_mm: float, facets: int) -> FacetedCurve:
+    """The polygon that stands for an outline; circles get so many `facets`."""
+    curve = curve_of(outline)
+    if curve is None:
+        assert not isinstance(outline, CircleText), "has a curve"
+        return FacetedCurve(_array(outline, 2), 0.0, 0.0)
+    flat = circle_polygon(curve, facets) if isinstance(curve, Circle) else arcs_polygon(curve, stray_mm)
+    flat.ring.setflags(write=False)
+    return flat
+
+
+def outline_text(ring: Floats, curve: Curve | None) -> object:
+    """What stands in the file for a ring (n, 2), or for the curve that it stands for."""
+    if curve is None:
+        return [(x, y) for x, y in ring.tolist()]
+    if isinstance(curve, Circle):
+        return {"circle": {"centre": curve.centre_mm, "radius": curve.radius_mm}}
+    return [(x, y, bulge) if bulge else (x, y) for x, y, bulge in curve.tolist()]
+
+
+def _array(points: Sequence[Sequence[float]], columns: int) -> Floats:
+    array = np.array(points, dtype=np.float64).reshape(-1, columns)
+    array.setflags(write=False)
+    return array
+
 
 NormalBound = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=3.2)]
 """rad"""
@@ -124,7 +246,7 @@ class ObjectsFileText(FileModel):
     refused: Items[RefusedText] | None = Field(default=None, description="Written by the import.")
 
 
-_WIDTH = 100  # to which points are filled; keys and brackets come on top
+_LINE_CHARS = 100  # to which points are filled; keys and brackets come on top
 
 
 def objects_json(text: ObjectsFileText) -> str:
@@ -132,23 +254,23 @@ def objects_json(text: ObjectsFileText) -> str:
 
     Reading it gives the same values again, to the last digit.
     """
-    return _laid_out(text.model_dump(mode="json", exclude_unset=True, exclude_none=True), 0) + "\n"
+    return _layout(text.model_dump(mode="json", exclude_unset=True, exclude_none=True), 0) + "\n"
 
 
-def _laid_out(value: Any, indent: int) -> str:
+def _layout(value: Any, indent: int) -> str:
     """JSON of a value whose further lines begin in column `indent` + 1."""
     if isinstance(value, dict):
         before, after = "{", "}"
-        parts = [f"{_plain(key)}: {_laid_out(item, indent + 1)}" for key, item in value.items()]
+        parts = [f"{_json_of(key)}: {_layout(item, indent + 1)}" for key, item in value.items()]
     elif isinstance(value, list):
         before, after = "[", "]"
-        parts = [_laid_out(item, indent + 1) for item in value]
+        parts = [_layout(item, indent + 1) for item in value]
     else:
-        return _plain(value)
-    return before + f",\n{' ' * (indent + 1)}".join(_filled(parts, _WIDTH - indent)) + after
+        return _json_of(value)
+    return before + f",\n{' ' * (indent + 1)}".join(_fill_lines(parts, _LINE_CHARS - indent)) + after
 
 
-def _filled(parts: list[str], width: int) -> list[str]:
+def _fill_lines(parts: list[str], width: int) -> list[str]:
     """As many parts to a line as fit; those of several lines begin one of their own."""
     lines = parts[:1]
     for part in parts[1:]:
@@ -159,5 +281,70 @@ def _filled(parts: list[str], width: int) -> list[str]:
     return lines
 
 
-def _plain(value: object) -> str:
+def _json_of(value: object) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
+
+
+_MAX_NAMES = 12
+
+
+def remove_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:
+    """Leave out objects. Raises InputError for a name that no object has, and if no object would be left."""
+    for name in names:
+        _check_there(text, name, file)
+    left = [item for item in text.objects if item.name not in names]
+    if not left:
+        raise InputError(f"{file} would hold no object any more; delete the file instead")
+    return text.model_copy(update={"objects": left})
+
+
+def rename_object(text: ObjectsFileText, old: str, new: str, file: str) -> ObjectsFileText:
+    """Give an object another name. Raises InputError for a name that none has, or that another one has."""
+    _check_there(text, old, file)
+    if new != old and any(item.name == new for item in text.objects):
+        raise InputError(f'{file}: another object is named "{new}" already')
+    objects = [item.model_copy(update={"name": new}) if item.name == old else item for item in text.objects]
+    return text.model_copy(update={"objects": objects})
+
+
+def merge_objects(texts: Sequence[tuple[Path, ObjectsFileText]], target: Path) -> ObjectsFileText:
+    """All objects of several files, for a file at `target`.
+
+    CAD files that they came from are named as seen from there. The same object twice is taken once. Raises
+    InputError if two files have different objects of one name.
+    """
+    objects: dict[str, ObjectText] = {}
+    owner: dict[str, Path] = {}
+    refused: list[RefusedText] = []
+    for path, text in texts:
+        for item in text.objects:
+            moved = item
+            if item.source is not None:
+                moved = item.model_copy(update={"source": _relative_source(item.source, path, target)})
+            there = objects.setdefault(item.name, moved)
+            if there != moved:
+                raise InputError(
+                    f'{path} and {owner[item.name]} have different objects named "{item.name}"; rename one'
+                )
+            owner.setdefault(item.name, path)
+        for entry in text.refused or []:
+            seen = entry.model_copy(update={"source": _relative_source(entry.source, path, target)})
+            refused += [] if seen in refused else [seen]
+    made = texts[0][1].model_copy(update={"objects": list(objects.values())})
+    return made.model_copy(update={"refused": refused}) if refused else made
+
+
+def _relative_source(source: SourceText, path: Path, target: Path) -> SourceText:
+    """A source as an objects file in another folder has it."""
+    file = os.path.relpath(path.parent / source.file, target.parent)
+    return source.model_copy(update={"file": Path(file).as_posix()})
+
+
+def _check_there(text: ObjectsFileText, name: str, file: str) -> None:
+    names = [item.name for item in text.objects]
+    if name in names:
+        return
+    near = nearest(name, names)
+    hint = f"it has {', '.join(names[:_MAX_NAMES])}{', …' if len(names) > _MAX_NAMES else ''}"
+    hint = hint if near is None else f'did you mean "{near}"?'
+    raise InputError(f'{file}: has no object "{name}"; {hint}')

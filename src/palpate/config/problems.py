@@ -1,37 +1,135 @@
-"""Error messages for files: what is wrong, in words for the person who wrote the file.
+"""Error messages for files: what is wrong and where, in words for the person who wrote the file.
 
-Turns pydantic's validation errors into `Problem` values: a place in the user's own terms and one sentence.
-Nothing of pydantic's vocabulary, and none of its links, gets past this module.
+Turns pydantic's validation errors, also those behind the first wrong entry of a list, into `Problem` values:
+a place in the user's own terms and one sentence. Nothing of pydantic's vocabulary, and none of its links,
+gets past this module.
 """
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import cast
+from types import UnionType
+from typing import Annotated, Any, Union, cast, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from palpate.base.errors import InputError
-from palpate.config.model_places import Place, child, is_tag, keys_at, tags_at
-from palpate.config.validation_errors import all_errors
 
-__all__ = [
-    "Problem",
-    "nearest",
-    "place_in_words",
-    "problem",
-    "problems_of",
-    "refuse",
-    "shown",
-]
+Place = tuple[str | int, ...]
+"""Keys and indices (from 0) from the top of a file to a value; in errors also tags, see `TAG`."""
+
+TAG = "type="
+"""What the tags of models that are distinguished by a key `type` begin with; they are no part of a place."""
+
+
+def child(value: object, step: str | int) -> object:
+    """What is below a key, or at an index, of a value from a file; None if there is nothing."""
+    if isinstance(step, str):
+        return value.get(step) if isinstance(value, dict) else None
+    return value[step] if isinstance(value, list | tuple) and step < len(value) else None
+
+
+def keys_at(model: type[BaseModel], place: Place, data: object) -> list[str]:
+    """Keys that the table at `place` of `data` may have."""
+    kind = kind_at(model, place)
+    for step in place:
+        data = data if is_tag(step) else child(data, step)
+    if hasattr(kind, "variant"):
+        kind = kind.variant(data)
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+
+
+def tags_at(model: type[BaseModel], place: Place) -> list[str]:
+    """Values that the key `type` of the table at `place` may have."""
+    options = _union_members(kind_at(model, place))
+    return [tag.removeprefix(TAG) for tag in options]
+
+
+def kind_at(model: type[BaseModel], place: Place) -> Any:
+    """The type of what is at `place`, which has a step for every tag."""
+    kind: Any = model
+    for step in place:
+        kind = _inner(kind)
+        options = _union_members(kind)
+        if options:
+            kind = options.get(str(step))
+        elif isinstance(kind, type) and issubclass(kind, BaseModel):
+            field = kind.model_fields.get(str(step))
+            kind = field.annotation if field else None
+        else:
+            arguments = [argument for argument in get_args(kind) if argument is not Ellipsis]
+            kind = arguments[-1] if arguments else None
+    return _inner(kind)
+
+
+def _union_members(kind: Any) -> dict[str, Any]:
+    """Models of a tagged union, by tag; empty for anything else."""
+    if get_origin(kind) not in {Union, UnionType}:
+        return {}
+    found = {}
+    for part in get_args(kind):
+        tags = [item.tag for item in get_args(part)[1:] if isinstance(item, Tag)]
+        found.update(dict.fromkeys(tags, part))
+    return found
+
+
+def is_tag(step: str | int) -> bool:
+    """Whether a step of an error's place is a tag."""
+    return isinstance(step, str) and step.startswith(TAG)
+
+
+def _inner(kind: Any) -> Any:
+    """`kind` without Annotated and without the None of an optional value."""
+    while True:
+        if get_origin(kind) is Annotated:
+            kind = get_args(kind)[0]
+        elif get_origin(kind) in {Union, UnionType} and not _union_members(kind):
+            kind = next(part for part in get_args(kind) if part is not type(None))
+        else:
+            return kind
+
+
+_MAX_ENTRIES_BEHIND = 1000
+"""How many entries behind a wrong one are looked at: there may be millions."""
+
+
+def all_errors(error: ValidationError, kind: Any, data: object) -> Iterator[ErrorDetails]:
+    """The errors that validation of `data` as a `kind` found, then those of entries behind them."""
+    found = error.errors(include_url=False)
+    yield from found
+    ended = {
+        detail["loc"][:depth]: step
+        for detail in found
+        for depth, step in enumerate(detail["loc"])
+        if isinstance(step, int) and get_origin(kind_at(kind, detail["loc"][:depth])) is list
+    }
+    for place in sorted(ended, key=len, reverse=True):  # what is nearest to the first error comes first
+        yield from _errors_behind(kind, data, place, ended[place])
+
+
+def _errors_behind(kind: Any, data: object, place: Place, wrong: int) -> Iterator[ErrorDetails]:
+    """Errors in the list at `place`, behind its entry `wrong`."""
+    (item,) = get_args(kind_at(kind, place))
+    entries: Any = data
+    for step in place:
+        entries = entries if is_tag(step) else child(entries, step)
+    checked = TypeAdapter(item)
+    for index, entry in islice(enumerate(entries), wrong + 1, wrong + 1 + _MAX_ENTRIES_BEHIND):
+        try:
+            checked.validate_python(entry)
+        except ValidationError as error:
+            for detail in all_errors(error, item, entry):
+                detail["loc"] = (*place, index, *detail["loc"])
+                yield detail
+
 
 _OWN_TYPE = "palpate"
 _FOLLOWS = "default_factory_not_called"  # from another error, which is told
-_SHOWN = 10
-_PLACES = 6  # of one problem that are told
-_COUNTED = 100
+_MAX_PROBLEMS_SHOWN = 10
+_MAX_PLACES_SHOWN = 6  # of one problem that are told
+_MAX_PROBLEMS_COUNTED = 100
 _KINDS: Mapping[str, str] = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -80,24 +178,25 @@ def refuse(source: str, problems: Sequence[Problem]) -> InputError:
     for item in problems:
         places.setdefault(item.message, []).append(item.place)
     first, *others = (
-        f"{source}: {Problem(_several(where), message)}" for message, where in list(places.items())[:_SHOWN]
+        f"{source}: {Problem(_several(where), message)}"
+        for message, where in list(places.items())[:_MAX_PROBLEMS_SHOWN]
     )
     error = InputError(first)
     for line in others:
         error.add_note(line)
-    if len(places) > _SHOWN:
-        least = "at least " if len(problems) >= _COUNTED else ""
-        error.add_note(f"{source}: {least}{len(places) - _SHOWN} more, which are not shown")
+    if len(places) > _MAX_PROBLEMS_SHOWN:
+        least = "at least " if len(problems) >= _MAX_PROBLEMS_COUNTED else ""
+        error.add_note(f"{source}: {least}{len(places) - _MAX_PROBLEMS_SHOWN} more, which are not shown")
     return error
 
 
 def _several(places: Sequence[str]) -> str:
     """Places in words, six at most."""
-    more = f" and {len(places) - _PLACES} more" if len(places) > _PLACES else ""
-    return "; ".join(places[:_PLACES]) + more
+    more = f" and {len(places) - _MAX_PLACES_SHOWN} more" if len(places) > _MAX_PLACES_SHOWN else ""
+    return "; ".join(places[:_MAX_PLACES_SHOWN]) + more
 
 
-def shown(value: object, limit: int = 40) -> str:
+def excerpt(value: object, limit: int = 40) -> str:
     """`value` as it stands in the file, cut to `limit` characters and kept on one line."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -135,11 +234,11 @@ def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
         name = value.get("name") if isinstance(value, dict) else None
         if isinstance(step, int):
             if noun is not None:
-                parts.append(f"{noun} {shown(name) if isinstance(name, str) else step}")
+                parts.append(f"{noun} {excerpt(name) if isinstance(name, str) else step}")
                 path, noun = "", None
             else:
                 path += f"[{step}]"
-                owner = f" ({shown(name)})" if isinstance(name, str) else owner
+                owner = f" ({excerpt(name)})" if isinstance(name, str) else owner
             continue
         following = place[position + 1] if position + 1 < len(place) else None
         noun = nouns.get(step) if isinstance(following, int) else None
@@ -160,7 +259,7 @@ def problems_of(
 
     A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
     """
-    details = list(islice(all_errors(error, model, data), _COUNTED))
+    details = list(islice(all_errors(error, model, data), _MAX_PROBLEMS_COUNTED))
     unknown = {
         (detail["loc"][:-1], nearest(str(detail["loc"][-1]), keys_at(model, detail["loc"][:-1], data)))
         for detail in details
@@ -173,10 +272,10 @@ def problems_of(
         and detail["type"] != _FOLLOWS
     ]
     kept.sort(key=lambda detail: detail["type"] != "extra_forbidden")  # stable
-    return [_reworded(detail, model, data, nouns) for detail in kept]
+    return [_to_problem(detail, model, data, nouns) for detail in kept]
 
 
-def _reworded(
+def _to_problem(
     detail: ErrorDetails, model: type[BaseModel], data: object, nouns: Mapping[str, str]
 ) -> Problem:
     kind, place, context = detail["type"], detail["loc"], detail.get("ctx", {})
@@ -213,15 +312,15 @@ def _sentence(  # noqa: PLR0911 - a table with logic
             return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
         return f'the key "{place[-1]}" is missing'
     if kind in _KINDS:
-        return f"is {shown(value)}; it must be {_KINDS[kind]}"
+        return f"is {excerpt(value)}; it must be {_KINDS[kind]}"
     if kind in _LIMITS:
         key, words = _LIMITS[kind]
-        return f"is {shown(value)}; it {words} {context[key]:g}"
+        return f"is {excerpt(value)}; it {words} {context[key]:g}"
     if kind == "finite_number":
-        return f"is {shown(value)}; it must be a finite number"
+        return f"is {excerpt(value)}; it must be a finite number"
     if kind == "literal_error":
         allowed = str(context["expected"]).replace("'", '"').replace(" or ", ", ")
-        return f"is {shown(value)}; allowed: {allowed}"
+        return f"is {excerpt(value)}; allowed: {allowed}"
     if kind in {"too_short", "too_long"}:
         limit = "at least" if kind == "too_short" else "at most"
         number = context["min_length" if kind == "too_short" else "max_length"]
@@ -231,19 +330,19 @@ def _sentence(  # noqa: PLR0911 - a table with logic
     if kind == "string_too_long":
         return f"is {len(str(value))} characters long; at most {context['max_length']} are allowed"
     if kind == "string_pattern_mismatch":
-        return f"is {shown(value)}; a name is one line without blanks around it"
-    return f"is {shown(value)}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
+        return f"is {excerpt(value)}; a name is one line without blanks around it"
+    return f"is {excerpt(value)}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
 
 
 def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:
     """About a key `type` that names none of the models that are distinguished by it."""
     value = detail["input"]
     given = value.get("type") if isinstance(value, Mapping) else value
-    return f"is {shown(given)}; allowed: {', '.join(map(shown, tags_at(model, detail['loc'])))}"
+    return f"is {excerpt(given)}; allowed: {', '.join(map(excerpt, tags_at(model, detail['loc'])))}"
 
 
 def _unknown_key(key: str, allowed: Sequence[str]) -> str:
     near = nearest(key, allowed)
     if near is not None:
-        return f'unknown key "{shown(key)[1:-1]}"; did you mean "{near}"?'
-    return f'unknown key "{shown(key)[1:-1]}"; allowed: {", ".join(allowed)}'
+        return f'unknown key "{excerpt(key)[1:-1]}"; did you mean "{near}"?'
+    return f'unknown key "{excerpt(key)[1:-1]}"; allowed: {", ".join(allowed)}'

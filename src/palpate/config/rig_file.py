@@ -1,27 +1,25 @@
-"""A rig's description, format `palpate/rig@1`: TOML in, one checked `RigFile` out.
+"""Description of a rig, format `palpate/rig@1`: TOML in, one checked `RigFile` out.
 
 Says which servos and arrays hang on which ports, where the fingers stand, how well all that is known, and
-how carefully to move. The values keep the file's units, which are the suffixes of their names: mm, degrees,
-N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench. `docs/rig-file.md` explains every key.
+how carefully to move. Checks across tables run while a `RigFile` is made, each raising at the key to be
+changed, so that a rig that exists is one that fits. The values keep the file's units, which are the suffixes
+of their names: mm, degrees, N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench.
+`docs/rig-file.md` explains every key.
 """
 
 import math
+from collections.abc import Sequence
+from itertools import combinations
+from operator import attrgetter
 from typing import Literal, Self
 
+import shapely
 from pydantic import Field, model_validator
 
 from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
-from palpate.config.rig_checks import (
-    check_emulation,
-    check_identities,
-    check_obstacles,
-    check_pads,
-    check_places,
-    check_real,
-    check_stops_known,
-)
-from palpate.config.rig_fingers import FingerConfig
+from palpate.config.problems import Place, problem
+from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
 from palpate.config.rig_servos import StageConfig
 from palpate.config.rig_tables import (
     BusConfig,
@@ -32,7 +30,311 @@ from palpate.config.rig_tables import (
     WorkspaceConfig,
 )
 
-__all__ = ["RigFile", "load_rig"]
+ARM_MARGIN_MM = 2.0
+"""The tip of an arm waits this far outside of the workspace."""
+
+_MOCK_SCHEME = "mock://"
+"""Ports of emulated devices begin so."""
+
+_DRAWN_BY_STAGE = (
+    ("stage_backlash_deg", "backlash_deg"),
+    ("stage_error_deg", "bound_deg"),
+    ("stage_centre_error_mm", "centre_bound_mm"),
+)
+_DRAWN_BY_ANY = (
+    ("gain_spread", "array.gain_spread"),
+    ("drift_counts_per_s", "array.drift_counts_per_s"),
+    ("array_heading_error_deg", "array.heading_bound_deg"),
+    ("stiffness_spread", "tip.stiffness_spread"),
+    ("tip_radius_error_mm", "tip.radius_bound_mm"),
+    ("base_error_mm", "bounds.base_mm"),
+    ("heading_error_deg", "bounds.heading_deg"),
+    ("deflection_mm_per_n", "bounds.deflection_mm_per_n"),
+)
+_DRAWN_BY_ARM = (
+    ("joint_backlash_deg", "shoulder.backlash_deg"),
+    ("joint_backlash_deg", "elbow.backlash_deg"),
+    ("joint_zero_error_deg", "shoulder.zero_bound_deg"),
+    ("joint_zero_error_deg", "elbow.zero_bound_deg"),
+    ("link_error_mm", "links.bound_mm"),
+)
+_DRAWN_BY_SLIDE = (
+    ("backlash_mm", "slide.backlash_mm"),
+    ("aim_backlash_deg", "aim.backlash_deg"),
+    ("zero_error_mm", "slide.zero_bound_mm"),
+    ("mm_per_turn_error", "slide.mm_per_turn_spread"),
+)
+"""Keys of [emulation] and the declared bounds, by their places in a finger's table, that they stay within."""
+
+
+def check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: StageConfig | None) -> None:
+    """Refuse a finger name, a servo id on the bus or a port that is used twice."""
+    names: dict[str, int] = {}
+    servos: dict[int, str] = {}
+    ports: dict[str, str] = {bus.port: "the bus"}
+    if stage is not None:
+        servos[stage.dxl_id] = "the stage"
+    for index, finger in enumerate(fingers):
+        if finger.name in names:
+            raise problem(f"fingers[{names[finger.name]}] has this name already", "fingers", index, "name")
+        names[finger.name] = index
+        for part, servo in finger.servos.items():
+            if servo.dxl_id in servos:
+                raise problem(
+                    f"{servo.dxl_id} is the id of {servos[servo.dxl_id]} already; every servo on the bus "
+                    "needs its own",
+                    *("fingers", index, part, "dxl_id"),
+                )
+            servos[servo.dxl_id] = f'finger "{finger.name}" ({part})'
+        port = finger.array.port
+        if port in ports:
+            raise problem(
+                f'"{port}" is the port of {ports[port]} already; every array needs its own',
+                *("fingers", index, "array", "port"),
+            )
+        ports[port] = f'finger "{finger.name}" (array)'
+
+
+def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: float) -> None:
+    """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other.
+
+    `radius`: of the circle round the origin that holds the workspace at every angle of the stage, mm.
+    """
+    for index, finger in enumerate(fingers):
+        if finger.type == "two-link":
+            _check_arm(finger, radius, index)
+            continue
+        waiting = _nearest_to_origin(finger, finger.slide.range_mm[0])
+        needed = radius + finger.tip.radius_mm
+        if waiting < needed:
+            raise problem(
+                f"retracted to {finger.slide.range_mm[0]:g} mm the tip's centre comes within {waiting:.4g} "
+                f"mm of the origin; it must wait {needed:g} mm away (workspace.radius_mm + tip.radius_mm)",
+                *("fingers", index, "slide", "range_mm"),
+            )
+        reach = _nearest_to_origin(finger, finger.slide.range_mm[1])
+        if reach >= needed:
+            raise problem(
+                f"the tip's centre stays {reach:.4g} mm or more from the origin, never in the workspace; "
+                "check base_mm, heading_deg and slide.range_mm",
+                *("fingers", index),
+            )
+    for (_, first), (index, second) in combinations(enumerate(fingers), 2):
+        gap = (
+            math.dist(_tip(first, radius), _tip(second, radius)) - first.tip.radius_mm - second.tip.radius_mm
+        )
+        if gap < clearance_mm:
+            raise problem(
+                f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
+                f"closing.clearance_mm asks for {clearance_mm:g}",
+                *("fingers", index, "base_mm"),
+            )
+
+
+def check_obstacles(
+    obstacles: Sequence[ObstacleConfig],
+    fingers: Sequence[FingerConfig],
+    radius: float,
+    clearance_mm: float,
+) -> None:
+    """Refuse an obstacle's name given twice, and one that a finger touches where it starts."""
+    names: dict[str, int] = {}
+    for index, obstacle in enumerate(obstacles):
+        if obstacle.name in names:
+            raise problem(
+                f"obstacles[{names[obstacle.name]}] has this name already", "obstacles", index, "name"
+            )
+        names[obstacle.name] = index
+        shape = shapely.Polygon(obstacle.outline_mm)
+        for finger in fingers:
+            body = shapely.LineString([finger.base_mm, _tip(finger, radius)])
+            gap = shapely.distance(shape, body) - finger.tip.radius_mm
+            if gap < clearance_mm:
+                raise problem(
+                    f'is {gap:.4g} mm from finger "{finger.name}", retracted; '
+                    f"closing.clearance_mm asks for {clearance_mm:g}",
+                    *("obstacles", index, "outline_mm"),
+                )
+
+
+def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
+    """Refuse emulated ports of a rig without [emulation]."""
+    for port, place in _ports(fingers, bus):
+        if port.startswith(_MOCK_SCHEME):
+            raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
+
+
+def check_pads(fingers: Sequence[FingerConfig], holds_n: float | None, drawn: EmulationConfig | None) -> None:
+    """Refuse parts that move under pads: how they do is not known."""
+    for index, finger in enumerate(fingers):
+        if not finger.tip.is_pad:
+            continue
+        why = f'is there, and fingers[{index}] ("{finger.name}") has a pad: how pads move parts is not known'
+        if holds_n is not None:
+            raise problem(f"{why}; hold parts down, and leave it out", "search", "part_holds_n")
+        if drawn is not None and drawn.part is not None:
+            raise problem(f"{why}; leave it out, so that parts lie still", "emulation", "part")
+
+
+def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
+    """Refuse a check of slips without stops of every finger's slide."""
+    for index, finger in enumerate(fingers):
+        if finger.type != "slide" or finger.slide.stops_mm is None:
+            raise problem(
+                f'is true, and fingers[{index}] ("{finger.name}") has no slide.stops_mm to meet',
+                *("search", "check_slips"),
+            )
+
+
+def check_emulation(
+    drawn: EmulationConfig,
+    fingers: Sequence[FingerConfig],
+    bus: BusConfig,
+    stage: StageConfig | None,
+    workspace_mm: float,
+) -> None:
+    """Refuse real ports, parts put outside the workspace, emulated errors beyond declared bounds."""
+    for port, place in _ports(fingers, bus):
+        if not port.startswith(_MOCK_SCHEME):
+            raise problem(
+                f'"{port}" is not an emulated port (mock://…), but there is an [emulation] table: remove '
+                "that for a real rig, with the tables below it, or keep mock:// ports",
+                *place,
+            )
+    if drawn.placement_radius_mm >= workspace_mm:
+        raise problem(
+            f"is {drawn.placement_radius_mm:g}; it must be below workspace.radius_mm ({workspace_mm:g})",
+            *("emulation", "placement_radius_mm"),
+        )
+    if stage is not None:
+        _check_drawn(drawn, stage, "stage", _DRAWN_BY_STAGE)
+    for index, finger in enumerate(fingers):
+        mechanism = _DRAWN_BY_ARM if finger.type == "two-link" else _DRAWN_BY_SLIDE
+        _check_drawn(drawn, finger, f"fingers[{index}]", (*mechanism, *_DRAWN_BY_ANY))
+        _check_under_load(drawn, finger, index)
+
+
+def _check_drawn(
+    drawn: EmulationConfig,
+    owner: FingerConfig | StageConfig,
+    table: str,
+    pairs: Sequence[tuple[str, str]],
+) -> None:
+    """Refuse emulated errors beyond the bounds that a table declares."""
+    for key, declared in pairs:
+        amount, bound = getattr(drawn, key), attrgetter(declared)(owner)
+        if amount > bound:
+            raise problem(
+                f"is {amount:g}, beyond the bound {table}.{declared} = {bound:g}; "
+                "widen the bound or emulate less",
+                *("emulation", key),
+            )
+
+
+def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) -> None:
+    """Refuse emulated deflection or friction that turns or shears more than the finger declares."""
+    lever_mm = finger.links.fore_mm if finger.type == "two-link" else finger.slide.range_mm[1]
+    turned = math.degrees(drawn.deflection_mm_per_n / lever_mm)
+    declared = finger.bounds.deflection_deg_per_n
+    if turned > declared:
+        raise problem(
+            f"is {drawn.deflection_mm_per_n:g}, which turns a tip {lever_mm:g} mm from its joint by "
+            f"{turned:.3g}° per N, beyond the bound fingers[{index}].bounds.deflection_deg_per_n = "
+            f"{declared:g}; widen the bound or emulate less",
+            *("emulation", "deflection_mm_per_n"),
+        )
+    slides = drawn.mechanics and drawn.mechanics.slide_deflection_mm_per_n
+    along = slides[1] if slides and finger.type == "slide" else 0.0
+    if along + drawn.deflection_mm_per_n > finger.bounds.deflection_mm_per_n:
+        raise problem(
+            f"and emulation.deflection_mm_per_n let a tip give way by {along + drawn.deflection_mm_per_n:g} "
+            f"mm per N, beyond the bound fingers[{index}].bounds.deflection_mm_per_n = "
+            f"{finger.bounds.deflection_mm_per_n:g}; widen the bound or emulate less",
+            *("emulation", "mechanics", "slide_deflection_mm_per_n"),
+        )
+    part = drawn.part
+    if part is None:
+        return
+    friction = part.tip_friction[1] if isinstance(part.tip_friction, tuple) else part.tip_friction
+    if friction > finger.tip.max_friction:
+        raise problem(
+            f"is {friction:g}, beyond the bound fingers[{index}].tip.max_friction = "
+            f"{finger.tip.max_friction:g}; widen the bound or emulate less",
+            *("emulation", "part", "tip_friction"),
+        )
+
+
+def _ports(fingers: Sequence[FingerConfig], bus: BusConfig) -> list[tuple[str, Place]]:
+    """Every port and the place of its key."""
+    arrays = [
+        (finger.array.port, ("fingers", index, "array", "port")) for index, finger in enumerate(fingers)
+    ]
+    return [(bus.port, ("bus", "port")), *arrays]
+
+
+def _check_arm(finger: ArmFingerConfig, radius_mm: float, index: int) -> None:
+    """Refuse an arm with its base in the workspace, or that cannot wait between its base and that."""
+    away = math.hypot(*finger.base_mm)
+    if away <= radius_mm + finger.tip.radius_mm:
+        raise problem(
+            f"is {away:.4g} mm from the origin; the base must stand outside of the workspace, beyond "
+            f"{radius_mm + finger.tip.radius_mm:g} mm (workspace.radius_mm + tip.radius_mm)",
+            *("fingers", index, "base_mm"),
+        )
+    tip = _tip(finger, radius_mm)
+    x, y = tip[0] - finger.base_mm[0], tip[1] - finger.base_mm[1]
+    upper, fore = finger.links.upper_mm, finger.links.fore_mm
+    bend = (x * x + y * y - upper**2 - fore**2) / (2 * upper * fore)
+    if abs(bend) > 1:
+        raise problem(
+            f"cannot put the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), {math.hypot(x, y):.4g} mm "
+            "from the base",
+            *("fingers", index, "links"),
+        )
+    elbow = math.copysign(math.acos(bend), finger.elbow.range_deg[0])
+    across = math.atan2(fore * math.sin(elbow), upper + fore * math.cos(elbow))
+    shoulder = math.degrees(math.atan2(y, x) - across) - finger.heading_deg
+    for key, angle, (lo, hi) in (
+        ("shoulder", math.remainder(shoulder, 360.0), finger.shoulder.range_deg),
+        ("elbow", math.degrees(elbow), finger.elbow.range_deg),
+    ):
+        if not lo < angle < hi:
+            raise problem(
+                f"is [{lo:g}, {hi:g}]; with the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), the "
+                f"{key} stands at {angle:.4g}",
+                *("fingers", index, key, "range_deg"),
+            )
+
+
+def _tip(finger: FingerConfig, radius_mm: float) -> tuple[float, float]:
+    """Tip centre where a finger must start: a slide retracted at aim 0, an arm beside the workspace."""
+    if finger.type == "two-link":
+        x, y = finger.base_mm
+        share = (radius_mm + finger.tip.radius_mm + ARM_MARGIN_MM) / math.hypot(x, y)
+        return share * x, share * y
+    heading = math.radians(finger.heading_deg)
+    distance = finger.slide.range_mm[0]
+    return (
+        finger.base_mm[0] + distance * math.cos(heading),
+        finger.base_mm[1] + distance * math.sin(heading),
+    )
+
+
+def _nearest_to_origin(finger: SlideFingerConfig, extent_mm: float) -> float:
+    """Least distance of the tip centre from W's origin over the aim range, slid out to `extent_mm`."""
+    x, y = finger.base_mm
+    to_origin = math.hypot(x, y)
+    inward = math.degrees(math.atan2(-y, -x)) - finger.heading_deg
+    lo, hi = finger.aim.range_deg
+    first = lo + (inward - lo) % 360
+    aims = (first,) if first <= hi else (lo, hi)
+    distances = []
+    for aim in aims:
+        angle = math.radians(finger.heading_deg + aim)
+        along = -x * math.cos(angle) - y * math.sin(angle)
+        slide = min(max(along, finger.slide.range_mm[0]), extent_mm)
+        distances.append(math.sqrt(max(to_origin**2 + slide**2 - 2 * slide * along, 0.0)))
+    return min(distances)
 
 
 class RigFile(FileModel):

@@ -1,7 +1,7 @@
-"""Finger tables of a rig file: tip, tactile array, bounds, and the mechanism that carries them.
+"""Finger tables of a rig file: tactile array, bounds, and the mechanism that carries the tip.
 
-A finger is of one of two types: "slide", an aim that turns a slide, or "two-link", an arm with a shoulder and
-an elbow. The values keep the file's units: mm, degrees, N.
+A finger is of one of two types: "slide", an aim that turns a slide, or "two-link", an arm with a shoulder
+and an elbow. The values keep the file's units: mm, degrees, N.
 """
 
 from typing import Annotated, Any, Literal, Self, cast
@@ -18,25 +18,11 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from palpate.base.extensions import TACTILE_ARRAYS, broken
+from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
-from palpate.config.model_places import TAG
-from palpate.config.problems import problem
+from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
 from palpate.config.rig_tips import TipConfig
-
-__all__ = [
-    "PALPATE_PROTOCOL",
-    "ArmFingerConfig",
-    "ArrayConfig",
-    "BoundsConfig",
-    "FingerConfig",
-    "LinksConfig",
-    "MountedArrayConfig",
-    "SlideFingerConfig",
-    "TaxelsConfig",
-    "check_gains",
-]
 
 PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
@@ -173,7 +159,7 @@ def _model_of(protocol: str) -> type[ArrayConfig]:
     model = getattr(plugin(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL], "protocol"), "config", None)
     if not (isinstance(model, type) and issubclass(model, ArrayConfig)):
         reason = "its config is no subclass of ArrayConfig"
-        raise problem(str(broken(TACTILE_ARRAYS, protocol, reason)), "protocol")
+        raise problem(str(broken_plugin_error(TACTILE_ARRAYS, protocol, reason)), "protocol")
     return model
 
 

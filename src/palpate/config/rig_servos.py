@@ -10,13 +10,11 @@ from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from palpate.base.extensions import SERVO_MODELS, available
+from palpate.base.extensions import SERVO_MODELS, registered_names
 from palpate.config.fields import FileModel, Length, Number, Point, Text, in_order, plugin
 from palpate.config.problems import problem
 
-__all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig", "without_current"]
-
-_TURNS = 256
+_MAX_TURN = 256
 """Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
 
 _STOP_MARGIN_MM = 0.5
@@ -43,7 +41,7 @@ _WITHOUT_CURRENT = re.compile(r"(2?X[LC]430|XL-?320|[ADER]X-|MX-(12|28))")
 
 def without_current(name: str) -> str | None:
     """Why a model of the vendor's cannot be used, if it does not report its current; None for any other."""
-    if name in BUILT_IN_MODELS or name in available(SERVO_MODELS) or not _WITHOUT_CURRENT.match(name):
+    if name in BUILT_IN_MODELS or name in registered_names(SERVO_MODELS) or not _WITHOUT_CURRENT.match(name):
         return None
     return (
         f'is "{name}", which does not report its current, so that what it presses with can be neither '
@@ -238,8 +236,8 @@ class SlideConfig(ServoConfig):
 
 def _check_turns(turns: list[float], key: str) -> None:
     """Refuse turns that a servo cannot count."""
-    if max(abs(turn) for turn in turns) > _TURNS:
+    if max(abs(turn) for turn in turns) > _MAX_TURN:
         raise problem(
-            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_TURNS} either way",
+            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_MAX_TURN} either way",
             key,
         )

@@ -11,23 +11,11 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
-from palpate.config.emulated_adapter import AdapterConfig, Span
-from palpate.config.emulated_mechanics import MechanicsConfig
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import AdapterConfig, EmulatedPartConfig, MechanicsConfig, Span
 from palpate.config.fields import Count, FileModel, Flag, Items, Length, Name, Point, Positive, Text, in_order
-from palpate.config.outlines import outline_problem
+from palpate.config.outline_checks import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
-
-__all__ = [
-    "BUS_BAUDRATES",
-    "BusConfig",
-    "ClosingConfig",
-    "EmulationConfig",
-    "ObstacleConfig",
-    "SearchConfig",
-    "WorkspaceConfig",
-]
 
 BUS_BAUDRATES = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
 """Rates that all supported servos know (e-Manual, Baud Rate (8))."""
@@ -106,7 +94,7 @@ class ClosingConfig(FileModel):
         return self
 
 
-_RENAMED = {
+_RENAMED_KEYS = {
     "stranger_chance": "false_match_probability",
     "unnoticed_shift_mm": "detectable_shift_mm",
 }
@@ -122,7 +110,7 @@ class SearchConfig(FileModel):
         """Take keys by their old names, too, and log it: on stderr, unless a program handles logging."""
         if not isinstance(table, Mapping):
             return table
-        old = {key: new for key, new in _RENAMED.items() if key in table and new not in table}
+        old = {key: new for key, new in _RENAMED_KEYS.items() if key in table and new not in table}
         for key, new in old.items():
             logging.getLogger(__name__).warning("notice: rig file: search.%s is now called %s", key, new)
         return {old.get(key, key): value for key, value in table.items()}

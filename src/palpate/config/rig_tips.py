@@ -10,9 +10,7 @@ from palpate.config.fields import FileModel, Length, Positive
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
 
-__all__ = ["TipConfig"]
-
-_BALL_RADIUS_SHARE = 0.1
+_MAX_BALL_BOUND_SHARE = 0.1
 
 
 def _half_of_width(data: dict[str, Any]) -> float:
@@ -82,7 +80,7 @@ class TipConfig(FileModel):
             raise problem("is for cylinders; a ball has a radius only", "length_mm")
         if not self.is_ball and self.max_latitude_deg is not None:
             raise problem("is for balls; others touch at their own radius or width", "max_latitude_deg")
-        if self.is_ball and self.radius_bound_mm > _BALL_RADIUS_SHARE * self.radius_mm:
+        if self.is_ball and self.radius_bound_mm > _MAX_BALL_BOUND_SHARE * self.radius_mm:
             raise problem(
                 f"is {self.radius_bound_mm:g}; that of a ball is at most a tenth of radius_mm "
                 f"({self.radius_mm:g}): beside its equator errors of the radius count more",

@@ -11,33 +11,26 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from palpate.config.calibrate_result import CalibrateOut
-from palpate.config.calibration_file import CalibrationFile
-from palpate.config.check_result import CheckOut
+from palpate.config.calibration_file import CalibrationFile, ReferencesFile
+from palpate.config.catalogue_results import ImportOut, ObjectsCheckOut, ObjectsListingOut
+from palpate.config.commissioning_results import (
+    CalibrateOut,
+    HomeOut,
+    ScanOut,
+    SerialPortsOut,
+    SetupOut,
+    StopOut,
+)
 from palpate.config.contacts_file import ContactsFile
-from palpate.config.doctor_result import DoctorOut
-from palpate.config.export_result import ExportOut
-from palpate.config.grip_result import GripOut
-from palpate.config.home_result import HomeOut
+from palpate.config.diagnosis_results import CheckOut, DoctorOut
+from palpate.config.emulation import SceneFile
 from palpate.config.identification_result import IdentificationOut
-from palpate.config.import_result import ImportOut
-from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.config.ports_result import SerialPortsOut
-from palpate.config.recognition_result import RecognitionOut
-from palpate.config.references_file import ReferencesFile
-from palpate.config.replay_result import ReplayOut
-from palpate.config.results import Out
+from palpate.config.recognition_results import GripOut, RecognitionOut
+from palpate.config.result_model import Out
 from palpate.config.rig_file import RigFile
-from palpate.config.scan_result import ScanOut
-from palpate.config.scene_file import SceneFile
-from palpate.config.sessions_result import SessionInfoOut, SessionsOut
-from palpate.config.setup_result import SetupOut
-from palpate.config.stop_result import StopOut
+from palpate.config.session_results import ExportOut, ReplayOut, SessionInfoOut, SessionsOut, WatchOut
 from palpate.config.study_result import StudyOut
-from palpate.config.watch_result import WatchOut
-
-__all__ = ["FORMATS", "schema_text", "write_schemas"]
 
 FORMATS: Mapping[str, type[BaseModel]] = {
     "calibrate": CalibrateOut,
@@ -76,7 +69,9 @@ def schema_text(name: str) -> str:
     mode: Any = "serialization" if issubclass(model, Out) else "validation"
     schema = model.model_json_schema(mode=mode)
     definitions = schema.pop("$defs", {})
-    full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _inlined(schema, definitions)
+    full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _inline_references(
+        schema, definitions
+    )
     return json.dumps(full, indent=2, ensure_ascii=False) + "\n"
 
 
@@ -87,16 +82,16 @@ def write_schemas(folder: Path) -> None:
         (folder / f"{name}.schema.json").write_text(schema_text(name), encoding="utf-8")
 
 
-def _inlined(node: Any, definitions: Mapping[str, Any]) -> Any:
+def _inline_references(node: Any, definitions: Mapping[str, Any]) -> Any:
     """Replace every reference by what it refers to; the formats are trees, so this ends."""
     if isinstance(node, list):
-        return [_inlined(item, definitions) for item in node]
+        return [_inline_references(item, definitions) for item in node]
     if not isinstance(node, dict):
         return node
-    rest = {key: _inlined(value, definitions) for key, value in node.items() if key != "$ref"}
+    rest = {key: _inline_references(value, definitions) for key, value in node.items() if key != "$ref"}
     if "$ref" not in node:
         return rest
-    return _inlined(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest
+    return _inline_references(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest
 
 
 if __name__ == "__main__":

@@ -1,27 +1,9 @@
-"""Result of `palpate study`: `palpate/study@1`, and the lines of its file of runs."""
+"""Result of `palpate study`, `palpate/study@1`, and the lines of its file of runs."""
 
 from typing import Literal
 
 from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
-from palpate.config.results import Interval, Out, Rounded
-
-__all__ = [
-    "AccuracyOut",
-    "BestHeightsOut",
-    "ComparedOut",
-    "ConfusionOut",
-    "HeightOut",
-    "NoiseCostOut",
-    "PairStudiedOut",
-    "RivalOut",
-    "SeparatingStudiedOut",
-    "StateStudiedOut",
-    "StudyOut",
-    "StudyRunOut",
-    "TouchesOut",
-    "TwinsOut",
-    "VerdictCountOut",
-]
+from palpate.config.result_model import Interval, Out, Rounded
 
 
 class RivalOut(Out):

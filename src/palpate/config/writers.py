@@ -6,20 +6,71 @@ from functools import singledispatch
 from typing import Any
 
 import tomlkit
+from tomlkit.items import Array, InlineTable, Table
 
 from palpate.base.errors import InputError
 from palpate.base.geometry.object_model import ObjectModel, Polygon, State
-from palpate.config.calibration_file import CalibrationFile
-from palpate.config.calibration_writer import calibration_toml
+from palpate.config.calibration_file import CalibrationFile, ReferencesFile
 from palpate.config.contacts_file import ContactsFile
+from palpate.config.emulation import Scene
+from palpate.config.fields import FileModel
 from palpate.config.objects_file import ObjectsFile
-from palpate.config.objects_rings import outline_text
-from palpate.config.objects_tables import ObjectsFileText, objects_json
-from palpate.config.references_file import ReferencesFile
+from palpate.config.objects_tables import ObjectsFileText, objects_json, outline_text
 from palpate.config.rig_file import RigFile
-from palpate.config.scene_file import Scene
 
-__all__ = ["file_text"]
+_HEAD_COMMENT = (
+    "Written by `palpate calibrate`; docs/calibration-file.md explains every key.",
+    "It holds for the rig file beside it. Calibrate again rather than edit it.",
+)
+
+
+def calibration_toml(file: CalibrationFile) -> str:
+    """The text of a calibration file; `load_calibration` reads the same values from it."""
+    document = tomlkit.document()
+    for line in _HEAD_COMMENT:
+        document.add(tomlkit.comment(line))
+    _fill(document, file)
+    return tomlkit.dumps(document)
+
+
+def _fill(table: Any, model: FileModel) -> None:
+    """Put a model's values into a table: plain ones and lists first, as TOML wants it, then tables."""
+    for key, field in type(model).model_fields.items():
+        value = getattr(model, key)
+        if value is None or (value == [] and field.default == []):
+            continue
+        if isinstance(value, FileModel):
+            table.add(key, _table(value))
+        elif key == "fingers":
+            fingers = tomlkit.aot()
+            for finger in value:
+                fingers.append(_table(finger))
+            table.add(key, fingers)
+        elif isinstance(value, list):
+            table.add(key, _lines(value))
+        else:
+            table.add(key, list(value) if isinstance(value, tuple) else value)
+
+
+def _table(model: FileModel) -> Table:
+    table = tomlkit.table()
+    _fill(table, model)
+    return table
+
+
+def _lines(values: list[Any]) -> Array:
+    """One entry a line: rows of a matrix, or small tables."""
+    array = tomlkit.array().multiline(True)
+    for value in values:
+        array.append(_inline(value) if isinstance(value, FileModel) else value)
+    return array
+
+
+def _inline(model: FileModel) -> InlineTable:
+    table = tomlkit.inline_table()
+    for key in type(model).model_fields:
+        table.add(key, getattr(model, key))
+    return table
 
 
 @singledispatch
@@ -45,9 +96,9 @@ def _objects(value: ObjectsFile) -> str:
 def _scene(value: Scene) -> str:
     configuration = {"x": value.x_mm, "y": value.y_mm, "theta": value.theta_rad}
     tables = {"format": "palpate/scene@1", "object": value.object, "configuration": configuration}
-    part = _given({"mass_kg": value.mass_kg, "friction": value.friction}) or None
+    part = _drop_nulls({"mass_kg": value.mass_kg, "friction": value.friction}) or None
     optional = {"state": value.state, "objects": value.objects and str(value.objects), "part": part}
-    return json.dumps(tables | _given(optional), indent=1) + "\n"
+    return json.dumps(tables | _drop_nulls(optional), indent=1) + "\n"
 
 
 @file_text.register
@@ -71,7 +122,9 @@ def _object(model: ObjectModel) -> dict[str, Any]:
         "part_holds_n": model.holds_n,
         "part_support_mm": model.support_mm,
     }
-    return {"name": model.name} | _given(optional) | {"states": [_state(state) for state in model.states]}
+    return (
+        {"name": model.name} | _drop_nulls(optional) | {"states": [_state(state) for state in model.states]}
+    )
 
 
 def _state(state: State) -> dict[str, Any]:
@@ -87,7 +140,7 @@ def _state(state: State) -> dict[str, Any]:
         {"z": section.z_mm, "polygons": [_polygon(polygon) for polygon in section.polygons]}
         for section in state.sections
     ]
-    return {"name": state.name, "sections": sections} | _given(optional)
+    return {"name": state.name, "sections": sections} | _drop_nulls(optional)
 
 
 def _polygon(polygon: Polygon) -> dict[str, Any]:
@@ -96,5 +149,5 @@ def _polygon(polygon: Polygon) -> dict[str, Any]:
     return {"outer": outer} | ({"holes": holes} if holes else {})
 
 
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+def _drop_nulls(values: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}

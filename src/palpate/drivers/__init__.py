@@ -13,7 +13,7 @@ from palpate.drivers.dynamixel import (
     StateReader,
     disable_torque,
     guarded_move,
-    model_numbered,
+    model_by_number,
     scan,
 )
 from palpate.drivers.transport import Clock, MonotonicClock, VirtualClock, open_port
@@ -29,7 +29,7 @@ __all__ = [
     "VirtualClock",
     "disable_torque",
     "guarded_move",
-    "model_numbered",
+    "model_by_number",
     "open_port",
     "scan",
 ]

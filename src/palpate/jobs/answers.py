@@ -3,35 +3,36 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.base.errors import PalpateError, counted
+from palpate.base.errors import PalpateError, quantity
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict
 from palpate.config import ObjectsFile
-from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import AlternativeOut, IdentificationOut
-from palpate.config.results import BoundsOut, ConfigurationOut, to_json
-from palpate.jobs.arguments import checked
-from palpate.recognizer import Catalogue, Hypothesis, Recognition
-from palpate.recognizer.explanation import ObjectExplanation, explain_object
-from palpate.recognizer.memo_statistics import MemoCounts
-from palpate.rig.catalogue.reachability_text import untouched_lines
-from palpate.rig.identification.next_grip import Planned
+from palpate.config.recognition_results import GripOut
+from palpate.config.result_model import BoundsOut, ConfigurationOut, to_json
+from palpate.jobs.files import check_arguments
+from palpate.recognizer import (
+    Catalogue,
+    Hypothesis,
+    MemoCounts,
+    ObjectExplanation,
+    Recognition,
+    explain_object,
+)
+from palpate.rig.catalogue.reachability import untouched_lines
+from palpate.rig.identification.grip_choice import GripPlan
 from palpate.rig.session.run import IdentificationRun
 from palpate.views.answer import answer_lines, picture_facts
-from palpate.views.explanation import (
+from palpate.views.plan import grip_out, plan_picture
+from palpate.views.recognition import identification_picture, recognition_out, recognition_picture
+from palpate.views.recognition_text import (
     ContactRecord,
     Explanation,
     explain,
     explanation_lines,
     explanation_out,
-    state_named,
+    parse_state_name,
     why_out,
 )
-from palpate.views.grip_result import grip_out
-from palpate.views.identification import identification_picture
-from palpate.views.plan_picture import plan_picture
-from palpate.views.recognition import recognition_out, recognition_picture
-
-__all__ = ["Answer", "Plan", "RecognitionAnswer"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,7 +111,7 @@ class Answer:
 class Plan:
     """The next grip for some contacts (`palpate/grip@1`), and what each hypothesis predicts of it."""
 
-    planned: Planned
+    planned: GripPlan
     contacts: ContactRecord
     catalogue: Catalogue
     title: str
@@ -138,9 +139,9 @@ class Plan:
 
     def __repr__(self) -> str:
         grip, count = self.planned.grip, len(self.planned.recognition.hypotheses)
-        what = "no grip" if grip is None else counted(len(grip.approaches), "approach", "approaches")
+        what = "no grip" if grip is None else quantity(len(grip.approaches), "approach", "approaches")
         decisive = ", decisive" if grip is not None and grip.decisive else ""
-        return f"<Plan {what}{decisive}; {counted(count, 'hypothesis', 'hypotheses')}>"
+        return f"<Plan {what}{decisive}; {quantity(count, 'hypothesis', 'hypotheses')}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,10 +171,10 @@ class RecognitionAnswer:
             return None
         return explain(self.catalogue, self.contacts, self.max_spurious)
 
-    @checked
+    @check_arguments
     def why(self, name: str) -> ObjectExplanation:
         """Why an object, "object" or "object/state", is eliminated; InputError if there is none such."""
-        return explain_object(self.catalogue, self.contacts.contacts, *state_named(self.catalogue, name))
+        return explain_object(self.catalogue, self.contacts.contacts, *parse_state_name(self.catalogue, name))
 
     def to_json(self, because: ObjectExplanation | None = None, memo: MemoCounts | None = None) -> str:
         """`palpate/recognition@1`, with why an object is eliminated and the memo's counts if given."""

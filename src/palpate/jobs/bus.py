@@ -1,24 +1,21 @@
-"""Servo buses from Python: which servos answer, and torque off for all of them."""
+"""Servo buses from Python: which servos answer, and torque off for all of them.
+
+By itself, so that `palpate stop` loads nothing that it does not need.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate.base.errors import InputError
-from palpate.config.scan_result import ScanOut
-from palpate.config.stop_result import StopOut
-from palpate.drivers.dynamixel.bus_scan import ALL_IDS
-from palpate.jobs.arguments import checked
-from palpate.jobs.files import PathLike
-from palpate.rig.diagnostics.bus_selection import find_endpoint
-from palpate.rig.diagnostics.emergency_stop import stop_all
-from palpate.rig.diagnostics.scan_check import scan_bus
-
-__all__ = ["scan", "stop"]
+from palpate.config.commissioning_results import ScanOut, StopOut
+from palpate.drivers.dynamixel import ALL_IDS
+from palpate.jobs.files import PathLike, check_arguments
+from palpate.rig.diagnostics.servo_bus import find_endpoint, scan_bus, stop_all
 
 _USUAL_BAUDRATE = 1_000_000
 
 
-@checked
+@check_arguments
 def scan(
     *,
     port: str | None = None,
@@ -35,7 +32,7 @@ def scan(
     return scan_bus(find_endpoint(None if rig is None else Path(rig), port), baudrates, ids, progress)
 
 
-@checked
+@check_arguments
 def stop(*, port: str | None = None, rig: PathLike | None = None, baudrate: int | None = None) -> StopOut:
     """Stop: torque off on every servo of a bus, now, also beside a program that is using the port.
 

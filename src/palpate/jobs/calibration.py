@@ -1,43 +1,40 @@
-"""Calibration of a rig from Python: measure, write the calibration and its report beside the rig file."""
+"""Calibration and homing of a rig from Python: measure, and write what was found beside the rig file."""
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
 from palpate.base.errors import InputError, PalpateError
-from palpate.base.files.writing import check_place, write_text
+from palpate.base.file_io import check_place, write_text
 from palpate.config import (
     ArmFingerConfig,
     CalibrationFile,
     RigFile,
+    SlideFingerConfig,
     calibration_path,
     calibration_toml,
     check_calibration,
     load_calibration,
 )
-from palpate.config.references_file import ReferencesFile
+from palpate.config.calibration_file import ReferencesFile
 from palpate.jobs.files import PathLike, load_references
-from palpate.jobs.view_log import view_log
-from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import emulated_table, environment, set_up
+from palpate.jobs.monitor import view_log
+from palpate.rig.bench import connect, emulated_table, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.rig_prober import Table
-from palpate.rig.commissioning.run_record_file import RunRecordFile
-from palpate.views.calibration.report import write_report
-
-__all__ = [
-    "SHIPPED_RIG",
-    "CalibrationAnswer",
-    "CalibrationPaths",
-    "calibrate_rig",
-    "check_references",
-    "references_from",
-]
+from palpate.rig.commissioning.calibration_run import (
+    CalibrationJob,
+    RunRecordFile,
+    build_references,
+    calibrate,
+    rig_connector,
+)
+from palpate.rig.commissioning.hand_prober import TableOperator
+from palpate.rig.motion.homing import HomingPolicy
+from palpate.rig.workers import BackgroundCall
+from palpate.views.report.calibration import write_report
 
 SHIPPED_RIG = "the shipped rig cannot be calibrated: copy its rig file and open that one"
 
@@ -114,7 +111,7 @@ def calibrate_rig(
     *,
     references: ReferencesFile | PathLike | None,
     seed: int,
-    table: Table | None,
+    table: TableOperator | None,
     restart: bool,
     progress: Callable[[str], None],
     on_session: Callable[[Path], None] | None,
@@ -141,7 +138,7 @@ def calibrate_rig(
         steps,
         _COVERAGE,
         datetime.now(UTC).replace(microsecond=0),
-        _before(paths.calibration, rig, path),
+        _load_previous(paths.calibration, rig, path),
     )
     as_described = RigOnBench(rig, rig, None, on_bench.path)
     with (
@@ -161,7 +158,7 @@ def calibrate_rig(
     return CalibrationAnswer(file, paths, bench.clock.now(), notice.late_failure)
 
 
-def _before(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
+def _load_previous(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
     """The calibration so far, if it is of this rig as it is now."""
     if not path.exists():
         return None
@@ -171,3 +168,41 @@ def _before(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
     except InputError:
         return None  # it will be replaced by one that is
     return found
+
+
+@dataclass(frozen=True)
+class HomedSlide:
+    """A slide whose turn is known now: servo `dxl_id` counts `turns` ahead of the rig file's angles."""
+
+    finger: str
+    dxl_id: int
+    turns: int
+
+
+def check_homable(on_bench: RigOnBench) -> None:
+    """Raise InputError for a rig without a slide of which the stops are known."""
+    if not _homable_fingers(on_bench):
+        raise InputError(
+            f'rig "{on_bench.rig.name}" has no slide with stops_mm: there is nothing to home against; '
+            "measure where slides meet their hard stops, and say so in the rig file"
+        )
+
+
+def home_rig(on_bench: RigOnBench, seed: int, notice: Callable[[str], None]) -> list[HomedSlide]:
+    """Connect, home, disconnect. Arguments and errors as `Rig.home`."""
+    check_homable(on_bench)
+    names = _homable_fingers(on_bench)
+    bench = replace(set_up(on_bench.described, None, seed), rig=on_bench.rig)
+    with connect(bench, notice=notice) as hand:
+        hand.prepare(home=HomingPolicy.ALL)
+        found = [(finger.name, finger.drive.servos[1]) for finger in hand.fingers if finger.name in names]
+    return [HomedSlide(name, slide.dxl_id, slide.turns) for name, slide in found]
+
+
+def _homable_fingers(on_bench: RigOnBench) -> list[str]:
+    """Fingers whose slides can be homed."""
+    return [
+        spec.name
+        for spec in on_bench.rig.fingers
+        if isinstance(spec, SlideFingerConfig) and spec.slide.stops_mm is not None
+    ]

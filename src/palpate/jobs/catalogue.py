@@ -6,32 +6,79 @@ from pathlib import Path
 from typing import Literal
 
 from palpate.config import ObjectsFile, RigFile
-from palpate.config.objects_file import checked_objects
-from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut, StateListedOut
+from palpate.config.catalogue_results import (
+    ObjectsCheckOut,
+    ObjectsListingOut,
+    PairOut,
+    RigHeightOut,
+    RigHeightsOut,
+    SeparatingOut,
+    StateListedOut,
+    StateNameOut,
+    UnknownHeightOut,
+)
+from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.jobs.arguments import checked
-from palpate.jobs.files import PathLike
+from palpate.jobs.files import PathLike, check_arguments
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
-from palpate.rig.catalogue.finger_model import rig_fingers
-from palpate.rig.catalogue.section_stack import Range, StateSections, state_sections
-from palpate.rig.catalogue.separating_heights import separating_heights
-from palpate.rig.catalogue.symmetry import symmetry_of_state
-from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
-from palpate.rig.identification.stability import stability_of
+from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
+from palpate.rig.catalogue.section_stack import Range, StateSections, state_sections, symmetry_of_state
+from palpate.rig.catalogue.separating_heights import SeparatingHeights, separating_heights
+from palpate.rig.catalogue.twins import Likeness, StatePair, find_twins
+from palpate.rig.identification.pushing_mechanics import stability_of
 from palpate.views.catalogue.card import CardFacts, TwinNote
 from palpate.views.catalogue.picture import draw_objects
-from palpate.views.catalogue.results import name_out, not_known_out, pair_out, rig_out, separating_out
 
-__all__ = ["ObjectsListing", "check_objects", "import_objects", "list_objects"]
 
-_LIKE = {
+def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
+    """The rig's heights."""
+    return RigHeightsOut(
+        name=fingers.rig_name,
+        shipped=shipped,
+        heights=tuple(RigHeightOut.of(at, tip_shape=at.shape) for at in fingers.at),
+        contact_bound_mm=fingers.bound_mm,
+    )
+
+
+def name_out(state: StateSections) -> StateNameOut:
+    """A state by its names."""
+    return StateNameOut(object=state.object_name, state=state.state.name)
+
+
+def pair_out(pair: StatePair) -> PairOut:
+    """A pair without its heights."""
+    return PairOut.of(
+        pair,
+        first=name_out(pair.first.state),
+        second=name_out(pair.second.state),
+        likeness=pair.likeness.value,
+        compared_mm=tuple(at.height_mm for at in pair.compared),
+    )
+
+
+def separating_out(pair: StatePair, found: SeparatingHeights) -> SeparatingOut:
+    """A pair with the heights that would tell its states apart."""
+    return SeparatingOut.of(found, **pair_out(pair).model_dump(), separating_mm=found.heights_mm)
+
+
+def not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
+    """States that are not known at the height of some finger."""
+    found = []
+    for state in states:
+        heights = tuple(at.height_mm for at in fingers.at if not state.state.known_within(at.span_mm))
+        if heights:
+            found.append(UnknownHeightOut(state=name_out(state), heights_mm=heights))
+    return tuple(found)
+
+
+_LIKENESS_WORDS = {
     Likeness.SAME: "feels like",
     Likeness.DOUBTFUL: "may feel like",
     Likeness.UNKNOWN: "as far as known like",
 }
 
 
-@checked
+@check_arguments
 def import_objects(
     path: PathLike, options: ImportOptions | None = None, *, progress: Callable[[str], None] = lambda _: None
 ) -> ObjectsFile:
@@ -43,10 +90,10 @@ def import_objects(
     imported = import_file(Path(path), options or ImportOptions(), progress)
     tables = [item.text for item in imported.objects]
     text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=tables)
-    return checked_objects(text, str(path))
+    return objects_from_text(text, str(path))
 
 
-@checked
+@check_arguments
 def check_objects(
     rig: RigFile,
     objects: ObjectsFile,
@@ -86,7 +133,7 @@ class ObjectsListing:
     """
 
     states: tuple[StateListedOut, ...]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[StatePair, ...]
     left_out: tuple[StateSections, ...]
     pages: tuple[str, ...]
 
@@ -109,7 +156,7 @@ class ObjectsListing:
         return f"<ObjectsListing {len(self.states)} states, {len(self.pairs)} pairs not told apart>"
 
 
-@checked
+@check_arguments
 def list_objects(
     rig: RigFile,
     objects: ObjectsFile,
@@ -123,27 +170,33 @@ def list_objects(
     pairs = find_twins(states, fingers)
     progress("drawing")
     facts = {
-        state: CardFacts(0 if state.state.is_round else symmetry_of_state(state).order, _twins(state, pairs))
+        state: CardFacts(
+            0 if state.state.is_round else symmetry_of_state(state).order, _twin_notes(state, pairs)
+        )
         for state in states
     }
     pages, left_out = draw_objects(name, states, facts, fingers)
     spans = [finger.span_mm for finger in rig.fingers]
-    listed = tuple(_listed(state, facts[state], spans) for state in states)
+    listed = tuple(_state_listing(state, facts[state], spans) for state in states)
     return ObjectsListing(listed, tuple(pairs), tuple(left_out), pages)
 
 
-def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
+def _twin_notes(state: StateSections, pairs: Sequence[StatePair]) -> tuple[TwinNote, ...]:
     """Which states feel like one, or may; those that do for certain first."""
-    others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKE}
+    others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKENESS_WORDS}
     for pair in pairs:
         if state in (pair.first.state, pair.second.state):
             other = (pair.second if pair.first.state is state else pair.first).state
             same_object = other.object_name == state.object_name
             others[pair.likeness].append(other.state.name if same_object else other.name)
-    return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
+    return tuple(
+        TwinNote(_LIKENESS_WORDS[likeness], tuple(names)) for likeness, names in others.items() if names
+    )
 
 
-def _met(state: StateSections, spans_mm: Sequence[Range]) -> Literal["all", "some", "none", "unknown"]:
+def _meeting_fingers(
+    state: StateSections, spans_mm: Sequence[Range]
+) -> Literal["all", "some", "none", "unknown"]:
     """Which of the fingers whose tips' ends are at some heights meet a state."""
     if not all(state.state.known_within(span) for span in spans_mm):
         return "unknown"
@@ -151,7 +204,7 @@ def _met(state: StateSections, spans_mm: Sequence[Range]) -> Literal["all", "som
     return "all" if all(met) else "some" if any(met) else "none"
 
 
-def _listed(state: StateSections, facts: CardFacts, spans_mm: Sequence[Range]) -> StateListedOut:
+def _state_listing(state: StateSections, facts: CardFacts, spans_mm: Sequence[Range]) -> StateListedOut:
     edges = [level.edges for level in state.levels]
     stability = stability_of(state.state, state.tolerance_mm, spans_mm)
     return StateListedOut.of(
@@ -161,7 +214,7 @@ def _listed(state: StateSections, facts: CardFacts, spans_mm: Sequence[Range]) -
         sections=len(state.levels),
         edges=(min(edges), max(edges)),
         symmetry_order=facts.symmetry_order,
-        fingers=_met(state, spans_mm),
+        fingers=_meeting_fingers(state, spans_mm),
         tolerance_mm=state.tolerance_mm,
         when_pushed=stability.response,
         why=stability.why or None,

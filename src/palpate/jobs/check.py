@@ -1,32 +1,32 @@
-"""Check of a rig from Python: every device, whether touches agree with the calibration, what a part holds."""
+"""Diagnosis of a rig from Python: `check`, also with touches or a pushed part, and `doctor`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from palpate.base.errors import InputError, PalpateError
-from palpate.calibration.agreement import contact_uncertainties
+from palpate.calibration.drift_test import contact_uncertainties
 from palpate.config import load_objects
-from palpate.config.check_result import CheckOut, HoldCheckOut
-from palpate.config.references_file import ReferencesFile, references_sha256
-from palpate.config.results import to_json
-from palpate.config.shipped import shipped_objects, shipped_rig
+from palpate.config.calibration_file import ReferencesFile, references_sha256
+from palpate.config.diagnosis_results import CheckOut, DoctorOut, DoctorStepOut, FindingOut, HoldCheckOut
+from palpate.config.loading import shipped_objects, shipped_rig
+from palpate.config.result_model import to_json
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
 from palpate.jobs.files import PathLike
-from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import connect, emulated_table, environment, place, set_up
+from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_table, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.commissioning.calibration import build_references
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.rig_prober import Table
-from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
-from palpate.rig.diagnostics.calibration_check import with_calibration, with_touch
-from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n, with_hold
-from palpate.rig.diagnostics.retouch import Retouch, retouch
+from palpate.rig.commissioning.calibration_run import build_references, rig_connector
+from palpate.rig.commissioning.hand_prober import TableOperator
+from palpate.rig.diagnostics.calibration_check import Retouch, retouch, with_calibration, with_touch
+from palpate.rig.diagnostics.diagnosis import EmulatedOnlooker, Onlooker, diagnose, examine_directions
+from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_hold, with_light_touch
+from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.rig_check import check_rig
+from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
+from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.pads import refuse_pads
-
-__all__ = ["CheckAnswer", "check_rig_and_hold", "check_rig_and_touch"]
+from palpate.rig.workers import BackgroundCall
+from palpate.views.doctor import doctor_report
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,21 +66,21 @@ def check_rig_and_touch(
     *,
     touch: bool,
     references: ReferencesFile | PathLike | None,
-    table: Table | None,
+    table: TableOperator | None,
     permit: Callable[[], None],
     progress: Callable[[str], None],
 ) -> CheckAnswer:
     """Check, and touch the disc if all is well; arguments and errors as `Rig.check`."""
-    shapes = _references(on_bench, references) if touch else None
-    out = _checked(on_bench, seed, progress)
+    shapes = _references_to_touch(on_bench, references) if touch else None
+    out = _check_devices(on_bench, seed, progress)
     if shapes is None:
         return CheckAnswer(out, None)
-    out = _warned(out, _other_references(on_bench, shapes))
+    out = _add_warnings(out, _other_references(on_bench, shapes))
     if not out.well:
-        return CheckAnswer(_warned(out, [_NOT_TOUCHED]), None)
+        return CheckAnswer(_add_warnings(out, [_NOT_TOUCHED]), None)
     permit()
     with BackgroundCall("the display", progress) as show:
-        found = _touched(on_bench, shapes, seed, table, show)
+        found = _touch_disc(on_bench, shapes, seed, table, show)
     return CheckAnswer(with_touch(out, found, on_bench.rig), show.late_failure)
 
 
@@ -93,44 +93,50 @@ def check_rig_and_hold(
     notice: Callable[[str], None],
 ) -> CheckAnswer:
     """Check, and push the part on the table if all is well; arguments and errors as `Rig.check`."""
-    out = _checked(on_bench, seed, progress)
+    out = _check_devices(on_bench, seed, progress)
     if not out.well:
-        return CheckAnswer(_warned(out, [_NOT_TOUCHED]), None)
+        return CheckAnswer(_add_warnings(out, [_NOT_TOUCHED]), None)
     permit()
     with BackgroundCall("the display", progress) as show:
-        found = _pushed(on_bench, seed, show, notice)
+        found = _push_part(on_bench, seed, show, notice)
     return CheckAnswer(with_hold(out, found, on_bench.rig), show.late_failure)
 
 
 _NOT_TOUCHED = "nothing was touched: first put right what is wrong"
 
 
-def _checked(on_bench: RigOnBench, seed: int, progress: Callable[[str], None]) -> CheckOut:
+def _check_devices(on_bench: RigOnBench, seed: int, progress: Callable[[str], None]) -> CheckOut:
     """Check every device and the calibration; nothing moves."""
     out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), progress)
     return with_calibration(out, on_bench, datetime.now(UTC))
 
 
-def _warned(out: CheckOut, warnings: Sequence[str]) -> CheckOut:
+def _add_warnings(out: CheckOut, warnings: Sequence[str]) -> CheckOut:
     return out.model_copy(update={"warnings": (*out.warnings, *warnings)})
 
 
-def _pushed(
+def _push_part(
     on_bench: RigOnBench, seed: int, show: Callable[[str], None], notice: Callable[[str], None]
 ) -> HoldCheckOut:
     """Connect, push, disconnect. On an emulated table lies what `identify` finds there by the same seed."""
     described = on_bench.described
-    lies = place(described, load_objects(shipped_objects()), None, seed) if described.emulated else None
+    lies = (
+        choose_placement(described, load_objects(shipped_objects()), None, seed)
+        if described.emulated
+        else None
+    )
     bench = replace(set_up(described, lies, seed), rig=on_bench.rig)
     with connect(bench, notice=notice) as hand:
         hand.prepare()
-        quietest_n = quietest_force_n(hand)
-    with connect(replace(bench, rig=gentle(on_bench.rig, quietest_n)), notice=notice) as hand:
+        quietest_n = least_threshold_n(hand)
+    with connect(replace(bench, rig=with_light_touch(on_bench.rig, quietest_n)), notice=notice) as hand:
         hand.prepare()
         return check_hold(hand, lambda text: show(f"  {text}"))
 
 
-def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | None) -> ReferencesFile:
+def _references_to_touch(
+    on_bench: RigOnBench, references: ReferencesFile | PathLike | None
+) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
     refuse_pads(on_bench.rig, "touches are compared with a calibration: pads are measured by hand")
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
@@ -143,11 +149,11 @@ def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | No
     return references_from(references)
 
 
-def _touched(
+def _touch_disc(
     on_bench: RigOnBench,
     shapes: ReferencesFile,
     seed: int,
-    table: Table | None,
+    table: TableOperator | None,
     show: Callable[[str], None],
 ) -> Retouch:
     """Connect, touch the disc, disconnect."""
@@ -174,3 +180,72 @@ def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[str]
         "the calibration was made with other references: give theirs, or make sure that "
         "the disc is as described"
     ]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DoctorAnswer:
+    """What `Rig.doctor` found (`palpate/doctor@1`)."""
+
+    result: DoctorOut
+    on_bench: RigOnBench
+
+    @property
+    def well(self) -> bool:
+        """Whether nothing is wrong; there may be warnings."""
+        return self.result.well
+
+    @property
+    def steps(self) -> Sequence[DoctorStepOut]:
+        """All steps, in the order in which things go wrong."""
+        return self.result.steps
+
+    @property
+    def findings(self) -> Sequence[FindingOut]:
+        """What is not as it should be: cause, device, what was seen, what it means, what to do next."""
+        return self.result.findings
+
+    def to_json(self) -> str:
+        """`palpate/doctor@1`."""
+        return to_json(self.result)
+
+    def report(self) -> str:
+        """A report for a bug tracker, in Markdown: versions, steps and the rig file's relevant parts.
+
+        Names of users, computers and folders are left out, serial numbers are hashed.
+        """
+        return doctor_report(self.result, self.on_bench.described)
+
+    def __repr__(self) -> str:
+        verdict = "well" if self.well else "NOT well"
+        return f"<DoctorAnswer {self.result.rig}: {verdict}; {self.result.next or 'nothing to do'}>"
+
+
+def examine_rig(
+    on_bench: RigOnBench,
+    seed: int,
+    *,
+    move: bool,
+    onlooker: Onlooker | None,
+    permit: Callable[[], None],
+    progress: Callable[[str], None],
+    notice: Callable[[str], None],
+) -> DoctorAnswer:
+    """Examine; arguments and errors as `Rig.doctor`."""
+    if move and onlooker is None and not on_bench.rig.emulated:
+        raise InputError(f'rig "{on_bench.rig.name}" is real: give an onlooker, who says which way tips go')
+    place = endpoint_of_rig(on_bench.described, seed)
+    case = DiagnosisCase(on_bench, place, Computer(), progress)
+
+    def directions() -> DoctorStepOut:
+        bench = _bench(place, on_bench)
+        watching = onlooker or EmulatedOnlooker(bench)
+        permit()
+        with environment(bench).hand(on_bench.rig, notice) as hand:
+            return examine_directions(hand, watching)
+
+    return DoctorAnswer(diagnose(case, datetime.now(UTC), directions if move else None), on_bench)
+
+
+def _bench(place: BusEndpoint, on_bench: RigOnBench) -> BenchRig:
+    """The devices that were examined: emulated ones are those of `place`."""
+    return place.devices if isinstance(place.devices, BenchRig) else set_up(on_bench.described, None, 0)

@@ -1,47 +1,115 @@
-"""Files: every format that palpate reads and writes, loaded and saved."""
+"""Arguments of public functions, checked, and files: every format that palpate reads and writes."""
 
+import inspect
 import os
+import types
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
 from importlib.resources.abc import Traversable
+from numbers import Real
 from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from palpate.base.files.writing import write_text
+from palpate.base.errors import InputError
+from palpate.base.file_io import write_text
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
 from palpate.config import load_contacts as read_contacts
 from palpate.config import load_objects as read_objects
 from palpate.config import load_rig as read_rig
 from palpate.config import load_scene as read_scene
-from palpate.config.references_file import ReferencesFile
-from palpate.config.references_file import load_references as read_references
-from palpate.config.shipped import shipped_objects, shipped_references, shipped_rig
+from palpate.config.calibration_file import ReferencesFile
+from palpate.config.calibration_file import load_references as read_references
+from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
 from palpate.config.writers import file_text
-from palpate.jobs.arguments import checked
-from palpate.jobs.warning import warning
+from palpate.jobs.script import warn_operator
 
-__all__ = [
-    "PathLike",
-    "load_calibration",
-    "load_contacts",
-    "load_objects",
-    "load_references",
-    "load_rig",
-    "load_scene",
-    "name_of",
-    "objects_from",
-    "save",
-    "scene_from",
-]
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+_KIND_WORDS: dict[object, str] = {
+    type(None): "None",
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    os.PathLike: "a path",
+    RigFile: "a RigFile (load_rig(path), or a rig's `file`)",
+    ObjectsFile: "an ObjectsFile (load_objects)",
+    ContactsFile: "a ContactsFile (load_contacts)",
+    Scene: "a Scene (load_scene)",
+    CalibrationFile: "a CalibrationFile (load_calibration)",
+    ReferencesFile: "a ReferencesFile (load_references)",
+}
+_PATH = os.PathLike[str]
+_MAX_CHARS = 60  # characters of a value in a message
+
+
+def check_arguments(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorate a public function: arguments of kinds that its annotations do not allow raise InputError.
+
+    Checks what a message can name: plain values, palpate's files, functions, and sequences of these. Any
+    other annotation allows everything.
+    """
+    signature = inspect.signature(function)
+    hints = cache(lambda: get_type_hints(function))  # at the first call: names may be defined further below
+
+    @wraps(function)
+    def with_checked_arguments(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        for name, value in signature.bind(*args, **kwargs).arguments.items():
+            if name in hints() and not _is_allowed(value, hints()[name]):
+                allowed = " or ".join(dict.fromkeys(_kind_words(hints()[name])))
+                raise InputError(f"{function.__name__}: {name} is {_repr_of(value)}; it must be {allowed}")
+        return function(*args, **kwargs)
+
+    return with_checked_arguments
+
+
+def _is_allowed(value: object, hint: Any) -> bool:
+    kind = get_origin(hint) or hint
+    if kind in (Union, types.UnionType):
+        return any(_is_allowed(value, each) for each in get_args(hint))
+    if kind is Callable:
+        return callable(value)
+    if kind is Sequence:
+        (item,) = get_args(hint)
+        return isinstance(value, Sequence) and all(_is_allowed(each, item) for each in value)
+    if kind in (int, float):
+        return isinstance(value, int if kind is int else Real) and not isinstance(value, bool)
+    return not isinstance(kind, type) or getattr(kind, "_is_protocol", False) or isinstance(value, kind)
+
+
+def _kind_words(hint: Any) -> list[str]:
+    kind = get_origin(hint) or hint
+    if kind in (Union, types.UnionType):
+        return [
+            word
+            for each in get_args(hint)
+            for word in _kind_words(each)
+            if not (each is str and _PATH in get_args(hint))
+        ]
+    if kind is Callable:
+        return ["a function"]
+    if kind is Sequence:
+        return [f"a sequence, each {' or '.join(_kind_words(get_args(hint)[0]))}"]
+    return [_KIND_WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")]
+
+
+def _repr_of(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return f"{text if len(text) <= _MAX_CHARS else text[: _MAX_CHARS - 1] + '…'} ({type(value).__name__})"
+
 
 PathLike = str | os.PathLike[str]
 
 
-@checked
+@check_arguments
 def load_rig(path: PathLike | None = None) -> RigFile:
     """Load a rig file (TOML, `palpate/rig@1`), or the shipped emulated bench; InputError if it is wrong."""
     return read_rig(_path(path, shipped_rig()))
 
 
-@checked
+@check_arguments
 def load_objects(path: PathLike | None = None) -> ObjectsFile:
     """Load object models (JSON, `palpate/objects@1`), or the six shipped ones; InputError if wrong.
 
@@ -49,35 +117,35 @@ def load_objects(path: PathLike | None = None) -> ObjectsFile:
     """
     found = read_objects(_path(path, shipped_objects()))
     for line in found.notices:
-        warning(line)
+        warn_operator(line)
     return found
 
 
-@checked
+@check_arguments
 def load_contacts(path: PathLike) -> ContactsFile:
     """Load contacts (JSON, `palpate/contacts@1`), grip by grip; InputError if they are wrong."""
     return read_contacts(Path(path))
 
 
-@checked
+@check_arguments
 def load_scene(path: PathLike) -> Scene:
     """Load what lies on an emulated table (JSON, `palpate/scene@1`); InputError if it is wrong."""
     return read_scene(Path(path))
 
 
-@checked
+@check_arguments
 def load_calibration(path: PathLike) -> CalibrationFile:
     """Load a calibration (TOML, `palpate/calibration@1`); InputError if it is wrong."""
     return read_calibration(Path(path))
 
 
-@checked
+@check_arguments
 def load_references(path: PathLike | None = None) -> ReferencesFile:
     """Load calibration's disc and plate (TOML, `palpate/references@1`), or the standard ones; InputError."""
     return read_references(_path(path, shipped_references()))
 
 
-@checked
+@check_arguments
 def save(
     value: RigFile | ObjectsFile | ContactsFile | Scene | CalibrationFile | ReferencesFile, path: PathLike
 ) -> None:

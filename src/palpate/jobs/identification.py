@@ -13,32 +13,28 @@ from pathlib import Path
 import numpy as np
 
 from palpate.base.errors import PalpateError
-from palpate.base.files.writing import write_text
+from palpate.base.file_io import write_text
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, Scene
-from palpate.config.results import to_json
+from palpate.config.result_model import to_json
 from palpate.config.writers import file_text
 from palpate.jobs.answers import Answer
-from palpate.rig.bench import BenchRig, environment, place, set_up
-from palpate.rig.bus_latency import bus_latency_s
+from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.catalogue.preparation import prepared_catalogue
-from palpate.rig.catalogue.reachability_text import finding_lines
+from palpate.rig.catalogue.preparation import prepare_catalogue
+from palpate.rig.catalogue.reachability import finding_lines
+from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.conversion import finger_of
-from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
+from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement, draw_placement
-from palpate.rig.emulated.scene_reachability import scene_lines
+from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.identification.observers import Observer
-from palpate.rig.identification.preconditions import check_known_well
-from palpate.rig.session.inputs import keep_inputs
+from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
-from palpate.rig.session.pruning import discard_session
-from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
+from palpate.rig.session.recorded_session import keep_inputs
+from palpate.rig.session.run import TRUTH_EVENT, IdentificationJob, IdentificationRun, run_identification
 from palpate.rig.session.signals import HeldInterrupts
-from palpate.rig.session.truth_event import EVENT
 from palpate.views.recognition import contacts_json
-
-__all__ = ["identify_on"]
 
 
 @dataclass(frozen=True)
@@ -86,10 +82,10 @@ def identify_on(
     parts for an emulated table.
     """
     begin = time.perf_counter()
-    check_known_well(on_bench.rig, str(on_bench.path))
-    lies = place(on_bench.described, objects, scene, seed)
+    check_accuracy(on_bench.rig, str(on_bench.path))
+    lies = choose_placement(on_bench.described, objects, scene, seed)
     if run and scene is None and lies is not None:
-        lies = _drawn(on_bench, objects, seed, run)
+        lies = _draw_part(on_bench, objects, seed, run)
         scene = Scene(lies.model.name, lies.state.name, lies.x_mm, lies.y_mm, lies.theta_rad, None)
     for line in finding_lines(on_bench.rig, objects.objects, name):
         warn(line)
@@ -97,7 +93,7 @@ def identify_on(
         warn(line)
     inputs = _Inputs(on_bench, objects, scene, seed, strategy)
     # Before there are ports, which processes that prepare it would inherit.
-    catalogue = prepared_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers), progress)
+    catalogue = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers), progress)
     bench = set_up(on_bench.described, lies, seed)
     placement_now = partial(placement_in_hand_frame, on_bench, lies, seed, bench.emulated)
     started = datetime.now(UTC).replace(microsecond=0)
@@ -115,10 +111,12 @@ def identify_on(
         finished = run_identification(job, environment(bench), None, observers, notice, placement_now)
         out = finished.out(wall_seconds=time.perf_counter() - begin, session=None)
         return Answer(out, finished, objects, finished.late_failure)
-    return _logged(inputs, job, bench, sessions, observers, on_session, notice, placement_now, begin)
+    return _identify_with_log(
+        inputs, job, bench, sessions, observers, on_session, notice, placement_now, begin
+    )
 
 
-def _logged(
+def _identify_with_log(
     inputs: _Inputs,
     job: IdentificationJob,
     bench: BenchRig,
@@ -149,7 +147,7 @@ def _logged(
                 )
             if finished.truth is not None:
                 part = None if bench.emulated is None else bench.emulated.part
-                log.event(EVENT, **finished.truth.values(part))
+                log.event(TRUTH_EVENT, **finished.truth.values(part))
             out = finished.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
             log.event("result", result=out.model_dump(mode="json"))
             answer = Answer(out, finished, inputs.objects, finished.late_failure)
@@ -179,7 +177,7 @@ def _header(inputs: _Inputs, job: IdentificationJob, latency_s: float) -> dict[s
     }
 
 
-def _drawn(on_bench: RigOnBench, objects: ObjectsFile, seed: int, run: int) -> Placement:
+def _draw_part(on_bench: RigOnBench, objects: ObjectsFile, seed: int, run: int) -> Placement:
     """What lies on an emulated table in a later run on one rig."""
     emulation = on_bench.described.emulation
     assert emulation is not None, "something lies on emulated tables only"

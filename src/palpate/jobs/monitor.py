@@ -1,19 +1,24 @@
-"""Monitor: tactile arrays read continuously, live or from a recorded session. Moves nothing."""
+"""Monitor: tactile arrays read continuously, live or recorded, and the log for a live view of such work."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile
-from palpate.drivers.transport.clock import Clock
-from palpate.jobs.arguments import checked
-from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
-
-__all__ = ["Monitor", "check_streaming"]
+from palpate.drivers.transport import Clock
+from palpate.jobs.files import check_arguments
+from palpate.rig.array_monitor import FingerView, MonitoredFinger
+from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.session.log import SessionLog
+from palpate.rig.session.recorded_session import keep_rig
 
 _POLL_S = 0.01  # a terminal's buffer holds 4 kB, a dozen frames of 8 x 20
-_SILENT_S = 3.0
+_MAX_SILENCE_S = 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -28,7 +33,7 @@ class Monitor:
     stage: Callable[[], str]
     notes: tuple[str, ...]
 
-    @checked
+    @check_arguments
     def updates(
         self,
         interval_s: float = 0.05,
@@ -68,7 +73,7 @@ class Monitor:
 
 def check_streaming(fingers: Sequence[MonitoredFinger], rate_hz: float) -> None:
     """Raise DeviceError, which names the finger, if an array that streams at `rate_hz` has stopped."""
-    limit = max(_SILENT_S, 5 / rate_hz)
+    limit = max(_MAX_SILENCE_S, 5 / rate_hz)
     for finger in fingers:
         if finger.age_s > limit:
             instead = finger.array.silence
@@ -77,3 +82,30 @@ def check_streaming(fingers: Sequence[MonitoredFinger], rate_hz: float) -> None:
                 f"tactile array {finger.name} on {finger.port} sent no frame for {limit:g} s{but}; "
                 "check its power and its cable, then watch again"
             )
+
+
+@contextmanager
+def view_log(
+    on_bench: RigOnBench, clock: Clock, command: str, on_session: Callable[[Path], None] | None
+) -> Iterator[SessionLog | None]:
+    """A log in a folder that is removed at the end; `on_session` is told the folder. None without that.
+
+    Should it fail, the work goes on without it.
+    """
+    if on_session is None:
+        yield None
+        return
+    header = {
+        "palpate": version("palpate"),
+        "rig": on_bench.rig.name,
+        "command": command,
+        "calibration": on_bench.calibration is not None,
+        "emulated": on_bench.rig.emulated,
+        "started": datetime.now(UTC).replace(microsecond=0).isoformat(),
+    }
+    with TemporaryDirectory(prefix="palpate-view-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        keep_rig(folder, on_bench)
+        with SessionLog(folder, clock, header, needed=False) as log:
+            on_session(folder)
+            yield log

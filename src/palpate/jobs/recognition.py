@@ -6,28 +6,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate import recognizer
-from palpate.base.errors import InputError, counted
+from palpate.base.errors import InputError, quantity
 from palpate.base.vocabulary import DEFAULT_BUDGET, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.jobs.answers import Plan, RecognitionAnswer
-from palpate.jobs.arguments import checked
-from palpate.jobs.files import PathLike, load_contacts, objects_from
+from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from
 from palpate.recognizer import Budget, Contact, Finger
-from palpate.rig.catalogue.heights import check_known, fingers_of
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.finger_model import check_known, fingers_of
+from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of, grips_of
-from palpate.rig.identification.next_grip import plan_for
-from palpate.views.explanation import ContactRecord
-
-__all__ = ["Contacts", "plan", "recognise", "strategy_named"]
+from palpate.rig.identification.grip_choice import plan_grip
+from palpate.views.recognition_text import ContactRecord
 
 Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
 """Contacts of each grip, misses included: from a file or made in Python."""
 
-_MANY = 10_000  # interpretations that take noticeably long
+_MANY_INTERPRETATIONS = 10_000  # interpretations that take noticeably long
 
 
-@checked
+@check_arguments
 def recognise(
     objects: ObjectsFile | PathLike | None,
     contacts: Contacts,
@@ -46,12 +43,12 @@ def recognise(
     """
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, fingers_of(given.contacts))
-    catalogue = prepared_catalogue(models.objects, _fingers_in(given), progress)
+    catalogue = prepare_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
     count = len(recognition.constraints.nodes)
-    if count > _MANY:
-        states = counted(len(recognition.possible_states), "state", "states")
+    if count > _MANY_INTERPRETATIONS:
+        states = quantity(len(recognition.possible_states), "state", "states")
         progress(f"{states} left in {count} interpretations; working out hypotheses")
     _ = recognition.hypotheses
     seconds = time.perf_counter() - begin
@@ -59,7 +56,7 @@ def recognise(
     return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)
 
 
-@checked
+@check_arguments
 def plan(
     rig: RigFile,
     objects: ObjectsFile | PathLike | None,
@@ -78,12 +75,12 @@ def plan(
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
     fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
-    catalogue = prepared_catalogue(models.objects, fingers, progress)
-    planned = plan_for(rig, catalogue, given.grips, strategy_named(strategy), seed)
+    catalogue = prepare_catalogue(models.objects, fingers, progress)
+    planned = plan_grip(rig, catalogue, given.grips, parse_strategy(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
 
-def strategy_named(name: Strategy | str) -> Strategy:
+def parse_strategy(name: Strategy | str) -> Strategy:
     """The strategy of this name; InputError for an unknown one."""
     if name not in list(Strategy):
         raise InputError(f'there is no strategy "{name}"; allowed: {", ".join(Strategy)}')

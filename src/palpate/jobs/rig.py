@@ -13,39 +13,38 @@ from typing import Self
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigFile, Scene
-from palpate.config.references_file import ReferencesFile
-from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
-from palpate.drivers.emulators.tcp_port import LOOPBACK
-from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.config.calibration_file import ReferencesFile
+from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
+from palpate.drivers.transport import Clock, MonotonicClock
 from palpate.jobs import recognition
 from palpate.jobs.answers import Answer, Plan
-from palpate.jobs.arguments import checked
-from palpate.jobs.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
-from palpate.jobs.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
-from palpate.jobs.doctor import DoctorAnswer, examine_rig
-from palpate.jobs.files import PathLike, name_of, objects_from, scene_from
-from palpate.jobs.homing import HomedSlide, check_homable, home_rig
+from palpate.jobs.calibration import (
+    SHIPPED_RIG,
+    CalibrationAnswer,
+    HomedSlide,
+    calibrate_rig,
+    check_homable,
+    home_rig,
+)
+from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig_and_hold, check_rig_and_touch, examine_rig
+from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
 from palpate.jobs.identification import identify_on
-from palpate.jobs.monitor import Monitor, check_streaming
-from palpate.jobs.signals import unwinding_signals
-from palpate.jobs.view_log import view_log
-from palpate.jobs.warning import warning
-from palpate.rig.bench import connect, place, set_up
+from palpate.jobs.monitor import Monitor, check_streaming, view_log
+from palpate.jobs.script import unwind_on_signals, warn_operator
+from palpate.rig.array_monitor import find_array_ports, select_fingers, stream_arrays
+from palpate.rig.array_playback import pace_clock
+from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.commissioning.calibration import STEPS
-from palpate.rig.commissioning.rig_prober import Table
-from palpate.rig.diagnostics.doctor_directions import Onlooker
+from palpate.rig.commissioning.calibration_run import STEPS
+from palpate.rig.commissioning.hand_prober import TableOperator
+from palpate.rig.diagnostics.diagnosis import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.observers import Observer
-from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
-from palpate.rig.monitor.paced_clock import paced
-from palpate.rig.motion.calibrated_devices import check_arrays
 from palpate.rig.motion.hand import Hand
+from palpate.rig.session.calibration_drift import check_arrays
 
-__all__ = ["Rig", "open_rig"]
 
-
-@checked
+@check_arguments
 def open_rig(path: PathLike | None = None, *, seed: int = 0, calibration: bool = True) -> "Rig":
     """Open a rig: from its rig file with the calibration beside it, or None for the shipped emulated bench.
 
@@ -98,7 +97,7 @@ class Rig:
         return self._on_bench.calibration is not None
 
     def __enter__(self) -> Self:
-        self._open.enter_context(unwinding_signals())
+        self._open.enter_context(unwind_on_signals())
         return self
 
     def __exit__(
@@ -106,7 +105,7 @@ class Rig:
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
-    @checked
+    @check_arguments
     def identify(
         self,
         objects: ObjectsFile | PathLike | None = None,
@@ -116,8 +115,8 @@ class Rig:
         sessions: PathLike | None = None,
         on_event: Observer | None = None,
         on_session: Callable[[Path], None] = lambda _: None,
-        notice: Callable[[str], None] = warning,
-        warn: Callable[[str], None] = warning,
+        notice: Callable[[str], None] = warn_operator,
+        warn: Callable[[str], None] = warn_operator,
         progress: Callable[[str], None] = lambda _: None,
     ) -> Answer:
         """Identify what lies on the table: touch it until there is one answer, or none can be had.
@@ -144,7 +143,7 @@ class Rig:
             raise TypeError("on_event is called with each event: give a function")
         models, given = objects_from(objects), scene_from(scene)
         run, self._runs = self._runs, self._runs + 1
-        with unwinding_signals():
+        with unwind_on_signals():
             return identify_on(
                 self._on_bench,
                 models,
@@ -152,7 +151,7 @@ class Rig:
                 scene=given,
                 seed=self._seed,
                 run=run,
-                strategy=recognition.strategy_named(strategy),
+                strategy=recognition.parse_strategy(strategy),
                 sessions=None if sessions is None else Path(sessions),
                 on_event=on_event,
                 on_session=on_session,
@@ -161,7 +160,7 @@ class Rig:
                 progress=progress,
             )
 
-    @checked
+    @check_arguments
     def plan(
         self,
         objects: ObjectsFile | PathLike | None,
@@ -175,17 +174,17 @@ class Rig:
             self.file, objects, contacts, strategy=strategy, seed=self._seed, progress=progress
         )
 
-    @checked
+    @check_arguments
     def check(
         self,
         *,
         touch: bool = False,
         hold: bool = False,
         references: ReferencesFile | PathLike | None = None,
-        table: Table | None = None,
+        table: TableOperator | None = None,
         permit: Callable[[], None] = lambda: None,
         progress: Callable[[str], None] = lambda _: None,
-        notice: Callable[[str], None] = warning,
+        notice: Callable[[str], None] = warn_operator,
     ) -> CheckAnswer:
         """Check every device, with `touch` if touches of a disc agree with the calibration, or with `hold`
         what force the part on the table holds.
@@ -197,7 +196,7 @@ class Rig:
         """
         if touch and hold:
             raise InputError("touch and hold exclude each other: the disc that is touched must not slide")
-        with unwinding_signals():
+        with unwind_on_signals():
             if hold:
                 return check_rig_and_hold(
                     self._on_bench, self._seed, permit=permit, progress=progress, notice=notice
@@ -212,7 +211,7 @@ class Rig:
                 progress=progress,
             )
 
-    @checked
+    @check_arguments
     def doctor(
         self,
         *,
@@ -220,7 +219,7 @@ class Rig:
         onlooker: Onlooker | None = None,
         permit: Callable[[], None] = lambda: None,
         progress: Callable[[str], None] = lambda _: None,
-        notice: Callable[[str], None] = warning,
+        notice: Callable[[str], None] = warn_operator,
     ) -> DoctorAnswer:
         """Examine the whole set-up step by step, in the order in which things go wrong, from ports to forces.
 
@@ -229,7 +228,7 @@ class Rig:
         skips that. `notice`: as in `identify`. Devices that are missing or fail are findings. Raises
         InputError for `move` on a real rig without an onlooker, SafetyStop if a motion had to be stopped.
         """
-        with unwinding_signals():
+        with unwind_on_signals():
             return examine_rig(
                 self._on_bench,
                 self._seed,
@@ -240,13 +239,13 @@ class Rig:
                 notice=notice,
             )
 
-    @checked
+    @check_arguments
     def calibrate(
         self,
         steps: Sequence[str] = STEPS,
         *,
         references: ReferencesFile | PathLike | None = None,
-        table: Table | None = None,
+        table: TableOperator | None = None,
         restart: bool = False,
         progress: Callable[[str], None] = lambda _: None,
         on_session: Callable[[Path], None] | None = None,
@@ -261,7 +260,7 @@ class Rig:
         """
         if self.path is None:
             raise InputError(SHIPPED_RIG)
-        with unwinding_signals():
+        with unwind_on_signals():
             answer = calibrate_rig(
                 self._on_bench,
                 self.path,
@@ -280,18 +279,18 @@ class Rig:
         """Raise InputError if there is no slide to home: none has `stops_mm` in the rig file."""
         check_homable(self._on_bench)
 
-    @checked
-    def home(self, *, notice: Callable[[str], None] = warning) -> list[HomedSlide]:
+    @check_arguments
+    def home(self, *, notice: Callable[[str], None] = warn_operator) -> list[HomedSlide]:
         """Home every slide that has `stops_mm` in the rig file: back against its back stop; fingers move.
 
         From then on each slide's turn is known until its servo loses its power. `notice`: as in `identify`.
         Returns what was found, in the fingers' order. Raises InputError for a rig without such a slide,
         DeviceError for a slide that is held or meets no stop, SafetyStop as every motion.
         """
-        with unwinding_signals():
+        with unwind_on_signals():
             return home_rig(self._on_bench, self._seed, notice)
 
-    @checked
+    @check_arguments
     @contextmanager
     def watch(
         self,
@@ -322,7 +321,7 @@ class Rig:
             ExitStack() as streams,
         ):
             where = where if log is None else where.recorded(log)
-            clock = paced(where.clock, speed if file.emulated else None, wall)
+            clock = pace_clock(where.clock, speed if file.emulated else None, wall)
             found = streams.enter_context(stream_arrays(file, specs, where, clock, rate))
             uids = {finger.name: finger.array.description.unique_id.hex() for finger in found}
             check_arrays(self._on_bench.calibration, uids)
@@ -339,10 +338,10 @@ class Rig:
             notes = (_TARED if tare else _NOT_TARED, *emulated)
             yield Monitor(file, None, found, clock, goes_on, lambda: "", notes)
 
-    @checked
+    @check_arguments
     @contextmanager
     def connect(
-        self, *, objects: ObjectsFile | PathLike | None = None, notice: Callable[[str], None] = warning
+        self, *, objects: ObjectsFile | PathLike | None = None, notice: Callable[[str], None] = warn_operator
     ) -> Iterator[Hand]:
         """Connect the hand, for motions of one's own: `hand.prepare()`, then `palpate.rig.motion`.
 
@@ -352,13 +351,13 @@ class Rig:
         lies = (
             None
             if objects is None
-            else place(self._on_bench.described, objects_from(objects), None, self._seed)
+            else choose_placement(self._on_bench.described, objects_from(objects), None, self._seed)
         )
         bench = set_up(self._on_bench.described, lies, self._seed)
-        with unwinding_signals(), connect(bench, notice=notice) as hand:
+        with unwind_on_signals(), connect(bench, notice=notice) as hand:
             yield hand
 
-    @checked
+    @check_arguments
     @contextmanager
     def serve(
         self,
@@ -368,7 +367,7 @@ class Rig:
         pty: bool = True,
         tcp_port: int = 0,
         host: str = LOOPBACK,
-    ) -> Iterator[Service]:
+    ) -> Iterator[DeviceServer]:
         """Serve the emulated devices to other programs, in real time, until the block is left.
 
         On pseudo-terminals or, without `pty`, on TCP ports of this computer from `tcp_port` on (0: any), on
@@ -378,7 +377,7 @@ class Rig:
         described = self._on_bench.described
         if described.emulation is None:
             raise InputError(f'rig "{described.name}" has no [emulation] table: there is nothing to emulate')
-        lies = place(described, objects_from(objects), scene_from(scene), self._seed)
+        lies = choose_placement(described, objects_from(objects), scene_from(scene), self._seed)
         devices, clock, done = (
             emulate(described, lies, self._seed).devices,
             MonotonicClock(),

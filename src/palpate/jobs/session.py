@@ -11,26 +11,22 @@ from typing import Any
 
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import Strategy
-from palpate.drivers.transport.clock import Clock
-from palpate.jobs.arguments import checked
-from palpate.jobs.files import PathLike
+from palpate.drivers.transport import Clock
+from palpate.jobs.files import PathLike, check_arguments
 from palpate.jobs.monitor import Monitor
-from palpate.rig.bench import place
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.array_playback import open_recorded_arrays, pace_clock
+from palpate.rig.bench import choose_placement
+from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
-from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
-from palpate.rig.monitor.paced_clock import paced
-from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
-from palpate.rig.session.inputs import calibrated_run, kept_inputs
+from palpate.rig.emulated.ground_truth import placement_in_hand_frame
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
+from palpate.rig.session.recorded_session import load_kept_inputs, used_calibration
 from palpate.rig.session.replay import Replayed, replay
 from palpate.rig.session.run import IdentificationJob
 
-__all__ = ["Session", "open_session"]
 
-
-@checked
+@check_arguments
 def open_session(path: PathLike) -> "Session":
     """Open a recorded session: its folder, or the log in it. Raises InputError if there is none."""
     folder = Path(path)
@@ -74,7 +70,7 @@ class Session:
         where = f"{self.log.path}: line {self.log.changed_line}"
         return f"{where}: is not as it was written: its check sum is wrong"
 
-    @checked
+    @check_arguments
     @contextmanager
     def watch(
         self, fingers: Sequence[str] = (), *, speed: float | None = 1.0, wall: Clock | None = None
@@ -93,7 +89,7 @@ class Session:
         if found.changed_line is not None:
             line = found.changed_line
             notes.append(f"line {line} of the log is not as it was written: its check sum is wrong")
-        clock = paced(found.clock, speed, wall)
+        clock = pace_clock(found.clock, speed, wall)
         yield Monitor(
             found.rig, self.folder, found.fingers, clock, goes_on, lambda: found.doing, tuple(notes)
         )
@@ -108,10 +104,14 @@ class Session:
             raise InputError(f'{path}: line 1: "strategy" must be one of {", ".join(names)}')
         if not isinstance(scene, bool):
             raise InputError(f'{path}: line 1: "scene" must be true or false')
-        on_bench, objects, given = kept_inputs(self.folder, scene=scene, calibration=calibrated_run(self.log))
-        seen = placement_in_hand_frame(on_bench, place(on_bench.described, objects, given, seed), seed)
+        on_bench, objects, given = load_kept_inputs(
+            self.folder, scene=scene, calibration=used_calibration(self.log)
+        )
+        seen = placement_in_hand_frame(
+            on_bench, choose_placement(on_bench.described, objects, given, seed), seed
+        )
         started = None if on_bench.calibration is None else self._started()
-        models = prepared_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
+        models = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
         return IdentificationJob(
             on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started
         )

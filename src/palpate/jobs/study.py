@@ -20,42 +20,34 @@ from palpate.config.study_result import (
     StudyOut,
     StudyRunOut,
 )
-from palpate.jobs.arguments import checked
-from palpate.jobs.files import PathLike
-from palpate.jobs.recognition import strategy_named
-from palpate.rig.catalogue.best_heights import BestHeights, best_heights
-from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
-from palpate.rig.catalogue.heights import check_known
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.jobs.files import PathLike, check_arguments
+from palpate.jobs.recognition import parse_strategy
+from palpate.rig.catalogue.finger_model import RigFingers, check_known, rig_fingers
+from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.section_stack import StateSections, state_sections
-from palpate.rig.catalogue.separating_heights import separating_heights
+from palpate.rig.catalogue.separating_heights import BestHeights, best_heights, separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.identification.preconditions import check_known_well
-from palpate.rig.study.campaign import Executor, carry_out, simulate_here
-from palpate.rig.study.cluster import on_cluster
-from palpate.rig.study.draws import has_probabilities, shares_drawn
-from palpate.rig.study.runs_file import RunsFile
-from palpate.rig.study.simulation import Simulation, motion_of, with_motion
-from palpate.rig.study.summary import Advice, Drawn, Limits, confusion_of, study_out
+from palpate.rig.identification.loop import check_accuracy
+from palpate.rig.study.campaign import Executor, RunsFile, carry_out_runs, cluster_executor, simulate_here
+from palpate.rig.study.simulation import Simulation, has_probabilities, motion_of, state_shares, with_motion
+from palpate.rig.study.summary import StudyAdvice, StudyDraws, StudyGoals, confusion_of, study_out
 from palpate.rig.study.variations import (
-    AS_IT_IS,
+    UNVARIED,
     at_heights,
-    compared,
+    compare_runs,
+    error_variations,
     heights_name,
     noise_budget,
-    without_errors,
 )
 
-__all__ = ["study"]
-
-MOST_RUNS = 1_000_000
-_PAIRS_LOOKED_AT = 40
-_VARIED_SHARE = 10  # a tenth of the runs is done again with each variation
-_MOST_VARIED = 200
+MAX_RUNS = 1_000_000
+_MAX_PAIRS = 40
+_VARIATION_DIVISOR = 10  # a tenth of the runs is done again with each variation
+_MAX_VARIATION_RUNS = 200
 
 
-@checked
+@check_arguments
 def study(
     rig: RigFile,
     objects: ObjectsFile,
@@ -86,17 +78,17 @@ def study(
     Raises InputError for a catalogue that the rig cannot identify, a rig of which too little is known, as
     `Rig.identify` does, or a file of another study.
     """
-    if not 1 <= runs <= MOST_RUNS:
-        raise InputError(f"{runs} runs: it must be from 1 to {MOST_RUNS}")
+    if not 1 <= runs <= MAX_RUNS:
+        raise InputError(f"{runs} runs: it must be from 1 to {MAX_RUNS}")
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers: it must be at least 1")
     if workers is not None and scheduler is not None:
         raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
-    check_known_well(rig, rig_name)
-    varied = min(runs // _VARIED_SHARE, _MOST_VARIED) if budget is None else min(budget, runs)
+    check_accuracy(rig, rig_name)
+    varied = min(runs // _VARIATION_DIVISOR, _MAX_VARIATION_RUNS) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
-    motion, chosen = motion_of(rig) if parts is None else _motion_named(parts), strategy_named(strategy)
+    motion, chosen = motion_of(rig) if parts is None else _parse_motion(parts), parse_strategy(strategy)
     _check_placed(placed_within_mm, rig.workspace.radius_mm)
     simulation = Simulation(
         *with_motion(rig, objects, motion), chosen, seed, placed_within_mm=placed_within_mm
@@ -105,29 +97,29 @@ def study(
     with _runs_file(keep) as path, _executor(scheduler, keep, workers) as execute:
         file = RunsFile(path, simulation)
         # Kept, it is there for the processes that carry out runs.
-        prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress, workers=workers)
+        prepare_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress, workers=workers)
         progress("comparing heights")
         heights = best_heights(states, fingers)
         simulations = _simulations(simulation, runs, varied, heights)
-        found = carry_out(simulations, file, progress, execute)
+        found = carry_out_runs(simulations, file, progress, execute)
     return study_out(
-        found[AS_IT_IS],
+        found[UNVARIED],
         objects=name,
         rig=rig.name,
         strategy=chosen,
         seed=seed,
         parts=motion,
-        limits=Limits.of(rig),
-        drawn=Drawn(
-            simulation.within_mm, shares_drawn(objects), sum(map(_is_by_probability, objects.objects))
+        limits=StudyGoals.of(rig),
+        drawn=StudyDraws(
+            simulation.within_mm, state_shares(objects), sum(map(_is_by_probability, objects.objects))
         ),
         seconds=time.perf_counter() - begin,
-        advice=Advice(
-            _separating(states, fingers, confusion_of(found[AS_IT_IS])),
+        advice=StudyAdvice(
+            _separating(states, fingers, confusion_of(found[UNVARIED])),
             tuple(
                 HeightOut(range=item.range_mm, alike=item.alike, unmet=item.unmet) for item in heights.ranges
             ),
-            _best(heights, found),
+            _best_heights_out(heights, found),
             noise_budget(found),
         ),
     )
@@ -145,7 +137,7 @@ def _is_by_probability(model: ObjectModel) -> bool:
     return len(model.states) > 1 and has_probabilities(model)
 
 
-def _motion_named(name: PartMotion | str) -> PartMotion:
+def _parse_motion(name: PartMotion | str) -> PartMotion:
     if name not in list(PartMotion):
         raise InputError(f'parts is "{name}"; allowed: {", ".join(PartMotion)}')
     return PartMotion(name)
@@ -155,9 +147,9 @@ def _simulations(
     simulation: Simulation, runs: int, varied: int, heights: BestHeights
 ) -> dict[str, tuple[Simulation, int]]:
     """As it is and with each variation: what simulates it, and how many runs."""
-    simulations = {AS_IT_IS: (simulation, runs)}
+    simulations = {UNVARIED: (simulation, runs)}
     if varied:
-        simulations |= {key: (item, varied) for key, item in without_errors(simulation).items()}
+        simulations |= {key: (item, varied) for key, item in error_variations(simulation).items()}
         if heights.alike < heights.alike_now:
             moved = replace(simulation, rig=at_heights(simulation.rig, heights.chosen_mm))
             simulations[heights_name(heights.chosen_mm)] = (moved, varied)
@@ -169,7 +161,7 @@ def _executor(
 ) -> AbstractContextManager[Executor]:
     if scheduler is None:
         return nullcontext(partial(simulate_here, workers=workers))
-    return on_cluster(scheduler, None if keep is None else str(keep))
+    return cluster_executor(scheduler, None if keep is None else str(keep))
 
 
 @contextmanager
@@ -178,7 +170,9 @@ def _runs_file(keep: PathLike | None) -> Iterator[Path]:
         yield Path(folder, "runs.jsonl") if keep is None else Path(keep)
 
 
-def _best(heights: BestHeights, found: Mapping[str, Sequence[StudyRunOut]]) -> BestHeightsOut | None:
+def _best_heights_out(
+    heights: BestHeights, found: Mapping[str, Sequence[StudyRunOut]]
+) -> BestHeightsOut | None:
     if not heights.chosen_mm:
         return None
     there = found.get(heights_name(heights.chosen_mm))
@@ -186,7 +180,7 @@ def _best(heights: BestHeights, found: Mapping[str, Sequence[StudyRunOut]]) -> B
         heights=heights.chosen_mm,
         alike=heights.alike,
         alike_now=heights.alike_now,
-        compared=compared(found[AS_IT_IS], there) if there else None,
+        compared=compare_runs(found[UNVARIED], there) if there else None,
     )
 
 
@@ -194,7 +188,7 @@ def _separating(
     states: Sequence[StateSections], fingers: RigFingers, confusion: Sequence[ConfusionOut]
 ) -> tuple[SeparatingStudiedOut, ...]:
     """For the states that were confused most often, as `check_objects` finds them."""
-    names = {frozenset((item.a, item.b)): item for item in confusion[:_PAIRS_LOOKED_AT]}
+    names = {frozenset((item.a, item.b)): item for item in confusion[:_MAX_PAIRS]}
     if not names:
         return ()
     found = []

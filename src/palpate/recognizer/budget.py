@@ -1,4 +1,4 @@
-"""The work budget: how much a query may look at before it says what it has; a count, not a clock.
+"""Work budget: how much a query may look at before it says what it has; a count, not a clock.
 
 Every step of a query has a share. A step that would need more is left out, or done more coarsely, where that
 loses nothing: a contact is then paired with no edges (what lies there still has to satisfy it), cells stay
@@ -11,8 +11,6 @@ from dataclasses import dataclass
 
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
-
-__all__ = ["STANDARD_BUDGET", "Budget", "BudgetSpentError"]
 
 
 class BudgetSpentError(Exception):

@@ -1,7 +1,8 @@
-"""The catalogue: every state of every object, grown for each kind of finger, in flat arrays.
+"""Catalogue: every state of every object, grown for each kind of finger, in flat arrays.
 
-Work done once per catalogue and kept: grown edges sorted
-by normal within a state (`edges`), and the ranges of distance between the edges of each state (`pairs`).
+Work done once per catalogue and kept: grown edges sorted by normal within a state (`edges`), and the ranges
+of distance between the edges of each state (`pairs`). Object models that were made without a file are checked
+first: clear errors instead of obscure geometry.
 """
 
 import math
@@ -9,23 +10,69 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import shapely
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Bools, Floats, Ints, ObjectModel, State
-from palpate.recognizer.ball_section import is_exact
-from palpate.recognizer.checks import check_model
-from palpate.recognizer.contact import Finger
-from palpate.recognizer.edge_sets import outline_set, pairing_set
+from palpate.base.geometry import Bools, Floats, Ints, ObjectModel, Polygon, Section, State
+from palpate.recognizer.angle_pockets import Pockets, conservative_pockets
+from palpate.recognizer.ball_obstacle import is_exact
+from palpate.recognizer.contact import LARGEST_MM, Finger
 from palpate.recognizer.edges import CatalogueState, EdgeSet
-from palpate.recognizer.finger_preparation import FingerPreparation
+from palpate.recognizer.grown_edges import ROUND_ORDER, outline_set, pairing_set
 from palpate.recognizer.pairs import PairTable
-from palpate.recognizer.pockets import Pockets, conservative_pockets
-from palpate.recognizer.round_edges import ROUND_ORDER
+from palpate.recognizer.preparation import FingerPreparation
 from palpate.recognizer.strip_trees import StripForest, strip_forest
-from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrised
+from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrise
 from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 
-__all__ = ["FACET_ERROR_MM", "Catalogue", "prepare_states"]
+_SMALLEST_MM2, _THINNEST_MM = 1e-9, 2e-7
+
+
+def check_model(item: ObjectModel) -> None:
+    """Raise InputError, naming the object and the place, unless everything about it is in order."""
+    if not (math.isfinite(item.tolerance_mm) and 0 <= item.tolerance_mm <= LARGEST_MM):
+        raise InputError(
+            f"object {item.name}: the tolerance must be from 0 to {LARGEST_MM:g} mm, "
+            f"not {item.tolerance_mm:g}"
+        )
+    if not item.states:
+        raise InputError(f"object {item.name} has no state: at least one is needed")
+    for state in item.states:
+        place = f"object {item.name}, state {state.name}"
+        if not state.sections:
+            raise InputError(f"{place} has no cross section: at least one is needed")
+        for section in state.sections:
+            _check_section(section, place)
+
+
+def _check_section(section: Section, place: str) -> None:
+    low, high = section.z_mm
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise InputError(f"{place}: the heights of a cross section must be finite")
+    if low > high:
+        raise InputError(f"{place}: a cross section must run upwards, not from {low:g} to {high:g} mm")
+    if not section.polygons:
+        raise InputError(f"{place}: a cross section has no polygon: at least one is needed")
+    for polygon in section.polygons:
+        _check_polygon(polygon, place)
+
+
+def _check_polygon(polygon: Polygon, place: str) -> None:
+    for ring in polygon.rings:
+        _check_ring(ring, place)
+    shape = shapely.Polygon(polygon.outer, polygon.holes)
+    if not shape.is_valid:
+        raise InputError(f"{place}: an outline is no simple polygon: {shapely.is_valid_reason(shape)}")
+    if shape.area < max(_SMALLEST_MM2, _THINNEST_MM * shape.length):
+        raise InputError(f"{place}: an outline encloses no area")
+
+
+def _check_ring(ring: Floats, place: str) -> None:
+    if ring.ndim != 2 or ring.shape[1] != 2 or len(np.unique(ring, axis=0)) < 3:
+        raise InputError(f"{place}: an outline needs at least three different points (x, y)")
+    if not np.all(np.isfinite(ring)) or float(np.abs(ring).max()) > LARGEST_MM:
+        raise InputError(f"{place}: coordinates must be finite and within ±{LARGEST_MM:g} mm")
+
 
 FACET_ERROR_MM = 0.1
 """By how much an arc may bulge over its facet, where nothing else is said."""
@@ -33,8 +80,8 @@ FACET_ERROR_MM = 0.1
 
 SYMMETRY_TOLERANCE_MM = 1e-3
 _TRAVEL_STEP_MM = 20.0
-_LITTLE_MORE = 0.01  # of a state's tolerance
-_FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
+_MAX_ADDED_TOLERANCE_SHARE = 0.01  # of a state's tolerance
+_MAX_FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
 
 
 class Catalogue:
@@ -52,7 +99,7 @@ class Catalogue:
         objects: Sequence[ObjectModel],
         *,
         facet_error_mm: float = FACET_ERROR_MM,
-        flat_edges: int = _FLAT_EDGES,
+        flat_edges: int = _MAX_FLAT_EDGES,
         states: Sequence[CatalogueState] | None = None,
     ) -> None:
         if not objects:
@@ -150,7 +197,7 @@ def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
     """Check objects and find the symmetry of every state. Raises InputError for an object that is wrong."""
     for item in objects:
         check_model(item)
-    return [_prepare(item, state) for item in objects for state in item.states]
+    return [_prepare_state(item, state) for item in objects for state in item.states]
 
 
 def _reach_mm(item: CatalogueState) -> float:
@@ -159,7 +206,7 @@ def _reach_mm(item: CatalogueState) -> float:
     return float(np.hypot(*(vertices - item.origin_mm).T).max()) + item.tolerance_mm + item.rounding_mm
 
 
-def _prepare(item: ObjectModel, state: State) -> CatalogueState:
+def _prepare_state(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     symmetry = rotational_symmetry(state, origin, SYMMETRY_TOLERANCE_MM)
     if state.is_round:
@@ -190,10 +237,10 @@ def _with_exact_symmetry(item: CatalogueState) -> CatalogueState:
     its normals by up to 2e / L more: with twice e added to the tolerance δ, asin(4δ/L) covers that.
     """
     off = 2 * item.symmetry.off_mm
-    if item.is_exactly_symmetric or off > _LITTLE_MORE * item.tolerance_mm:
+    if item.is_exactly_symmetric or off > _MAX_ADDED_TOLERANCE_SHARE * item.tolerance_mm:
         return item
     order = item.symmetry.order
-    state = symmetrised(item.state, item.origin_mm, order, SYMMETRY_TOLERANCE_MM)
+    state = symmetrise(item.state, item.origin_mm, order, SYMMETRY_TOLERANCE_MM)
     if state is None:
         return item
     turn = item.normal_bound_rad

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from palpate.base.errors import InputError
+from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import TipShape
-from palpate.base.vocabulary.short_repr import ShortRepr
-
-__all__ = ["LARGEST_MM", "Contact", "Finger", "NormalRange"]
 
 LARGEST_MM = 1e4
 """No coordinate, radius or bound may be larger: rounding allowances and running times hold up to here."""
@@ -200,10 +198,10 @@ class Contact(ShortRepr):
         approach = NormalRange(against - half, against + half)
         if self.normal is None:
             return approach
-        return _meet(self.normal, approach)
+        return _intersect_ranges(self.normal, approach)
 
 
-def _meet(first: NormalRange, second: NormalRange) -> NormalRange | None:
+def _intersect_ranges(first: NormalRange, second: NormalRange) -> NormalRange | None:
     width_1 = first.hi_rad - first.lo_rad
     width_2 = second.hi_rad - second.lo_rad
     offset = (second.lo_rad - first.lo_rad) % (2 * math.pi)

@@ -1,6 +1,6 @@
 """Edge sets: the edges that one kind of finger can meet, over the whole catalogue, in flat arrays.
 
-They are sorted by normal within a state, so that the angle test is a range look-up. Made by `edge_sets`.
+They are sorted by normal within a state, so that the angle test is a range look-up. Made by `grown_edges`.
 """
 
 from dataclasses import dataclass, replace
@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, State
-from palpate.base.vocabulary.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
-
-__all__ = ["NULL_EDGE", "ROUNDING_MM", "ROUNDING_RAD", "CatalogueState", "EdgeSet", "ring_order"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
@@ -28,9 +26,9 @@ ROUNDING_RAD = 1e-9
 NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
-_SUPPORTS = 360
-_NOTHING_MM = -1e4  # support of what is not there
-_KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
+_SUPPORT_DIRECTIONS = 360
+_NO_SUPPORT_MM = -1e4  # support of what is not there
+_KEY_STRIDE_RAD = 16.0  # rad between the sorted normals of one state and the next: more than two turns
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,7 +115,7 @@ class EdgeSet:
     @property
     def supports_shape(self) -> tuple[int, ...]:
         """Of a state's supports."""
-        return (_SUPPORTS,)
+        return (_SUPPORT_DIRECTIONS,)
 
     def with_supports(self, supports: Floats) -> "EdgeSet":
         """The same edges, whose `supports` (S, …) were worked out before."""
@@ -244,19 +242,19 @@ class EdgeSet:
 
         −10⁴ where nothing is high enough.
         """
-        place = (angle_rad % (2 * np.pi)) * (_SUPPORTS / (2 * np.pi))
+        place = (angle_rad % (2 * np.pi)) * (_SUPPORT_DIRECTIONS / (2 * np.pi))
         below = place.astype(np.int64)
         share = place - below
         table = self.supports
-        result: Floats = (1 - share) * table[state, below % _SUPPORTS]
-        return result + share * table[state, (below + 1) % _SUPPORTS]
+        result: Floats = (1 - share) * table[state, below % _SUPPORT_DIRECTIONS]
+        return result + share * table[state, (below + 1) % _SUPPORT_DIRECTIONS]
 
     @cached_property
     def supports(self) -> Floats:
         """Support of each state (S, _SUPPORTS) in evenly spaced directions."""
-        angle = np.arange(_SUPPORTS) * (2 * np.pi / _SUPPORTS)
+        angle = np.arange(_SUPPORT_DIRECTIONS) * (2 * np.pi / _SUPPORT_DIRECTIONS)
         towards = np.stack([np.cos(angle), np.sin(angle)])
-        table = np.full((len(self.count), _SUPPORTS), _NOTHING_MM)
+        table = np.full((len(self.count), _SUPPORT_DIRECTIONS), _NO_SUPPORT_MM)
         for state in np.flatnonzero(self.count):
             block = slice(int(self.first[state]), int(self.first[state + 1]))
             table[state] = (self.start[block] @ towards).max(axis=0)
@@ -274,7 +272,7 @@ class EdgeSet:
 
     @cached_property
     def _keys(self) -> Floats:
-        once = self.state * _KEY_STRIDE + self.normal_rad
+        once = self.state * _KEY_STRIDE_RAD + self.normal_rad
         return np.sort(np.concatenate([once, once + 2 * np.pi]))
 
     def by_normal(
@@ -285,7 +283,7 @@ class EdgeSet:
         Returns (owner, edge), flat, owner indexing the m queries. Raises BudgetSpentError where there are
         more than `most`.
         """
-        lo = lo_rad % (2 * np.pi) + state * _KEY_STRIDE
+        lo = lo_rad % (2 * np.pi) + state * _KEY_STRIDE_RAD
         first = np.searchsorted(self._keys, lo - 1e-12, side="left")
         last = np.searchsorted(self._keys, lo + width_rad + 1e-12, side="right")
         # In each state's stretch of keys the edges come twice, a turn apart; a full turn meets each once.

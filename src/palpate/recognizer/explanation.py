@@ -13,14 +13,12 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel
-from palpate.base.vocabulary.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import free_path_test
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
-from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
-from palpate.recognizer.region import Cells, build_cells
-from palpate.recognizer.sweep import free_path_test
-from palpate.recognizer.tree import (
+from palpate.recognizer.interpretation_tree import (
     Interpretations,
     filter_by_distance,
     first_level,
@@ -28,19 +26,10 @@ from palpate.recognizer.tree import (
     narrow_by_two,
     pair_by_angle,
 )
+from palpate.recognizer.pose_region import Cells, build_cells
+from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
 
-__all__ = [
-    "ObjectExplanation",
-    "SearchStep",
-    "SearchTest",
-    "explain_object",
-    "grips_before_move",
-    "is_explained",
-    "suspected_contacts",
-]
-
-
-_LEAST_TO_SUSPECT = 2
+_LEAST_SUSPECTS = 2
 
 
 class SearchTest(Enum):
@@ -93,7 +82,7 @@ def explain_object(
     No contact is taken as spurious. Raises InputError if none of the contacts touched anything, and for an
     object or a state that is not in the catalogue.
     """
-    alone = _only(catalogue, object_name, state_name)
+    alone = _catalogue_of_one(catalogue, object_name, state_name)
     if not any(contact.touched for contact in contacts):
         raise InputError("no finger touched anything: nothing can be ruled out")
     steps = tuple(_steps(alone, contacts))
@@ -128,7 +117,7 @@ def suspected_contacts(
 
     Empty if that does not help, or if less than two contacts would be left: one alone nearly always fits.
     """
-    if sum(contact.touched for contact in contacts) - max_spurious - 1 < _LEAST_TO_SUSPECT:
+    if sum(contact.touched for contact in contacts) - max_spurious - 1 < _LEAST_SUSPECTS:
         return ()
     try:
         found = recognise(catalogue, contacts, max_spurious + 1)
@@ -153,7 +142,7 @@ def _together(grips: Sequence[Sequence[Contact]]) -> list[Contact]:
     return [contact for grip in grips for contact in grip]
 
 
-def _only(catalogue: Catalogue, object_name: str, state_name: str | None) -> Catalogue:
+def _catalogue_of_one(catalogue: Catalogue, object_name: str, state_name: str | None) -> Catalogue:
     """A catalogue of one object, with one state or with all that it has."""
     named = [state for state in catalogue.states if state.object_name == object_name]
     if not named:

@@ -13,23 +13,20 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range
+from palpate.recognizer.angle_pockets import conservative_pockets
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import free_path_test
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.pockets import conservative_pockets
-from palpate.recognizer.region import build_cells, divide_orientations
-from palpate.recognizer.sweep import free_path_test
+from palpate.recognizer.interpretation_tree import Interpretations
+from palpate.recognizer.model_test import three_contact_hull, two_contact_hull
+from palpate.recognizer.pose_region import build_cells, divide_orientations
 from palpate.recognizer.tables import Table, expand_ranges
-from palpate.recognizer.three_contact_test import three_contact_hull
-from palpate.recognizer.tree import Interpretations
-from palpate.recognizer.two_contact_test import two_contact_hull
-
-__all__ = ["MemoCounts", "MemoLevel", "memo_counts"]
 
 _CANDIDATES_AT_ONCE = 50_000
 _MODELS_AT_ONCE = 256
-_PARTS, _FINER_PARTS = 64, 8  # two solutions of one interpretation come to lie in different parts
+_COARSE_PARTS, _FINER_PARTS = 64, 8  # two solutions of one interpretation come to lie in different parts
 _CELL_RAD = 0.015
 _ROUNDING_RAD = 1e-9
 
@@ -213,9 +210,9 @@ def _model_count(
     found = 0
     for piece in np.array_split(np.arange(len(nodes)), len(nodes) // _MODELS_AT_ONCE + 1):
         parts, owner = nodes.select(piece), np.arange(len(piece))
-        for count in (_PARTS, _FINER_PARTS):
+        for count in (_COARSE_PARTS, _FINER_PARTS):
             parts, owner = _split(parts, owner, count)
-            parts, owner = _narrowed(catalogue, parts, owner, touched, anchor)
+            parts, owner = _narrow_by_model(catalogue, parts, owner, touched, anchor)
             for level in range(len(touched)):
                 for some in sets[level]:
                     met = some.select(parts.edges[:, level]).meet(parts.lo[:, None], parts.hi[:, None])[:, 0]
@@ -237,7 +234,7 @@ def _split(nodes: Interpretations, owner: Ints, count: int) -> tuple[Interpretat
     return Interpretations(nodes.state[source], nodes.edges[source], lo, hi), owner[source]
 
 
-def _narrowed(
+def _narrow_by_model(
     catalogue: Catalogue, nodes: Interpretations, owner: Ints, touched: list[Contact], anchor_mm: Floats
 ) -> tuple[Interpretations, Ints]:
     """Orientations that the closed-form test leaves for every two and every three contacts."""

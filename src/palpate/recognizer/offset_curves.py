@@ -1,9 +1,7 @@
-"""Offset curves: a section's edges moved outwards, arcs about its convex vertices, what of them is visible.
+"""Offset curves: a section's edges moved outwards, arcs about its convex vertices, and the rings they make.
 
-The boundary of a section grown by r consists of those points of its offset curves that are no nearer than r
-to any of its edges. Of each curve the intervals are computed in which it is nearer to some edge, in closed
-form; what is left is visible. A point counts as nearer only if it is so by more than rounding can do: what is
-in doubt is kept, so that every point of the true boundary is on a visible part of its own curve.
+What is visible of the curves is found in closed form: a curve is hidden where it is nearer than the radius to
+another edge. Visible parts are joined end to end to closed rings, with facets in place of arcs.
 """
 
 import math
@@ -12,19 +10,19 @@ from typing import Any
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.segments import capsule_interval, point_segment_distance
+from palpate.base.geometry.plane import capsule_interval, point_segment_distance, wrap_angle
 from palpate.recognizer.tables import Table, expand_ranges
 
-__all__ = ["BoundaryEdges", "OffsetParts", "visible_parts"]
-
-_DEEPER_MM = 1e-11  # than this a curve has to be below another one to be hidden
-_LEAST = 1e-12  # an interval (mm or rad) that is shorter is none
+_HIDDEN_DEPTH_MM = 1e-11  # than this a curve has to be below another one to be hidden
+_SHORTEST_INTERVAL = 1e-12  # an interval (mm or rad) that is shorter is none
 _ARC_STEP_RAD = 0.1  # of the polylines by which an arc's neighbours are sought
-_HULL_RAD = 3.0
-_BREAKS = 12  # of a circle at an edge: two at each end of it, on each side, and at the circle about each end
+_MAX_HULL_ARC_RAD = 3.0
+_BREAKS_PER_EDGE = (
+    12  # of a circle at an edge: two at each end of it, on each side, and at the circle about each end
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +76,14 @@ def visible_parts(edges: BoundaryEdges, radius_mm: float) -> OffsetParts:
     """What is visible of all offset curves."""
     tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
     every = np.arange(len(edges))
-    owner, begin, end = _left(*_hidden_of_lines(edges, tree, radius_mm), edges.length)
+    owner, begin, end = _remaining_intervals(*_hidden_of_lines(edges, tree, radius_mm), edges.length)
     lines = OffsetParts(every[owner], np.zeros(len(owner), np.int64), begin, end)
     normal_rad = np.arctan2(edges.normal[:, 1], edges.normal[:, 0])
     first = normal_rad[edges.previous]
     turn = wrap_angle(normal_rad - first)
-    convex = np.flatnonzero(turn > _LEAST)
+    convex = np.flatnonzero(turn > _SHORTEST_INTERVAL)
     hidden = _hidden_of_arcs(edges, tree, radius_mm, convex, first[convex], turn[convex])
-    owner, begin, end = _left(*hidden, turn[convex])
+    owner, begin, end = _remaining_intervals(*hidden, turn[convex])
     source = convex[owner]
     arcs = OffsetParts(source, np.ones(len(owner), np.int64), first[source] + begin, first[source] + end)
     return OffsetParts.joined([lines, arcs])
@@ -110,7 +108,7 @@ def _hidden_of_lines(
         edges.start[other],
         edges.direction[other],
         edges.length[other],
-        np.full(len(line), radius_mm - _DEEPER_MM),
+        np.full(len(line), radius_mm - _HIDDEN_DEPTH_MM),
     )
     return line, enter, leave
 
@@ -124,16 +122,16 @@ def _hidden_of_arcs(
     """
     hull = _hull(edges.start[at], radius_mm, first, turn)
     wholly, _ = _wholly_hidden(edges, tree, radius_mm, hull)
-    wholly &= turn < _HULL_RAD
+    wholly &= turn < _MAX_HULL_ARC_RAD
     some = np.flatnonzero(~wholly)
     line, off = _polylines(edges.start[at[some]], radius_mm, first[some], turn[some])
     row, other = tree.query(line, predicate="dwithin", distance=radius_mm + off)
     lo, width = _elementary(edges, radius_mm, at[some[row]], other)
-    arc, other = np.repeat(some[row], _BREAKS), np.repeat(other, _BREAKS)
+    arc, other = np.repeat(some[row], _BREAKS_PER_EDGE), np.repeat(other, _BREAKS_PER_EDGE)
     lo, width = lo.ravel(), width.ravel()
     point = edges.start[at[arc]] + radius_mm * _unit(lo + width / 2)
     away = point_segment_distance(point, edges.start[other], edges.direction[other], edges.length[other])
-    below = (away < radius_mm - _DEEPER_MM) & (width > 0)
+    below = (away < radius_mm - _HIDDEN_DEPTH_MM) & (width > 0)
     arc, width = arc[below], width[below]
     begin = (lo[below] - first[arc]) % (2 * np.pi)
     gone = np.flatnonzero(wholly)
@@ -146,7 +144,7 @@ def _hidden_of_arcs(
 
 def _hull(centre: Floats, radius_mm: float, first: Floats, turn: Floats) -> Floats:
     """Triangles (n, 3, 2) that hold arcs of less than _HULL_RAD: their ends and where their tangents meet."""
-    far = 1 / np.cos(np.minimum(turn, _HULL_RAD) / 2)
+    far = 1 / np.cos(np.minimum(turn, _MAX_HULL_ARC_RAD) / 2)
     rays = [_unit(first), far[:, None] * _unit(first + turn / 2), _unit(first + turn)]
     return np.stack([centre + radius_mm * ray for ray in rays], axis=1)
 
@@ -167,7 +165,7 @@ def _wholly_hidden(
     away = point_segment_distance(
         hull, edges.start[by, None], edges.direction[by, None], edges.length[by, None]
     )
-    hidden: Bools = np.all(away < radius_mm - _DEEPER_MM, axis=1)
+    hidden: Bools = np.all(away < radius_mm - _HIDDEN_DEPTH_MM, axis=1)
     return hidden, by
 
 
@@ -181,7 +179,7 @@ def _elementary(edges: BoundaryEdges, radius_mm: float, at: Ints, other: Ints) -
     Between two of them a circle is nearer all the way, or nowhere. `at`, `other` (m,): edges that begin at
     the vertices, and the other edges.
     """
-    reach, r = radius_mm - _DEEPER_MM, radius_mm
+    reach, r = radius_mm - _HIDDEN_DEPTH_MM, radius_mm
     rel = edges.start[at] - edges.start[other]
     along, normal = edges.direction[other], edges.normal[other]
     bearing = np.arctan2(along[:, 1], along[:, 0])
@@ -209,7 +207,7 @@ def _arcsin(value: Floats) -> Floats:
     return np.arcsin(np.clip(value, -1.0, 1.0))
 
 
-def _left(owner: Ints, lo: Floats, hi: Floats, length: Floats) -> tuple[Ints, Floats, Floats]:
+def _remaining_intervals(owner: Ints, lo: Floats, hi: Floats, length: Floats) -> tuple[Ints, Floats, Floats]:
     """What intervals (m,) leave of [0, length] (n,): owner, begin, end."""
     some = (lo < length[owner]) & (hi > 0) & (hi > lo)
     every = np.arange(len(length))
@@ -223,6 +221,104 @@ def _left(owner: Ints, lo: Floats, hi: Floats, length: Floats) -> tuple[Ints, Fl
     rank = np.empty(len(hi), np.int64)
     rank[by_end] = np.arange(len(hi))
     covered = hi[by_end[np.maximum.accumulate(owner * len(hi) + rank) % len(hi)]]
-    gap = (owner[1:] == owner[:-1]) & (lo[1:] > covered[:-1] + _LEAST)
+    gap = (owner[1:] == owner[:-1]) & (lo[1:] > covered[:-1] + _SHORTEST_INTERVAL)
     rows = np.flatnonzero(gap)
     return owner[rows], covered[rows], lo[rows + 1]
+
+
+_MAX_NEIGHBOURS = 4  # as many ends may meet in a point where a section touches itself when grown
+
+
+@dataclass(frozen=True, eq=False)
+class FacetedRings(Table):
+    """Edges (n) of closed rings, neighbours meeting in the same numbers.
+
+    `part` (n,): which part an edge belongs to; `start`, `end` (n, 2) mm; `direction` (n, 2): of the part, or
+    of the arc in the facet's middle; `bulge` (n,) mm of the arc over its facet; `half_turn` (n,) rad of its
+    normal; `gap` (n,) mm: how far the part's ends have been moved to meet others.
+    """
+
+    part: Ints
+    start: Floats
+    end: Floats
+    direction: Floats
+    bulge: Floats
+    half_turn: Floats
+    gap: Floats
+
+
+def facet_turn(radius_mm: float, facet_error_mm: float) -> float:
+    """Largest turn (rad) that one facet may stand for."""
+    if radius_mm <= facet_error_mm:
+        return math.pi / 4
+    return min(math.pi / 4, 2 * math.acos(1 - facet_error_mm / radius_mm))
+
+
+def faceted_rings(
+    edges: BoundaryEdges, parts: OffsetParts, radius_mm: float, facet_error_mm: float
+) -> FacetedRings:
+    """The parts as rings, with no arc further than `facet_error_mm` from its facet."""
+    every = np.arange(len(parts))
+    begin = parts.at(edges, radius_mm, parts.begin, every)
+    end = parts.at(edges, radius_mm, parts.end, every)
+    following = _successors(begin, end)
+    corner = (end + begin[following]) / 2
+    into = np.empty_like(corner)
+    into[following] = corner
+    moved = np.hypot(*(end - corner).T)
+    gap = np.maximum(moved, np.hypot(*(begin - into).T))
+    order = _ring_by_ring(following)
+    turn = np.where(parts.arc > 0, parts.end - parts.begin, 0.0)
+    count = np.maximum(np.ceil(turn / facet_turn(radius_mm, facet_error_mm) - 1e-9), 1).astype(np.int64)
+    owner, facet = expand_ranges(np.zeros(len(parts), np.int64), count[order])
+    part = order[owner]
+    step = (turn / count)[part]
+    start = parts.at(edges, radius_mm, parts.begin[part] + facet * step, part)
+    start[facet == 0] = into[order]
+    last = facet == count[part] - 1
+    finish = np.empty_like(start)
+    finish[:-1] = start[1:]
+    finish[last] = corner[order]
+    middle = parts.begin[part] + (facet + 0.5) * step
+    arc = parts.arc[part] > 0
+    tangent = np.column_stack([-np.sin(middle), np.cos(middle)])
+    found = FacetedRings(
+        part=part,
+        start=start,
+        end=finish,
+        direction=np.where(arc[:, None], tangent, edges.direction[parts.source[part]]),
+        bulge=np.where(arc, radius_mm * (1 - np.cos(step / 2)), 0.0),
+        half_turn=np.where(arc, step / 2, 0.0),
+        gap=gap[part],
+    )
+    return found.select(np.any(start != finish, axis=1))
+
+
+def _successors(begin: Floats, end: Floats) -> Ints:
+    """Of each part (n,) the one that begins where it ends; every part follows one."""
+    ways, found = cKDTree(begin).query(end, k=np.arange(1, min(_MAX_NEIGHBOURS, len(begin)) + 1))
+    away, near = np.asarray(ways), np.asarray(found)
+    if len(np.unique(near[:, 0])) == len(near):
+        return np.asarray(near[:, 0], dtype=np.int64)
+    following = np.full(len(end), -1)
+    free = np.ones(len(begin), dtype=bool)
+    for flat in np.argsort(away, axis=None, kind="stable").tolist():
+        row, to = flat // near.shape[1], int(near.flat[flat])
+        if following[row] < 0 and free[to]:
+            following[row], free[to] = to, False
+    # What is left are slivers among slivers.
+    following[following < 0] = np.flatnonzero(free)
+    return following
+
+
+def _ring_by_ring(following: Ints) -> Ints:
+    """Parts (n,) ring after ring, each in the order in which they follow one another."""
+    left, order = np.ones(len(following), dtype=bool), []
+    follow = following.tolist()
+    for first in range(len(following)):
+        at = first
+        while left[at]:
+            left[at] = False
+            order.append(at)
+            at = follow[at]
+    return np.array(order, dtype=np.int64)

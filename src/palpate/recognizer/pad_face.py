@@ -11,22 +11,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate.base.geometry import Floats, Ints
+from palpate.recognizer.approach import Approach, Rays
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.rays import Approach, Rays
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["beside", "face_offsets_mm", "face_points", "strip_extents"]
-
-_APART_MM = 2.5  # points of a face at most
+_MAX_POINT_SPACING_MM = 2.5  # points of a face at most
 _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
 
 
 def face_offsets_mm(half_width_mm: float) -> Floats:
     """Where on a face its points are (n,), mm to the left of its middle: both ends, middle, and between."""
-    return np.linspace(-half_width_mm, half_width_mm, 2 * math.ceil(half_width_mm / _APART_MM) + 1)
+    return np.linspace(
+        -half_width_mm, half_width_mm, 2 * math.ceil(half_width_mm / _MAX_POINT_SPACING_MM) + 1
+    )
 
 
-def beside(point_mm: tuple[float, float], direction_rad: float, left_mm: float) -> tuple[float, float]:
+def point_to_left(point_mm: tuple[float, float], direction_rad: float, left_mm: float) -> tuple[float, float]:
     """The place so far to the left of a point, seen along a direction."""
     x, y = point_mm
     return x - left_mm * math.sin(direction_rad), y + left_mm * math.cos(direction_rad)
@@ -38,7 +38,7 @@ def face_points(approach: Approach) -> list[Approach]:
     return [
         Approach(
             point,
-            beside(approach.start_mm, approach.direction_rad, left),
+            point_to_left(approach.start_mm, approach.direction_rad, left),
             approach.direction_rad,
             approach.travel_mm,
             approach.position_bound_mm,

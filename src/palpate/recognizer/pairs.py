@@ -12,21 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, Singles
-from palpate.base.geometry.segments import cross, distance_range
+from palpate.base.geometry.plane import cross, distance_range
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.strip_trees import strip_forest
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["PairTable"]
-
-_AT_ONCE = 1 << 16
+_PAIRS_AT_ONCE = 1 << 16
 _TURN_ROUNDING_RAD = 4e-6  # of angles kept in single precision
 _BEYOND_RAD = 8.0  # more than a turn
 
 _Edges = NDArray[np.integer]
-_OfPairs = Callable[[EdgeSet, _Edges, EdgeSet, _Edges], tuple[Floats | Singles, Floats | Singles]]
+_PairFunction = Callable[[EdgeSet, _Edges, EdgeSet, _Edges], tuple[Floats | Singles, Floats | Singles]]
 
 
 class PairTable:
@@ -148,11 +146,11 @@ class PairTable:
         edge_a = (self._first.first[state] + within // width).astype(np.int32)
         return edge_a, (self._second.first[state] + within % width).astype(np.int32)
 
-    def _in_parts(self, of: _OfPairs, edge_a: _Edges, edge_b: _Edges) -> tuple[Singles, Singles]:
+    def _in_parts(self, of: _PairFunction, edge_a: _Edges, edge_b: _Edges) -> tuple[Singles, Singles]:
         """Two values of each pair (n,), in single precision; computed part by part."""
         values = np.empty((2, len(edge_a)), np.float32)
-        for begin in range(0, len(edge_a), _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
+        for begin in range(0, len(edge_a), _PAIRS_AT_ONCE):
+            part = slice(begin, begin + _PAIRS_AT_ONCE)
             values[:, part] = of(self._first, edge_a[part], self._second, edge_b[part])
         return values[0], values[1]
 

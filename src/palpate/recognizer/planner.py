@@ -1,43 +1,238 @@
 """Planner of the next grip (memo §3.2, third strategy): reachable touches that distinguish hypotheses best.
 
-Every hypothesis is represented by
-some configurations of its region. Two of them need distinguishing if they are of different hypotheses, or
-further apart than is fine enough. How likely each approach is to tell two poses apart follows from what
-touches would come to at both (`touch_outcomes`).
-Fingers are added one by one, as long as each takes away a good share of what would still be confused. What
-the grip then promises is not taken from these samples, but from enclosures over whole regions (`grips`).
+A grip is approaches to carry out together, with the predictions of every hypothesis and a certificate. Every
+hypothesis is represented by some configurations of its region. Two of them need distinguishing if they are of
+different hypotheses, or further apart than is fine enough. How likely each approach is to tell two poses
+apart follows from what touches would come to at both (`touch_model`). Fingers are added one by one, as long
+as each takes away a good share of what would still be confused. What the grip then promises is not taken from
+these samples, but from enclosures over whole regions (`prediction`).
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
-from palpate.recognizer.grips import (
-    Grip,
-    PredictedApproach,
-    Reachable,
-    fits_together,
-    make_grip,
-    predict_approach,
-)
-from palpate.recognizer.measurement_model import Resolution, TouchOutcomes, similarity, touch_outcomes
-from palpate.recognizer.poses import Goals, pairs_to_distinguish, sampled_poses
-from palpate.recognizer.push_limits import PushLimits, push_hazard
+from palpate.base.short_repr import ShortRepr
+from palpate.recognizer.approach import Approach
+from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.recognition import Recognition
+from palpate.recognizer.touch_model import (
+    Goals,
+    PushLimits,
+    Resolution,
+    TouchOutcomes,
+    pairs_to_distinguish,
+    push_hazard,
+    sampled_poses,
+    similarity,
+    touch_outcomes,
+    witness_poses,
+)
 
-__all__ = ["meets_other_side", "plan_grip"]
+_MAX_TWIN_PAIRS = 200  # pairs among which twins are looked for; where more are confused, not all are twins
+_OUTCOMES_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
+_APPROACHES_AT_ONCE = 8
+FREE_MARGIN_MM = 2.0  # before the earliest predicted stop, for a part that earlier touches have nudged
+_PERCEPTIBLE_SIMILARITY = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
-_HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
-_WORTH = 0.08  # and every further one this
-_ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
-_ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
-_CAUTION = 0.2  # a plan may leave this share more, times the hazard that it saves
-_SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
-_SETTLED = 1e-9  # confused weight of a pair that need not be looked at any more
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FingerApproach(ShortRepr, Approach):
+    """An approach that one of a rig's fingers can carry out, with its turning stage at `stage_rad`.
+
+    `fast_mm`: travel through space that is proven free, so that the finger need not search on it.
+    `touch_mm_s`: the finger meets the part at this speed at most; None: as the rig does.
+    """
+
+    finger_index: int
+    stage_rad: float = 0.0
+    fast_mm: float = 0.0
+    touch_mm_s: float | None = None
+
+    def up_to(self, travel_mm: float) -> Self:
+        """The same approach, for `travel_mm` at most."""
+        return replace(self, travel_mm=min(travel_mm, self.travel_mm))
+
+
+class Reachable(Protocol):
+    """All approaches of a rig, and which of them go together."""
+
+    @property
+    def approaches(self) -> Sequence[FingerApproach]:
+        """All (n), of all fingers."""
+        ...
+
+    def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
+        """Whether approach `one` can be carried out with each of `others` (m,), going this far at most."""
+        ...
+
+    def seconds(self, travels_mm: Floats) -> Floats:
+        """How long each approach (n,) takes, going this far (n,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Grip(ShortRepr):
+    """Approaches to carry out together, and what each of the hypotheses says will happen.
+
+    `travels_mm`: how far each finger has to go, if it meets nothing. `predictions` are (approaches,
+    hypotheses). `decisive`: whatever happens, hypotheses of one class survive, the class being what no
+    reachable approach tells apart; a certificate as long as no touch is blunter than its approach's
+    position bound and the resolution's normal range. `remaining`: expected share of what needs telling
+    apart that will still be indistinguishable, 0 to 1. `seconds`: estimated time of the motion.
+    """
+
+    approaches: tuple[FingerApproach, ...]
+    travels_mm: tuple[float, ...]
+    predictions: Predictions
+    decisive: bool
+    remaining: float
+    seconds: float
+
+    @property
+    def limited_approaches(self) -> tuple[FingerApproach, ...]:
+        """The approaches, none longer than its finger has to go, fast where no hypothesis has anything."""
+        free = np.maximum(self.predictions.earliest.min(axis=1) - FREE_MARGIN_MM, 0.0)
+        rows = zip(self.approaches, self.travels_mm, free.tolist(), strict=True)
+        return tuple(replace(item.up_to(far), fast_mm=min(far, fast)) for item, far, fast in rows)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PredictedApproach(ShortRepr):
+    """Approach `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
+
+    index: int
+    predictions: Predictions
+    travel_mm: float
+
+
+def predict_approach(recognition: Recognition, reachable: Reachable, index: int) -> PredictedApproach:
+    """Prediction for approach `index`, and how far it has to go."""
+    approaches = [reachable.approaches[index]]
+    found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
+    return PredictedApproach(index, found, float(found.needed_mm(approaches)[0]))
+
+
+def fits_together(reachable: Reachable, one: PredictedApproach, chosen: Sequence[PredictedApproach]) -> bool:
+    """Whether a candidate can be carried out together with all that are chosen."""
+    others = np.array([item.index for item in chosen], dtype=np.int64)
+    travels = np.array([item.travel_mm for item in chosen])
+    return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
+
+
+def make_grip(
+    recognition: Recognition,
+    reachable: Reachable,
+    chosen: Sequence[PredictedApproach],
+    resolution: Resolution,
+    remaining: float,
+) -> Grip:
+    """The grip of certain candidates, with what it promises."""
+    indices = [item.index for item in chosen]
+    predictions = Predictions.joined([item.predictions for item in chosen])
+    travels = np.zeros(len(reachable.approaches))
+    travels[indices] = [item.travel_mm for item in chosen]
+    return Grip(
+        tuple(reachable.approaches[k] for k in indices),
+        tuple(item.travel_mm for item in chosen),
+        predictions,
+        _is_decisive(recognition, reachable, predictions, resolution),
+        remaining,
+        float(reachable.seconds(travels)[indices].max()),
+    )
+
+
+def twins(
+    recognition: Recognition, reachable: Reachable, resolution: Resolution, used: Bools | None = None
+) -> Bools:
+    """Twins: pairs of hypotheses (h, h) that no remaining approach distinguishes at their configurations.
+
+    Their stops and normals agree to within the rig's resolution, or both are missed. `used` (n,): candidates
+    that have been carried out.
+    """
+    count = len(recognition.hypotheses)
+    alike = np.ones((count, count), dtype=bool)
+    left = np.ones(len(reachable.approaches), dtype=bool) if used is None else ~used
+    first, second = np.triu_indices(count, 1)
+    if left.any() and len(first):
+        same = _indistinguishable(recognition, reachable, resolution, np.flatnonzero(left), first, second)
+        alike[first, second] = alike[second, first] = same
+    return alike
+
+
+def _indistinguishable(
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    rows: Ints,
+    first: Ints,
+    second: Ints,
+) -> Bools:
+    """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
+    approaches = [reachable.approaches[k] for k in rows.tolist()]
+    poses = witness_poses(recognition.hypotheses)
+    outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    # Most pairs differ for one of the first few that touch much: few are left for the others.
+    order = np.argsort(-outcome.hit.sum(axis=1), kind="stable")
+    left = np.arange(len(first))
+    for begin in range(0, len(rows), _APPROACHES_AT_ONCE):
+        some = order[begin : begin + _APPROACHES_AT_ONCE]
+        kept = [
+            piece[
+                similarity(outcome, first[piece], second[piece], resolution, some).min(axis=0)
+                >= _PERCEPTIBLE_SIMILARITY
+            ]
+            for piece in np.array_split(left, 1 + len(left) * _APPROACHES_AT_ONCE // _OUTCOMES_AT_ONCE)
+        ]
+        left = np.concatenate(kept)
+    result: Bools = np.zeros(len(first), dtype=bool)
+    result[left] = True
+    return result
+
+
+def _is_decisive(
+    recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
+) -> bool:
+    """Whether a grip distinguishes every two hypotheses that some reachable approach distinguishes.
+
+    Where touches may be spurious nothing is certain.
+    """
+    if recognition.max_spurious:
+        return False
+    apart = predictions.apart(resolution.normal_half_rad)
+    first, second = np.nonzero(np.triu(~apart, 1))
+    if not len(first):
+        return True
+    if len(first) > _MAX_TWIN_PAIRS:
+        return False
+    # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
+    # A few approaches distinguish most others, which is soon seen.
+    count = len(reachable.approaches)
+    for rows in (
+        np.unique(np.linspace(0, count - 1, 3 * _APPROACHES_AT_ONCE).astype(np.int64)),
+        np.arange(count),
+    ):
+        if not _indistinguishable(recognition, reachable, resolution, rows, first, second).all():
+            return False
+    return True
+
+
+_LEAST_FIRST_GAIN = 1e-3  # the first finger must take at least this share of confusion away
+_LEAST_FURTHER_GAIN = 0.08  # and every further one this
+_MAX_CONFUSION_LEFT = 0.1  # where less is confused, no further finger is worth its touch
+_EQUAL_PLAN_SHARE = 0.02  # plans this near to the best are as good: the quickest of them is taken
+_HAZARD_WEIGHT = 0.2  # a plan may leave this share more, times the hazard that it saves
+_MAX_COMPARISONS, _SHORTLIST_LENGTH = (
+    250_000,
+    20,
+)  # where there is more to compare, only the most promising candidates are
+_NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
-_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
+_TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
 def plan_grip(
@@ -93,7 +288,7 @@ class _GripSearch:
         )
         self.open_to: Bools = np.asarray(self.outcome.hit.any(axis=1))
         met = np.where(self.outcome.hit, self.outcome.travel, 0.0)
-        self.furthest: Floats = met.max(axis=1, initial=0.0) + _MARGIN_MM
+        self.furthest: Floats = met.max(axis=1, initial=0.0) + _TRAVEL_MARGIN_MM
         self.seconds = reachable.seconds(self.furthest)
         self.hazard: Floats = np.zeros(len(self.open_to))
         if limits is not None:
@@ -106,7 +301,7 @@ class _GripSearch:
 
     def wants_more(self, fingers: int) -> bool:
         """Whether a further approach could be of use."""
-        enough = self.remaining <= _ENOUGH and len(self.chosen) >= fingers
+        enough = self.remaining <= _MAX_CONFUSION_LEFT and len(self.chosen) >= fingers
         return bool(self.open_to.any()) and len(self.pairs.first) > 0 and not enough
 
     def best(self, fingers: int) -> tuple[int, Floats, float] | None:
@@ -127,11 +322,11 @@ class _GripSearch:
         alike = similarity(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
         scores = alike @ self.confused
         least = float(scores.min())
-        worth = (0.0 if wanted else _WORTH) if self.chosen else _HOPELESS
+        worth = (0.0 if wanted else _LEAST_FURTHER_GAIN) if self.chosen else _LEAST_FIRST_GAIN
         if least > self.remaining - worth:
             return None
-        weighed = scores + _CAUTION * self.remaining * self.hazard[rows]
-        good = np.flatnonzero(weighed <= weighed.min() + _ALIKE * self.remaining)
+        weighed = scores + _HAZARD_WEIGHT * self.remaining * self.hazard[rows]
+        good = np.flatnonzero(weighed <= weighed.min() + _EQUAL_PLAN_SHARE * self.remaining)
         row = good[np.argmin(self.seconds[rows[good]])]
         return int(rows[row]), alike[row], float(scores[row])
 
@@ -143,7 +338,7 @@ class _GripSearch:
             return
         self.furthest[index] = one.travel_mm
         self.confused, self.remaining = self.confused * alike, remaining
-        left = np.flatnonzero(self.confused > _SETTLED)
+        left = np.flatnonzero(self.confused > _NEGLIGIBLE_WEIGHT)
         if len(left):
             self.pairs, self.confused = self.pairs.select(left), self.confused[left]
         self.chosen.append(one)
@@ -174,7 +369,7 @@ def _shortlist(
 
     Else those that sort the poses into the smallest heaps, when outcomes are rounded.
     """
-    if len(rows) * pairs <= _SHORT or len(rows) <= _LISTED:
+    if len(rows) * pairs <= _MAX_COMPARISONS or len(rows) <= _SHORTLIST_LENGTH:
         return rows
     heap = _outcome_classes(outcome, rows, resolution)
     for index in chosen:
@@ -186,7 +381,7 @@ def _shortlist(
     number = number.reshape(heap.shape)
     total = np.bincount(number.ravel(), np.broadcast_to(weight, heap.shape).ravel())
     alike = (total[number] * weight).sum(axis=1)
-    return np.sort(rows[np.argsort(alike, kind="stable")[:_LISTED]])
+    return np.sort(rows[np.argsort(alike, kind="stable")[:_SHORTLIST_LENGTH]])
 
 
 def _outcome_classes(outcome: TouchOutcomes, rows: Ints, resolution: Resolution) -> Ints:

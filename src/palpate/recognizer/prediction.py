@@ -12,21 +12,18 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
+from palpate.recognizer.approach import Approach, EdgeCapsules, capsules_of, rays_of, split_rays
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.pad_face import face_points, strip_extents
-from palpate.recognizer.rays import Approach, rays_of, split_rays
-from palpate.recognizer.region import Cells
-from palpate.recognizer.swept_edges import Capsules, capsules_of
+from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.tables import Table
 
-__all__ = ["END_MM", "Prediction", "Predictions", "predict"]
-
-END_MM = 1.0
+EARLY_END_MM = 1.0
 """A finger may end its travel this much early: only a stop before that is a sure one."""
 
-_SPARE_MM = 5.0  # beyond the furthest stop that is possible
+_SPARE_TRAVEL_MM = 5.0  # beyond the furthest stop that is possible
 _LEAST_LEAN_RAD = 0.1  # by which a path may lean over its stated direction where it meets something
 
 
@@ -74,7 +71,7 @@ class Predictions(Table):
 
     def needed_mm(self, approaches: Sequence[Approach]) -> Floats:
         """Travel (a,) after which nothing can be met any more, and a little further."""
-        furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_MM
+        furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_TRAVEL_MM
         result: Floats = np.minimum(furthest, [approach.travel_mm for approach in approaches])
         return result
 
@@ -105,7 +102,7 @@ def predict(
     for finger in dict.fromkeys(approach.finger for approach in approaches):
         rows = [k for k, approach in enumerate(approaches) if approach.finger == finger]
         some = [approaches[k] for k in rows]
-        met = (_met_by_pads if finger.is_pad else _met)(catalogue, cells, anchor_mm, some)
+        met = (_predict_pads if finger.is_pad else _predict_tips)(catalogue, cells, anchor_mm, some)
         for to, value, combine in (
             (found.earliest, met.earliest, np.minimum),
             (found.latest, met.latest, np.maximum),
@@ -119,19 +116,19 @@ def predict(
     met_at_all = (found.earliest <= travel) & np.isfinite(found.furthest)
     return Predictions(
         np.where(met_at_all, found.earliest, np.inf),
-        np.where(found.latest <= travel - END_MM, found.latest, np.inf),
+        np.where(found.latest <= travel - EARLY_END_MM, found.latest, np.inf),
         np.where(met_at_all, np.minimum(found.furthest, travel), -np.inf),
         np.where(met_at_all, found.normal_lo + against, 0.0),
         np.where(met_at_all, found.normal_hi + against, 0.0),
     )
 
 
-def _met_by_pads(
+def _predict_pads(
     catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> Predictions:
     """The same for pads. No stop is promised but those that points of the face, the evidence, prove."""
     points = [point for approach in approaches for point in face_points(approach)]
-    latest = _met(catalogue, cells, anchor_mm, points).latest
+    latest = _predict_tips(catalogue, cells, anchor_mm, points).latest
     latest = latest.reshape(len(cells), len(approaches), -1).min(axis=2)
     finger = approaches[0].finger
     edges = catalogue.outlines(finger.face_point)
@@ -147,7 +144,7 @@ def _met_by_pads(
     )
 
 
-def _met(
+def _predict_tips(
     catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> Predictions:
     """The same for k cells and m approaches of one kind of finger, (k, m).
@@ -170,7 +167,7 @@ def _met(
         begin = piece.stop
         cell, of = row[piece], column[piece]
         parts.append(
-            _enclosed(
+            _enclose(
                 edges,
                 capsules_of(edges, strips, some),
                 against[of] - cells.middle[cell],
@@ -183,8 +180,8 @@ def _met(
     return Predictions(*(np.concatenate(each).reshape(shape) for each in zip(*parts, strict=True)))
 
 
-def _enclosed(
-    edges: EdgeSet, met: Capsules, against: Floats, half_width: Floats, lean: Floats, vague: Bools
+def _enclose(
+    edges: EdgeSet, met: EdgeCapsules, against: Floats, half_width: Floats, lean: Floats, vague: Bools
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Earliest, latest, furthest stop (r,) of rays, and their normals lo, hi (r,) from against the travel.
 

@@ -3,9 +3,12 @@
     contacts → interpretation tree (levels 1–3, null branches) → cells → free-path evidence → hypotheses
 
 Further contacts extend the surviving interpretations; nothing is started again. The tree is grown at once,
-the rest when it is asked for. Pure computation.
+the rest when it is asked for. A contact of a part that has moved since is a contact of the part as it lies
+now, of a finger that was moved with it: the *carried* contact, as far from the measured one as the part was
+moved there (docs/recogniser.md, "A part that moves"). Pure computation.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,34 +16,113 @@ from functools import cached_property
 import numpy as np
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats
+from palpate.base.geometry import Floats, Ints
+from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import RecognitionVerdict
-from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.contact import Contact
+from palpate.recognizer.contact import LARGEST_MM, Contact, NormalRange
 from palpate.recognizer.edges import CatalogueState
-from palpate.recognizer.extension import contact_in_object, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
-from palpate.recognizer.motion import Motion, carried_by
-from palpate.recognizer.null_branch import (
+from palpate.recognizer.interpretation_tree import Interpretations, LevelCount
+from palpate.recognizer.pose_region import Cells, Intervals, divide_orientations
+from palpate.recognizer.tree_branches import (
     COARSE_RAD,
     ROOT_BRANCH,
     TREE_LEVELS,
     Branch,
     branches_of,
+    contact_in_object,
     grow_branches,
     join_branches,
+    split_into_runs,
 )
-from palpate.recognizer.region import Cells, Intervals, divide_orientations
-from palpate.recognizer.tree import Interpretations, LevelCount
 from palpate.recognizer.witness_candidates import find_witnesses
 from palpate.recognizer.witness_search import Regions, connected_regions
 
-__all__ = ["PossibleState", "Recognition", "anchor_of", "intervals_of", "recognise"]
 
-_FINE_CELLS, _MOST_FINE = 24, 8
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Bounds on one motion of the part, for each of a catalogue's S states: all (S,).
+
+    Its centroid is moved by at most `shift_mm`, and it is turned by at most `turn_rad`.
+    """
+
+    shift_mm: Floats
+    turn_rad: Floats
+
+    @classmethod
+    def none(cls, catalogue: Catalogue) -> "Motion":
+        """No motion."""
+        return cls(np.zeros(len(catalogue.states)), np.zeros(len(catalogue.states)))
+
+    def __bool__(self) -> bool:
+        return bool(self.shift_mm.any() or self.turn_rad.any())
+
+    def furthest_mm(self, catalogue: Catalogue, states: Ints) -> float:
+        """How far any point of the part, in one of `states` (indices), may be moved; infinite: no bound."""
+        return _largest(self.shift_mm + self.turn_rad * catalogue.reach_mm, states)
+
+    def __add__(self, other: "Motion") -> "Motion":
+        """One motion after the other."""
+        return Motion(self.shift_mm + other.shift_mm, self.turn_rad + other.turn_rad)
+
+
+def contact_after_motion(
+    motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints, distance_mm: Floats | None = None
+) -> Contact:
+    """The contact after a motion of the part, which is in one of `states` (indices).
+
+    Position, path, normal and direction of travel are widened by what the motion may have been.
+    `distance_mm` (S,): from the centroid to where the contact was, at most; None: as far as the part reaches.
+    """
+    at_end, on_path = _displacements_mm(motion, catalogue, contact, states)
+    if distance_mm is not None:
+        at_end = min(at_end, _largest(motion.shift_mm + motion.turn_rad * distance_mm, states))
+    turn = _largest(motion.turn_rad, states)
+    normal = contact.normal
+    if normal is not None:
+        lo, hi = normal.lo_rad - turn, normal.hi_rad + turn
+        normal = NormalRange(lo, hi) if hi - lo < 2 * math.pi else None
+    return replace(
+        contact,
+        position_bound_mm=min(contact.position_bound_mm + at_end, LARGEST_MM),
+        path_bound_mm=min(contact.free_path_bound_mm + on_path, LARGEST_MM),
+        normal=normal,
+        turn_bound_rad=min(contact.turn_bound_rad + turn, math.pi),
+    )
+
+
+def contact_in_motion(motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints) -> Contact:
+    """A contact of a grip that may have moved the part, in one of `states`, before the contact was measured.
+
+    Where the tip was, and the normal, are those of the part as it lay then. The path was free of a part that
+    lay elsewhere, and the part may have been pushed against the tip from any side.
+    """
+    _, on_path = _displacements_mm(motion, catalogue, contact, states)
+    if not on_path:
+        return contact
+    bound = min(contact.free_path_bound_mm + on_path, LARGEST_MM)
+    return replace(contact, path_bound_mm=bound, turn_bound_rad=math.pi)
+
+
+def _displacements_mm(
+    motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints
+) -> tuple[float, float]:
+    """How far a motion takes the tip with it: at its contact, and anywhere on its path beside the part."""
+    shift, turn = motion.shift_mm, motion.turn_rad
+    lever = catalogue.reach_mm + contact.finger.tip_radius_mm
+    # A point of the path that can be beside the moved part was no further from it before than it has moved.
+    beside = lever + shift + contact.free_path_bound_mm
+    return _largest(shift + turn * lever, states), _largest(shift + turn * beside, states)
+
+
+def _largest(values: Floats, states: Ints) -> float:
+    return float(np.max(values[states], initial=0.0))
+
+
+_CELLS_IF_FEW, _MAX_CELLS_EACH = 24, 8
 
 
 @dataclass(frozen=True)
@@ -148,7 +230,7 @@ class Recognition(ShortRepr):
             return self
         states = np.unique(self.interpretations.state)
         carried = tuple(
-            carried_by(motion, self.catalogue, contact, states, self._distance_mm(contact))
+            contact_after_motion(motion, self.catalogue, contact, states, self._distance_mm(contact))
             for contact in self.contacts
         )
         nodes = self.interpretations.turned(motion.turn_rad[self.interpretations.state])
@@ -167,7 +249,7 @@ class Recognition(ShortRepr):
             self.anchor_mm,
             self.max_spurious,
             self.budget,
-            _Known(self.contacts, self.unpaired, branches, self.levels),
+            _SearchState(self.contacts, self.unpaired, branches, self.levels),
             contacts,
         )
 
@@ -190,7 +272,7 @@ def recognise(
             f"max_spurious is {max_spurious}; with {len(touched)} touched contacts it must be from 0 to "
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
-    nothing = _Known((), frozenset(), [ROOT_BRANCH], ())
+    nothing = _SearchState((), frozenset(), [ROOT_BRANCH], ())
     return _search(catalogue, anchor_of(touched), max_spurious, budget, nothing, contacts)
 
 
@@ -202,7 +284,7 @@ def anchor_of(touched: Sequence[Contact]) -> Floats:
 
 def intervals_of(nodes: Interpretations, budget: Budget = STANDARD_BUDGET) -> Intervals:
     """Where the cells of interpretations of all contacts are cut: the fewer are left, the finer."""
-    least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
+    least = int(np.clip(_CELLS_IF_FEW // max(len(nodes), 1), 1, _MAX_CELLS_EACH))
     return divide_orientations(nodes, step_rad=_step_rad(nodes, budget), least=least)
 
 
@@ -212,7 +294,7 @@ def _step_rad(nodes: Interpretations, budget: Budget) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _SearchState:
     """What a search goes on from; `unpaired` are indices of contacts, `levels` counts per touched contact."""
 
     contacts: tuple[Contact, ...]
@@ -239,7 +321,7 @@ class _Known:
 
     def with_contact(
         self, contact: Contact, catalogue: Catalogue, anchor_mm: Floats, max_spurious: int, budget: Budget
-    ) -> "_Known":
+    ) -> "_SearchState":
         """The same with one more contact: paired, unless it touched nothing or costs more than it says."""
         number, contacts = len(self.contacts), (*self.contacts, contact)
         if not contact.touched:
@@ -264,7 +346,7 @@ def _search(
     anchor_mm: Floats,
     max_spurious: int,
     budget: Budget,
-    known: _Known,
+    known: _SearchState,
     new: Sequence[Contact],
 ) -> Recognition:
     """Pair every new contact in turn; hypotheses of what is left are worked out later."""

@@ -12,13 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range, wrap_angle
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.edges import EdgeSet, ring_order
 from palpate.recognizer.tables import Table
-
-__all__ = ["StripForest", "strip_forest"]
 
 _ROUNDING_MM = 1e-6
 _ROUNDING_RAD = 1e-9

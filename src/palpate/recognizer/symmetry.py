@@ -20,11 +20,9 @@ from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Complexes, Floats, Ints, Polygon, Section, State
 
-__all__ = ["Symmetry", "centroid", "rotational_symmetry", "symmetrised"]
-
 _STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
 _ROUNDING_MM = 1e-11
-_WIDTHS = 32  # directions in which an orbit's width is taken
+_WIDTH_DIRECTIONS = 32  # directions in which an orbit's width is taken
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def rotational_symmetry(state: State, about: Floats, tolerance_mm: float) -> Sym
     return Symmetry()
 
 
-def symmetrised(state: State, about: Floats, order: int, tolerance_mm: float) -> State | None:
+def symmetrise(state: State, about: Floats, order: int, tolerance_mm: float) -> State | None:
     """The state with every orbit of vertices replaced by the regular one at its mean; vertices keep numbers.
 
     Each vertex is moved by less than the symmetry's `off_mm`. None where vertices of the sections are not
@@ -177,10 +175,10 @@ class _Boundary:
         back = np.exp(-2j * np.pi * np.arange(order) / order)[:, None]
         turned = self.points[orbits] * back
         leg = (self.points[self.following] - self.points)[orbits] * back
-        towards = np.exp(-1j * np.pi * np.arange(_WIDTHS) / _WIDTHS)
+        towards = np.exp(-1j * np.pi * np.arange(_WIDTH_DIRECTIONS) / _WIDTH_DIRECTIONS)
         widest = max(float(np.ptp((turned * direction).real, axis=0).max()) for direction in towards)
         # The direction of the diameter is within half a step of one of those.
-        off = widest / math.cos(math.pi / (2 * _WIDTHS))
+        off = widest / math.cos(math.pi / (2 * _WIDTH_DIRECTIONS))
         lean = float(np.ptp(np.angle(leg / leg[0]), axis=0).max())
         return off + 2 * self.stray_mm, min(lean + 2 * self.stray_rad, math.pi)
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Ints
 
-__all__ = ["Table", "expand_ranges"]
-
 
 @dataclass(frozen=True, eq=False)
 class Table:

@@ -21,21 +21,18 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.segments import cross
+from palpate.base.geometry.plane import cross, wrap_angle
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["clearance_depths_mm", "clearance_tilts_rad", "worthwhile_tilt_rad"]
-
-_BINS = 720  # of normals; excluded are those that one arc covers as a whole
-_SAMPLES = 8  # of the boundary in an effective distance
+_NORMAL_BINS = 720  # of normals; excluded are those that one arc covers as a whole
+_SAMPLES_PER_DISTANCE = 8  # of the boundary in an effective distance
 _MOST_POINTS = 20_000  # between vertices; fewer exclude less
 _ROWS_AT_ONCE = 2048
-_LONGEST = 8.0  # effective distances; of longer edges the length says more
-_PIECES = 2  # of an edge in an effective distance
+_MAX_LENGTH_DISTANCES = 8.0  # effective distances; of longer edges the length says more
+_PIECES_PER_DISTANCE = 2  # of an edge in an effective distance
 _ROUNDING_RAD = 1e-6
 _ROUNDING_MM = 1e-6
-_CELLS = 12  # of the stretch that a contact with an edge can be on
+_STRETCH_CELLS = 12  # of the stretch that a contact with an edge can be on
 
 
 def _effective_distance_mm(radius_mm: float, off_mm: float) -> float:
@@ -62,10 +59,10 @@ def clearance_tilts_rad(
     tilt = np.full(len(start), np.pi)
     far = _effective_distance_mm(radius_mm, off_mm)
     length = np.hypot(*(end - start).T)
-    short = np.flatnonzero(length <= _LONGEST * far)
+    short = np.flatnonzero(length <= _MAX_LENGTH_DISTANCES * far)
     if not math.isfinite(far) or off_mm <= 0 or not len(short):
         return tilt
-    count = np.ceil(_PIECES * length[short] / far).astype(np.int64)
+    count = np.ceil(_PIECES_PER_DISTANCE * length[short] / far).astype(np.int64)
     edge, place = expand_ranges(np.zeros_like(count), count)
     step = ((end - start)[short] / count[:, None])[edge]
     a = start[short][edge] + step * place[:, None]
@@ -79,7 +76,7 @@ def _tilts_of_pieces(
 ) -> Floats:
     shapely.prepare(solid)
     far = _effective_distance_mm(radius_mm, off_mm)
-    boundary = _boundary_points(solid, far / _SAMPLES)
+    boundary = _boundary_points(solid, far / _SAMPLES_PER_DISTANCE)
     tree = cKDTree(boundary)
     tilts = []
     for begin in range(0, len(start), _ROWS_AT_ONCE):
@@ -124,19 +121,19 @@ def _largest_tilt(
     """The tilts (n,) that points (m, 2), each beside the edge `owner` (m,), leave."""
     leg = end - start
     outward = np.arctan2(-leg[:, 0], leg[:, 1])
-    middle, half = _excluded(start[owner], point, outward[owner], radius_mm, off_mm)
-    other, other_half = _excluded(end[owner], point, outward[owner], radius_mm, off_mm)
+    middle, half = _excluded_arcs(start[owner], point, outward[owner], radius_mm, off_mm)
+    other, other_half = _excluded_arcs(end[owner], point, outward[owner], radius_mm, off_mm)
     apart = wrap_angle(other - middle)
     lo = middle + np.maximum(-half, apart - other_half)
     hi = middle + np.minimum(half, apart + other_half)
     excluded = _covered_bins(len(start), owner, lo, hi)
-    border = np.abs(-np.pi + 2 * np.pi / _BINS * np.arange(_BINS + 1))
+    border = np.abs(-np.pi + 2 * np.pi / _NORMAL_BINS * np.arange(_NORMAL_BINS + 1))
     reach = np.maximum(border[:-1], border[1:])
     result: Floats = np.max(np.where(excluded, 0.0, reach), axis=1)
     return result
 
 
-def _excluded(
+def _excluded_arcs(
     at: Floats, point: Floats, outward: Floats, radius_mm: float, off_mm: float
 ) -> tuple[Floats, Floats]:
     """Arcs of normals that points (m, 2) exclude at `at` (m, 2): middle from `outward` on, half-width."""
@@ -149,14 +146,14 @@ def _excluded(
 
 def _covered_bins(rows: int, owner: Ints, lo: Floats, hi: Floats) -> Bools:
     """Which bins of normals, from −π on, an arc [lo, hi] (m,) of their `owner` covers, (rows, bins)."""
-    width = 2 * np.pi / _BINS
+    width = 2 * np.pi / _NORMAL_BINS
     first = np.ceil((lo + np.pi) / width).astype(np.int64)
     last = np.floor((hi + np.pi) / width).astype(np.int64)
     some = np.flatnonzero(last > first)
-    edges = np.zeros((rows, 3 * _BINS + 1), np.int32)
-    np.add.at(edges, (owner[some], first[some] + _BINS), 1)
-    np.add.at(edges, (owner[some], last[some] + _BINS), -1)
-    covered = np.cumsum(edges, axis=1)[:, :-1].reshape(rows, 3, _BINS).sum(axis=1)
+    edges = np.zeros((rows, 3 * _NORMAL_BINS + 1), np.int32)
+    np.add.at(edges, (owner[some], first[some] + _NORMAL_BINS), 1)
+    np.add.at(edges, (owner[some], last[some] + _NORMAL_BINS), -1)
+    covered = np.cumsum(edges, axis=1)[:, :-1].reshape(rows, 3, _NORMAL_BINS).sum(axis=1)
     result: Bools = covered > 0
     return result
 
@@ -178,9 +175,9 @@ def clearance_depths_mm(
     rel = boundary[near] - start[owner]
     ahead = np.sum(rel * along[owner], axis=1) + reach[owner]
     inward = cross(along[owner], rel)
-    left = np.full((len(start), _CELLS), np.inf)
-    for cell in range(_CELLS):
-        lo, hi = (stretch[owner] * share / _CELLS for share in (cell, cell + 1))
+    left = np.full((len(start), _STRETCH_CELLS), np.inf)
+    for cell in range(_STRETCH_CELLS):
+        lo, hi = (stretch[owner] * share / _STRETCH_CELLS for share in (cell, cell + 1))
         aside = np.maximum(np.abs(ahead - lo), np.abs(ahead - hi))
         rise = np.sqrt(np.maximum(clear_mm**2 - aside**2, 0.0))
         # The centre is above the disc about the point, because it is not as deep as below that.

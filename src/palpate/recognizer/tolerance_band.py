@@ -26,17 +26,23 @@ from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.plane import wrap_angle
-from palpate.recognizer.met_section import first_of_equal
-from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
-from palpate.recognizer.offset_rings import facet_turn
-from palpate.recognizer.simplification import merge_runs, simplify_outline
+from palpate.recognizer.minkowski import (
+    GrownSection,
+    OrientedRing,
+    grow,
+    merge_runs,
+    oriented_rings,
+    simplify_outline,
+)
+from palpate.recognizer.offset_curves import facet_turn
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad, worthwhile_tilt_rad
+from palpate.recognizer.tip_obstacle import first_occurrences
 
-__all__ = ["ToleranceBand", "Touchable", "touchable_edges"]
-
-_MOST_SIDES = 1000  # of a ring; finer ones are replaced by chords
-_STRAY = 0.5  # of the tolerance: by so much chords may stray from the runs of edges that they replace
+_MAX_SIDES = 1000  # of a ring; finer ones are replaced by chords
+_MAX_STRAY_TOLERANCES = (
+    0.5  # of the tolerance: by so much chords may stray from the runs of edges that they replace
+)
 
 
 @dataclass(frozen=True)
@@ -55,7 +61,7 @@ class ToleranceBand:
 
 
 @dataclass(frozen=True, eq=False)
-class Touchable(Table):
+class PairingEdges(Table):
     """Edges (n) in the section's frame, for pairing only: they overlap, and do not close to outlines.
 
     `inward`, `outward` and `along` (n,) mm: how far the tip's centre may lie from them.
@@ -67,9 +73,9 @@ class Touchable(Table):
     along: Floats
 
 
-def touchable_edges(
+def pairing_edges(
     section: Section, radius_mm: float, band: ToleranceBand, facet_error_mm: float, *, united: bool = False
-) -> Touchable:
+) -> PairingEdges:
     """Places of a tip's centre at every feature, except for those that the object is certain to cover.
 
     The centre is never nearer to the nominal section than r − δ. Of polygons of several sections (`united`)
@@ -78,16 +84,16 @@ def touchable_edges(
     parts = []
     solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
     rings = oriented_rings(section)
-    fresh = first_of_equal([ring.points for ring in rings]) if united else (True,) * len(rings)
+    fresh = first_occurrences([ring.points for ring in rings]) if united else (True,) * len(rings)
     for ring in (ring for ring, first in zip(rings, fresh, strict=True) if first):
         sides = _uncertain_edges(solid, ring, radius_mm, band, facet_error_mm)
         parts.append(_along_edges(solid, sides, radius_mm, band.off_mm))
         if radius_mm > 0:
             parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
-    found = Touchable.joined(parts)
+    found = PairingEdges.joined(parts)
     if radius_mm <= band.off_mm:
         return found
-    return found.select(~_covered(found, section, radius_mm - band.off_mm, facet_error_mm))
+    return found.select(~_is_covered(found, section, radius_mm - band.off_mm, facet_error_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +131,8 @@ def _uncertain_edges(
         span=tilt,
         feature=ring.vertex,
     )
-    merged = merge_runs(traced, _STRAY * band.off_mm)
-    traced = simplify_outline(merged, _MOST_SIDES, facet_error_mm / 4)
+    merged = merge_runs(traced, _MAX_STRAY_TOLERANCES * band.off_mm)
+    traced = simplify_outline(merged, _MAX_SIDES, facet_error_mm / 4)
     return _UncertainEdges(
         traced.start,
         traced.end - traced.start,
@@ -164,7 +170,7 @@ def _tilts(
 
 def _along_edges(
     solid: shapely.Geometry, sides: _UncertainEdges, radius_mm: float, off_mm: float
-) -> Touchable:
+) -> PairingEdges:
     length = np.hypot(*sides.leg.T)
     direction = sides.leg / np.maximum(length, 1e-300)[:, None]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
@@ -184,10 +190,10 @@ def _along_edges(
     inward, along = sides.off + sunk, sides.off + aside
     if radius_mm > off_mm:
         inward = clearance_depths_mm(solid, edges.start, edges.end, along, inward, radius_mm - off_mm)
-    return Touchable(edges, inward, sides.off, along)
+    return PairingEdges(edges, inward, sides.off, along)
 
 
-def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -> Touchable:
+def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -> PairingEdges:
     """Facets of the arcs about vertices that may be convex.
 
     An edge that may point anywhere holds whatever touches its ends as well.
@@ -220,10 +226,10 @@ def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -
         span=step / 2,
         feature=-1 - sides.number[owner],
     )
-    return Touchable(edges, off[owner], off[owner] + bulge, off[owner])
+    return PairingEdges(edges, off[owner], off[owner] + bulge, off[owner])
 
 
-def _covered(found: Touchable, section: Section, radius_mm: float, facet_error_mm: float) -> Bools:
+def _is_covered(found: PairingEdges, section: Section, radius_mm: float, facet_error_mm: float) -> Bools:
     """Which edges, with all their slack, are inside of what is nearer to the section than `radius_mm`."""
     grown = grow(section, radius_mm, facet_error_mm)
     solid = shapely.polygonize(list(shapely.linestrings(np.stack([grown.start, grown.end], axis=1))))

@@ -4,6 +4,10 @@ For `verification`, which asks whether a configuration is one; nothing here is u
 facets instead of arcs. Of an object that is exact, what lies nearer than the radius to another part of the
 section is left out. An object with a tolerance has a wider piece at every feature (`tolerance_band` says
 why); none of it is left out, because what covers it may be off as well.
+
+Which pieces may have a place near a point is told by boxes: each piece has a rectangle along its middle
+normal, and neighbouring pieces of a state share upright boxes, eight and eight, up to a few for each state.
+Unlike a tree of geometries they are built in no time, of little memory.
 """
 
 from collections.abc import Sequence
@@ -15,19 +19,119 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from palpate.base.geometry import Floats, Ints, Section
+from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.plane import wrap_angle
-from palpate.recognizer.boundary_pieces import Pieces, Sides
-from palpate.recognizer.bounding_circles import blocks, circles_round
+from palpate.recognizer.boundary_pieces import Pieces, Sides, block_circles, segment_circles, uncovered_pieces
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
-from palpate.recognizer.met_section import MetSection, met_section
-from palpate.recognizer.piece_boxes import PieceBoxes, boxes_of
+from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
-from palpate.recognizer.uncovered_pieces import uncovered
+from palpate.recognizer.tip_obstacle import TipObstacle, tip_obstacle
 
-__all__ = ["TrueBoundary", "true_boundary"]
+_BOXES_PER_PARENT = 8
+_ROUNDING_MM = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class _Rectangles(Table):
+    """Rectangles (n), each with a piece in it: `centre` (n, 2), directions `out` (n, 2) of the middle normal,
+    half sizes `half_out` along it and `half_aside` across (n,); how far the piece may be `off` (n,) it.
+    """
+
+    centre: Floats
+    out: Floats
+    half_out: Floats
+    half_aside: Floats
+    off: Floats
+
+    def near(self, rows: Ints, point: Floats, reach: Floats) -> Bools:
+        """Whether points (m, 2) are within `reach` (m,) of the rectangles `rows` (m,)."""
+        x, y = (point - self.centre[rows]).T
+        u, v = self.out[rows].T
+        out = np.maximum(np.abs(x * u + y * v) - self.half_out[rows], 0.0)
+        aside = np.maximum(np.abs(y * u - x * v) - self.half_aside[rows], 0.0)
+        result: Bools = out * out + aside * aside <= (reach + self.off[rows]) ** 2
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """Upright boxes (n), `low` to `high` (n, 2), each of what begins at `first` (n + 1,) one level below."""
+
+    low: Floats
+    high: Floats
+    first: Ints
+
+    def near(self, rows: Ints, point: Floats, reach: Floats) -> Bools:
+        """Whether points (m, 2) are within `reach` (m,) of the boxes `rows` (m,)."""
+        x, y = np.maximum(np.maximum(self.low[rows] - point, point - self.high[rows]), 0.0).T
+        result: Bools = x * x + y * y <= reach * reach
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class PieceBoxes:
+    """Boxes of pieces of S states; `levels` from above, of which the first's begin at `first` (S + 1,)."""
+
+    rectangles: _Rectangles
+    levels: tuple[_Boxes, ...]
+    first: Ints
+
+    def near(self, state: Ints, point: Floats, reach: Floats) -> tuple[Ints, Ints]:
+        """Pairs (point, piece) of points (q, 2) of states (q,) and pieces that may be within `reach` (q,) mm.
+
+        All that are, and some more; by point, then by piece.
+        """
+        reach = reach + _ROUNDING_MM
+        owner, row = expand_ranges(self.first[state], np.diff(self.first)[state])
+        for boxes in self.levels:
+            kept = boxes.near(row, point[owner], reach[owner])
+            owner, row = owner[kept], row[kept]
+            nth, row = expand_ranges(boxes.first[row], np.diff(boxes.first)[row])
+            owner = owner[nth]
+        kept = self.rectangles.near(row, point[owner], reach[owner])
+        return owner[kept], row[kept]
+
+
+def boxes_of(pieces: Pieces, first: Ints) -> PieceBoxes:
+    """Boxes of where a tip's centre is on pieces; those of each state begin at `first` (S + 1,)."""
+    rectangles = _rectangles(pieces)
+    across = np.abs(rectangles.out) * rectangles.half_out[:, None]
+    half = across + np.abs(rectangles.out[:, ::-1]) * rectangles.half_aside[:, None] + pieces.off[:, None]
+    low, high = rectangles.centre - half, rectangles.centre + half
+    levels: list[_Boxes] = []
+    while int(np.diff(first).max(initial=0)) > _BOXES_PER_PARENT or not levels:
+        size = np.diff(first)
+        count = -(-size // _BOXES_PER_PARENT)
+        owner, nth = expand_ranges(np.zeros_like(count), count)
+        begin = np.append(first[owner] + nth * _BOXES_PER_PARENT, first[-1])
+        if len(owner):
+            low, high = np.minimum.reduceat(low, begin[:-1]), np.maximum.reduceat(high, begin[:-1])
+        levels.append(_Boxes(low, high, begin))
+        first = np.concatenate([[0], np.cumsum(count)])
+    return PieceBoxes(rectangles, tuple(reversed(levels)), first)
+
+
+def _rectangles(pieces: Pieces) -> _Rectangles:
+    radius_mm = pieces.radius
+    half = np.minimum(pieces.turn_rad / 2, np.pi)
+    angle = pieces.normal_rad + pieces.turn_rad / 2
+    out = np.column_stack([np.cos(angle), np.sin(angle)])
+    aside = np.column_stack([-out[:, 1], out[:, 0]])
+    leg = pieces.along * pieces.length[:, None]
+    leg_out, leg_aside = np.sum(leg * out, axis=1), np.sum(leg * aside, axis=1)
+    depth = radius_mm * (1.0 - np.cos(half))  # from the middle of the arc of normals back to its ends
+    width = radius_mm * np.where(half < np.pi / 2, np.sin(half), 1.0)
+    middle_out = radius_mm - depth / 2 + leg_out / 2
+    return _Rectangles(
+        pieces.start + out * middle_out[:, None] + aside * (leg_aside / 2)[:, None],
+        out,
+        (depth + np.abs(leg_out)) / 2,
+        width + np.abs(leg_aside) / 2,
+        pieces.off,
+    )
+
 
 _NOTHING_MM = 1e-9  # shorter sides are none
 
@@ -70,8 +174,10 @@ class TrueBoundary:
             ),
         )
         of_pieces = pieces.circles
-        first_piece_block, of_piece_blocks = blocks(of_pieces, self.first_piece)
-        first_side_block, of_side_blocks = blocks(circles_round(sides.start, sides.end), self.first_side)
+        first_piece_block, of_piece_blocks = block_circles(of_pieces, self.first_piece)
+        first_side_block, of_side_blocks = block_circles(
+            segment_circles(sides.start, sides.end), self.first_side
+        )
         values = (
             self.radius_mm,
             self.clearance_mm,
@@ -105,7 +211,7 @@ def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBound
     """The pieces that `finger` can be on, and the sides that can be in its way."""
     pieces, sides, radius, clearance = [], [], [], []
     for number, item in enumerate(states):
-        met = met_section(item, finger)
+        met = tip_obstacle(item, finger)
         if met is None:
             radius.append(finger.tip_radius_mm)
             clearance.append(finger.tip_radius_mm - item.tolerance_mm)
@@ -159,7 +265,7 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
     return Sides.joined(parts)
 
 
-def _all_uncertain_pieces(state: int, item: CatalogueState, met: MetSection) -> list[Pieces]:
+def _all_uncertain_pieces(state: int, item: CatalogueState, met: TipObstacle) -> list[Pieces]:
     """Of each outline by itself, met by the disc of its layer."""
     pieces = []
     for section, radius_mm in met.layers:
@@ -170,7 +276,7 @@ def _all_uncertain_pieces(state: int, item: CatalogueState, met: MetSection) -> 
     return pieces
 
 
-def _uncertain_pieces(sides: Sides, solid: shapely.Geometry, radius_mm: float, met: MetSection) -> Pieces:
+def _uncertain_pieces(sides: Sides, solid: shapely.Geometry, radius_mm: float, met: TipObstacle) -> Pieces:
     """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
     tolerance_mm = met.tolerance_mm
     normal, ratio = sides.normal_rad, 4 * tolerance_mm / sides.length
@@ -211,4 +317,4 @@ def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:
     bend = wrap_angle(normal - normal[before])
     arcs = Pieces(sides.state, sides.start, sides.along, nothing, normal[before], bend, nothing, radius)
     whole = Pieces.joined([faces, arcs.select(bend > 0)])
-    return uncovered(whole, sides, radius_mm)
+    return uncovered_pieces(whole, sides, radius_mm)

@@ -17,17 +17,14 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_verification import evidence_of, judged, which_may_fit
+from palpate.recognizer.compiled_judgement import evidence_of, judge_poses, poses_may_fit
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.free_line import ALLOWANCE_MM, lines_are_free
-from palpate.recognizer.nearest_place import NEAR_MM, Places, nearest_places
+from palpate.recognizer.proximity import ALLOWANCE_MM, NEAR_MM, Places, lines_are_free, nearest_places
 from palpate.recognizer.tables import Table
 from palpate.recognizer.true_boundary import TrueBoundary
 
-__all__ = ["Poses", "Verification", "may_fit", "verify"]
-
-_BESIDE = 8  # directions in which a path is moved by its bound, where as stated it is not free
-_WITHIN = 1.0 - 1e-9
+_MOVE_DIRECTIONS = 8  # directions in which a path is moved by its bound, where as stated it is not free
+_BOUND_SHARE = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +73,7 @@ def verify(
     """
     if KERNEL is not None:
         evidence = evidence_of(catalogue, contacts, anchor_mm)
-        return Verification(*judged(KERNEL, evidence, poses.state, poses.theta, poses.position, skipped))
+        return Verification(*judge_poses(KERNEL, evidence, poses.state, poses.theta, poses.position, skipped))
     shape = (len(poses), len(contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
     places = _places(catalogue, poses, contacts, anchor_mm, asked)
@@ -107,7 +104,7 @@ def may_fit(
     """
     if KERNEL is not None:
         evidence = evidence_of(catalogue, contacts, anchor_mm)
-        return which_may_fit(
+        return poses_may_fit(
             KERNEL, evidence, poses.state, poses.theta, poses.position, turn_rad, shift_mm, skipped, most
         )
     shape = (len(poses), len(contacts))
@@ -208,21 +205,21 @@ def _some_way_is_free(
     to all sides.
     """
     far = np.hypot(*offset.T)
-    first = offset * np.minimum(1.0, _WITHIN * bound / np.maximum(far, 1e-300))[:, None]
+    first = offset * np.minimum(1.0, _BOUND_SHARE * bound / np.maximum(far, 1e-300))[:, None]
     free = lines_are_free(boundary, state, start + first, end + first)
     rows = np.flatnonzero(~free)
     if not len(rows):
         return free
     along = end[rows] - start[rows]
     ahead = along / np.maximum(np.hypot(*along.T), 1e-300)[:, None]
-    angle = np.pi + 2 * np.pi * np.arange(_BESIDE) / _BESIDE
-    moves = rotate(ahead[:, None], angle) * (_WITHIN * bound[rows])[:, None, None]
+    angle = np.pi + 2 * np.pi * np.arange(_MOVE_DIRECTIONS) / _MOVE_DIRECTIONS
+    moves = rotate(ahead[:, None], angle) * (_BOUND_SHARE * bound[rows])[:, None, None]
     moves = np.concatenate([np.zeros((len(rows), 1, 2)), moves], axis=1)
     others = lines_are_free(
         boundary,
-        np.repeat(state[rows], 1 + _BESIDE),
+        np.repeat(state[rows], 1 + _MOVE_DIRECTIONS),
         (start[rows, None] + moves).reshape(-1, 2),
         (end[rows, None] + moves).reshape(-1, 2),
     )
-    free[rows] = others.reshape(-1, 1 + _BESIDE).any(axis=1)
+    free[rows] = others.reshape(-1, 1 + _MOVE_DIRECTIONS).any(axis=1)
     return free

@@ -13,29 +13,33 @@ import numpy as np
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_regions import found_regions
-from palpate.recognizer.compiled_shapes import furthest_along_axes
+from palpate.recognizer.compiled import KERNEL, furthest_along_axes
+from palpate.recognizer.compiled_judgement import search_regions
+from palpate.recognizer.connected_components import Boxes, component_labels, few_in_each
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.grouping import Boxes, connected, few_in_each
-from palpate.recognizer.region import Cells
-from palpate.recognizer.rounding import to_nine_digits
-from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
+from palpate.recognizer.model_test import sinusoid_maximum
+from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.tables import expand_ranges
 from palpate.recognizer.verification import Poses
-from palpate.recognizer.witness_candidates import LEVER_MM, PARTS, WitnessedCells, cut_finer
-from palpate.recognizer.witness_polish import can_be_verified, polish
+from palpate.recognizer.witness_candidates import (
+    LEVER_MM,
+    PARTS_PER_CELL,
+    WitnessedCells,
+    can_be_verified,
+    cut_finer,
+    polish,
+)
 
-__all__ = [
-    "Regions",
-    "connected_regions",
-    "position_boxes",
-    "search_round",
-]
 
-_REFINEMENTS = 4
-_OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
-_CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
+def round_to_nine_digits(value: Floats) -> Floats:
+    """Values (n,) to nine digits, however large or small they are."""
+    share, power = np.frexp(value)
+    return np.ldexp(share.round(9), power)
+
+
+_MAX_REFINEMENTS = 4
+_REGION_DIVISOR = 16  # so much of the budget's share of cells that are cut finer may be one region's
+_MAX_CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +109,8 @@ class Regions:
 def connected_regions(constraints: Constraints, found: WitnessedCells) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
     done = []
-    for nth in range(_REFINEMENTS + 1):
-        regions, again = search_round(constraints, found, refinable=nth < _REFINEMENTS)
+    for nth in range(_MAX_REFINEMENTS + 1):
+        regions, again = search_round(constraints, found, refinable=nth < _MAX_REFINEMENTS)
         done.append(regions)
         if not len(again):
             break
@@ -120,7 +124,7 @@ def search_round(
     """Regions that are done, and the cells of those that are to be cut finer: none unless `refinable`."""
     if KERNEL is not None:
         return _compiled_round(constraints, found, refinable=refinable)
-    label = connected(_boxes(constraints, found.cells))
+    label = component_labels(_boxes(constraints, found.cells))
     # By what they are, not by how they were found: which are tried must not depend on that.
     x, y = found.cells.centre.T.round(6)
     order = np.lexsort((y, x, found.cells.middle.round(9), label))
@@ -129,7 +133,7 @@ def search_round(
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     room = constraints.budget.refined
-    may_be_cut = (np.diff(first) * PARTS <= room // _OF_ONE) & refinable
+    may_be_cut = (np.diff(first) * PARTS_PER_CELL <= room // _REGION_DIVISOR) & refinable
     regions, kept = _with_witnesses(
         constraints,
         found,
@@ -139,7 +143,9 @@ def search_round(
         _witness_priority(constraints, found, first, label, may_be_cut),
     )
     size = np.bincount(label[kept], minlength=len(may_be_cut))
-    doubtful = _some(may_be_cut & ~regions.verified, size * max(len(constraints.touched), 1), room)
+    doubtful = _regions_to_refine(
+        may_be_cut & ~regions.verified, size * max(len(constraints.touched), 1), room
+    )
     return regions.with_cells(kept & ~doubtful[label]), cells.select(kept & doubtful[label])
 
 
@@ -149,20 +155,20 @@ def _compiled_round(
     assert KERNEL is not None
     cells = found.cells
     rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon, found.spot, found.holds)
-    component = None if few_in_each(cells.state) else connected(_boxes(constraints, cells))
+    component = None if few_in_each(cells.state) else component_labels(_boxes(constraints, cells))
     evidence, rules, room = (
         constraints.compiled_evidence,
         constraints.compiled_rules,
         constraints.budget.refined,
     )
-    of = found_regions(KERNEL, evidence, rules, rows, component, room, refinable=refinable)
+    of = search_regions(KERNEL, evidence, rules, rows, component, room, refinable=refinable)
     unturned = cells.select(of.row)
     turned = replace(unturned, lo=of.lo, hi=of.hi, polygon=of.polygon)
     regions = Regions(turned, unturned, of.first, of.theta, of.position, of.verified, of.node)
     return regions, cells.select(of.again)
 
 
-def _some(wanted: Bools, size: Ints, room: int) -> Bools:
+def _regions_to_refine(wanted: Bools, size: Ints, room: int) -> Bools:
     """Those of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
     order = np.argsort(np.where(wanted, size, np.iinfo(np.int64).max), kind="stable")
     result = wanted.copy()
@@ -201,7 +207,7 @@ def _symmetry_shift(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints
     """
     turn = _symmetry_turn(catalogue, cells)
     middle = cells.middle
-    reference = middle[_best_by_region(to_nine_digits(cells.volume), first, label)][label]
+    reference = middle[_best_by_region(round_to_nine_digits(cells.volume), first, label)][label]
     angle = np.rint(((middle - reference) / turn).round(9)) * turn
     whole = 2 * np.pi * np.floor(((reference + np.pi) / (2 * np.pi)).round(9))
     return _SymmetryShift(angle + whole, angle)
@@ -214,7 +220,7 @@ def _best_by_region(value: Floats, first: Ints, label: Ints) -> Ints:
     return rows[np.searchsorted(label[rows], np.arange(len(first) - 1))]
 
 
-def _shifted_cells(cells: Cells, branch: _SymmetryShift) -> Cells:
+def _shift_cells(cells: Cells, branch: _SymmetryShift) -> Cells:
     polygon = cells.polygon
     if np.any(branch.angle != 0):
         polygon = rotate(polygon, branch.angle[:, None])
@@ -249,7 +255,7 @@ def _with_witnesses(
     If none of those tried is, the middle of the largest cell is given, unverified. `eligible` (k,):
     priorities of `_witness_priority`. Also returned: which cells (k,) may hold one, as far as it was asked.
     """
-    turned = _shifted_cells(found.cells, branch)
+    turned = _shift_cells(found.cells, branch)
     begin, kept = first[:-1], np.ones(len(label), dtype=bool)
     share = turned.volume + 1e-300
     if not len(begin):
@@ -262,7 +268,7 @@ def _with_witnesses(
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
     tried = np.column_stack([middle * LEVER_MM, rotate(spot, middle)])
     # Rounded: of cells that are as near or as large, the first is taken.
-    off, size = np.linalg.norm(tried - mean[label], axis=1).round(6), to_nine_digits(share)
+    off, size = np.linalg.norm(tried - mean[label], axis=1).round(6), round_to_nine_digits(share)
     # Any cell that may hold comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), size / (1.0 + size))
     rank = np.where(eligible > 0, rank, -1.0)
@@ -283,7 +289,7 @@ def _with_witnesses(
     some = some[kept[some] & ~regions.verified[label[some]]]
     search.place(_best_by_region(np.where(kept, rank, -2.0), first, label), middle, spot)
     some = some[rank[some] >= 0]
-    other = _spread(label[some], rank[some], some)
+    other = _spread_candidates(label[some], rank[some], some)
     search.try_cells(np.tile(other, 2), np.concatenate([spot[other], turned.centre[other]]))
     return regions, kept
 
@@ -319,14 +325,14 @@ class _Search:
         self.regions.node[rows] = self.regions.cells.node[cell]
 
 
-def _spread(label: Ints, rank: Floats, cell: Ints) -> Ints:
+def _spread_candidates(label: Ints, rank: Floats, cell: Ints) -> Ints:
     """Up to `_CANDIDATES` of the cells (n,) of each region, evenly among its rows; the best come first."""
     first = np.flatnonzero(np.diff(label, prepend=-1))
     size = np.diff(np.append(first, len(label)))
     owner = np.repeat(np.arange(len(first)), size)
     nth = np.arange(len(label)) - first[owner]
     # The nth is taken where a multiple of size / _CANDIDATES is passed.
-    share = np.minimum(size, _CANDIDATES)[owner]
+    share = np.minimum(size, _MAX_CANDIDATES)[owner]
     taken = (nth * share) // size[owner] != ((nth - 1) * share) // size[owner]
     kept = np.flatnonzero(taken)
     order = np.lexsort((-rank[kept], label[kept]))

@@ -1,4 +1,4 @@
-"""Tactile arrays of a rig: the driver and the contact extractor of each finger."""
+"""Tactile arrays of a rig: the driver, the emulated device and the contact extractor of each finger."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -8,33 +8,22 @@ import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.base.extensions import TACTILE_ARRAYS, broken, load
+from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, load_extension
 from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile, TipConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
-from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import SampledArray
-from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
-from palpate.drivers.tactile.frames import ArrayDriver
-from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.stream import Port
-from palpate.drivers.transport.clock import Clock
+from palpate.drivers.emulators import EmulatedArray, SampledArray, Taxels
+from palpate.drivers.tactile import (
+    ArrayDriver,
+    ContactExtractor,
+    Description,
+    Port,
+    Shape,
+    TactileArray,
+    TipCalibration,
+)
+from palpate.drivers.transport import Clock
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.pads import has_pads
-
-__all__ = [
-    "ArrayPlugin",
-    "array_of",
-    "array_plugin",
-    "calibration_of",
-    "doubt_warning",
-    "emulated_array",
-    "extractor_of",
-    "pad_problem",
-    "shape_warning",
-    "threshold_problem",
-]
 
 ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
 
@@ -62,20 +51,22 @@ _SELF_DESCRIBING = ArrayPlugin(
 )
 
 
-_PITCH_ROUNDING = 1e-3  # of a pitch
-_STEADY_FRAMES = 64  # in their mean a steady push is noticed
-_NOISE_MARGIN = 1.5  # times what is noticed: three standard deviations more, and it certainly is
+_PITCH_ROUNDING_SHARE = 1e-3  # of a pitch
+_STEADY_MEAN_FRAMES = 64  # in their mean a steady push is noticed
+_NOISE_FACTOR = 1.5  # times what is noticed: three standard deviations more, and it certainly is
 _SEARCH_S = 10.0  # a finger's way to a part, about
-_LEVERAGE = 3.0  # a part that is pushed obliquely at its end moves under about a third of what it holds
+_PUSH_LEVERAGE = 3.0  # a part that is pushed obliquely at its end moves under about a third of what it holds
 
 
 def array_plugin(protocol: str) -> ArrayPlugin[Any]:
     """The kind of array that speaks `protocol`. Raises InputError if nothing installed does."""
     if protocol == PALPATE_PROTOCOL:
         return _SELF_DESCRIBING
-    plugin = load(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
+    plugin = load_extension(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
     if not isinstance(plugin, ArrayPlugin):
-        raise broken(TACTILE_ARRAYS, protocol, f"it is a {type(plugin).__name__}, not an ArrayPlugin")
+        raise broken_plugin_error(
+            TACTILE_ARRAYS, protocol, f"it is a {type(plugin).__name__}, not an ArrayPlugin"
+        )
     return plugin
 
 
@@ -116,7 +107,7 @@ def pad_problem(spec: FingerConfig, description: Description) -> str | None:
     if description.shape is not Shape.FLAT or description.cols < 2:
         return "its tip is a pad, and the array is not flat, of two columns or more"
     pitches, pitch = np.diff(description.columns), spec.array.pitch_mm or 0.0
-    room = _PITCH_ROUNDING * pitch
+    room = _PITCH_ROUNDING_SHARE * pitch
     if pitches.max() > pitch + room:
         return f"its columns are {pitches.max():.3g} mm apart, more than array.pitch_mm ({pitch:g})"
     ends = description.columns[0] - pitches[0] / 2, description.columns[-1] + pitches[-1] / 2
@@ -136,7 +127,7 @@ def _height_problem(description: Description, length_mm: float | None) -> str | 
     if length_mm is None or not rows.size:
         return None
     high = description.row_heights_mm[-1] - description.row_heights_mm[0] + (rows[0] + rows[-1]) / 2
-    if high >= length_mm * (1 - _PITCH_ROUNDING):
+    if high >= length_mm * (1 - _PITCH_ROUNDING_SHARE):
         return None
     return (
         f"its {description.rows} rows, {rows.max():.3g} mm apart, are {high:.4g} mm high, and the pad's face "
@@ -181,10 +172,10 @@ def doubt_warning(rig: RigFile, spec: FingerConfig, extractor: ContactExtractor)
     holds = rig.search.part_holds_n
     if holds is None:
         return None
-    noise = _NOISE_MARGIN * extractor.least_force_n * extractor.noise_share(_STEADY_FRAMES)
+    noise = _NOISE_FACTOR * extractor.least_force_n * extractor.noise_share(_STEADY_MEAN_FRAMES)
     doubt = extractor.zero_doubt_n[0] + extractor.zero_doubt_n_per_s * _SEARCH_S
     hidden = (noise + doubt) / (1 - measured_force_share(spec))
-    if hidden * len(rig.fingers) * _LEVERAGE <= holds:
+    if hidden * len(rig.fingers) * _PUSH_LEVERAGE <= holds:
         return None
     return (
         f"noise and drift of its zeros may hide a push of {hidden:.2g} N; if every finger's do, a part that "
@@ -193,7 +184,7 @@ def doubt_warning(rig: RigFile, spec: FingerConfig, extractor: ContactExtractor)
     )
 
 
-def _seen_stiffness(tip: TipConfig) -> tuple[float, float]:
+def _apparent_stiffness(tip: TipConfig) -> tuple[float, float]:
     """Stiffness (N/mm) for which patterns are looked for, and the share by which it may be off.
 
     Beside its equator a ball shows the wider patterns of a softer cylinder: the circle that touches is
@@ -212,7 +203,7 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
     Raises InputError if the calibrated taxels are not as many as the array's.
     """
     shape = (description.rows, description.cols)
-    stiffness, spread = _seen_stiffness(spec.tip)
+    stiffness, spread = _apparent_stiffness(spec.tip)
     alike = TipCalibration(
         gain=np.ones(shape),
         gain_spread=spec.array.gain_spread,

@@ -1,6 +1,7 @@
-"""The composition root: from a rig file to a hand that can be used, on real ports or on emulated devices.
+"""Composition root: from a rig file to a hand that can be used, on real ports or on emulated devices.
 
-With `emulated` and `scene`, which it calls, the only part of a run that knows the emulators.
+With `emulated.devices` and `emulated.scene`, which it calls, the only part of a run that knows the
+emulators.
 """
 
 from collections.abc import Callable
@@ -11,18 +12,12 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import InputError
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, Scene
-from palpate.drivers.transport.clock import Clock, MonotonicClock
-from palpate.drivers.transport.plugged_ports import FollowedPorts, SystemPlugs
-from palpate.drivers.transport.record import Recorder, Sink
-from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.catalogue.heights import check_known
+from palpate.drivers.transport import Clock, FollowedPorts, MonotonicClock, Recorder, RecordSink, SystemPlugs
+from palpate.rig.catalogue.finger_model import check_known
+from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
-from palpate.rig.emulated.reference_table import EmulatedTable
-from palpate.rig.emulated.scene import Placement, draw_placement, placement_of
-from palpate.rig.motion.hand import Hand
-from palpate.rig.session.environment import Environment
-
-__all__ = ["BenchRig", "connect", "emulated_table", "environment", "place", "set_up"]
+from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placement_of
+from palpate.rig.motion.hand import Environment, Hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +36,7 @@ class BenchRig:
         return None if self.mock is None else self.mock.rig
 
 
-def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
+def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
     """What lies on the table of an emulated rig; None for a real one.
 
     Raises InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that
@@ -85,14 +80,14 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
 
 
-def emulated_table(bench: BenchRig, seed: int) -> EmulatedTable | None:
+def emulated_table(bench: BenchRig, seed: int) -> ReferencePlacer | None:
     """Places references on an emulated bench's table; None for a real rig, where a person does."""
-    return None if bench.mock is None else EmulatedTable(bench.mock.rig.bench, seed)
+    return None if bench.mock is None else ReferencePlacer(bench.mock.rig.bench, seed)
 
 
 def environment(
     bench: BenchRig,
-    sink: Sink | None = None,
+    sink: RecordSink | None = None,
     latency_s: float | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> Environment:
@@ -118,7 +113,7 @@ def environment(
 
 
 def connect(
-    bench: BenchRig, sink: Sink | None = None, notice: Callable[[str], None] = lambda _: None
+    bench: BenchRig, sink: RecordSink | None = None, notice: Callable[[str], None] = lambda _: None
 ) -> Hand:
     """Open the ports and connect the hand, recorded as `environment` says.
 

@@ -19,8 +19,6 @@ from palpate.config import (
     shipped_rig,
 )
 
-__all__ = ["RigOnBench", "load_calibrated"]
-
 
 @dataclass(frozen=True, eq=False)
 class RigOnBench:

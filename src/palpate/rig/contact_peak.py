@@ -1,34 +1,60 @@
 """Expected peak force of a touch at a speed: what a rig file's threshold, speeds and stiffness come to.
 
-Between the contact and standing still a tip goes on by speed × latency and by what braking takes; its skin, a
-spring, presses harder by stiffness × that. Latency is the wait for a frame, in the array's adapter, too, and
-the look at the servos before they are told to stop:
+Between the contact and standing still a tip goes on by speed × latency and by what braking takes; its skin,
+a spring, presses harder by stiffness × that. Latency is the wait for a frame, in the array's adapter, too,
+and the look at the servos before they are told to stop:
 
     peak = contact_force_n + stiffness · (speed · latency + speed² / (2 · deceleration))
 
 A stopped servo brakes with the largest torque that max_force_n lets it have and its friction, against its
-rotor's inertia behind the gear. One that nobody stops, because the host or its bus is gone, presses until its
-current limit and its inertia m, as a mass at the tip, are used up:
+rotor's inertia behind the gear. One that nobody stops, because the host or its bus is gone, presses until
+its current limit and its inertia m, as a mass at the tip, are used up:
 
     peak = max_force_n + friction_a as a force + speed · √(stiffness · m)
 
 Its speed is up to twice that of its profile: a servo that friction has held back falls behind its trajectory
 at the profile's speed and, without losses, comes back to it as fast. None is faster than without a load.
+
+The latency of a port's adapter is what the rig file says, or else the operating system.
 """
 
 import math
 from collections.abc import Iterable
 
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
-from palpate.drivers.dynamixel.control_table import RAD_PER_TICK
-from palpate.drivers.dynamixel.specifications import specification
-from palpate.rig.bus_latency import array_latency_s, bus_latency_s
+from palpate.drivers.dynamixel import RAD_PER_TICK, UNKNOWN_LATENCY_S, latency_with_timer_s, specification
+from palpate.drivers.transport import EMULATED_LATENCY_S, latency_timer_s
 from palpate.rig.conversion import slide_force_n
 
-__all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm", "unstopped_peak_n"]
+
+def bus_latency_s(rig: RigFile) -> float:
+    """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
+    if rig.bus.latency_ms is not None:
+        return rig.bus.latency_ms / 1e3
+    if rig.emulation is None:
+        return port_latency_s(rig.bus.port)
+    adapter = rig.emulation.bus_adapter
+    return EMULATED_LATENCY_S if adapter is None else latency_with_timer_s(adapter.latency_ms / 1e3)
+
+
+def array_latency_s(rig: RigFile) -> float:
+    """For how long the arrays' adapters may hold the end of a frame back: as the system tells, else 0."""
+    if rig.emulation is None:
+        return max(latency_timer_s(finger.array.port) or 0.0 for finger in rig.fingers)
+    adapter = rig.emulation.array_adapter
+    return 0.0 if adapter is None else adapter.latency_ms / 1e3
+
+
+def port_latency_s(port: str) -> float:
+    """The same for a port of which no rig file tells."""
+    if port.startswith("mock://"):
+        return EMULATED_LATENCY_S
+    timer = latency_timer_s(port)
+    return UNKNOWN_LATENCY_S if timer is None else latency_with_timer_s(timer)
+
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
-_CATCHES_UP = 2.0  # times the profile's speed, at most, while a servo catches up with its trajectory
+_CATCH_UP_FACTOR = 2.0  # times the profile's speed, at most, while a servo catches up with its trajectory
 
 
 def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
@@ -56,7 +82,7 @@ def unstopped_peak_n(rig: RigFile) -> float:
 def _inertial_n(finger: FingerConfig, model: str, profile_rad_s: float) -> float:
     """Force (N) with which the tip, at its stiffest, stops a servo: speed · √(stiffness · inertia)."""
     motor = specification(model).motor
-    fastest_rad_s = min(_CATCHES_UP * profile_rad_s, motor.no_load_rad_s)
+    fastest_rad_s = min(_CATCH_UP_FACTOR * profile_rad_s, motor.no_load_rad_s)
     stiffest_n_per_m = 1e3 * finger.tip.stiffness_n_per_mm * (1 + finger.tip.stiffness_spread)
     return fastest_rad_s * math.sqrt(stiffest_n_per_m * motor.inertia_kg_m2)
 

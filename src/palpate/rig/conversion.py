@@ -1,6 +1,7 @@
-"""From files' values to the layers' values: what lies between `config` and `drivers` or `recognizer`.
+"""Conversion of values in files to values of the layers: between `config` and `drivers` or `recognizer`.
 
-Degrees become radians here, and nowhere else.
+Degrees become radians here, and nowhere else. So do a tip's numbers become bounds: dents, bending, shear,
+and what arrays do not notice.
 """
 
 import math
@@ -19,48 +20,19 @@ from palpate.config import (
     TipConfig,
 )
 from palpate.config.rig_servos import SlideConfig
-from palpate.drivers.arm_finger import ArmKinematics, Joint
-from palpate.drivers.dynamixel.specifications import specification
-from palpate.drivers.finger import FingerKinematics, Line
-from palpate.drivers.slide_finger import SlideKinematics
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Corner, Mounting
+from palpate.drivers.arm_kinematics import ArmJoint, ArmKinematics
+from palpate.drivers.dynamixel import specification
+from palpate.drivers.kinematics import FingerKinematics, Line
+from palpate.drivers.slide_kinematics import SlideKinematics
+from palpate.drivers.tactile import Corner, Mounting, Shape
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
-
-__all__ = [
-    "SHEAR_SHARE",
-    "arm_kinematics",
-    "array_bound_rad",
-    "deflection_mm",
-    "deflection_rad",
-    "dent_allowance_mm",
-    "finger_of",
-    "goals_of",
-    "grips_of",
-    "kinematics_of",
-    "largest_on_skin_n",
-    "line_of",
-    "measured_force_share",
-    "mounting_of",
-    "pad_place_bound_mm",
-    "resolution_of",
-    "shear_rad",
-    "slide_force_n",
-    "slide_kinematics",
-    "softest_n_per_mm",
-    "stiffest_n_per_mm",
-    "tip_bound_mm",
-    "undetected_dent_mm",
-    "undetected_force_n",
-]
-
 
 SHEAR_SHARE = 2 / 3
 """Of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5."""
 
 _NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
-_STOP_S = 0.010  # from the goal that stops a servo to its standing still
-_LARGEST_SHARE = 0.9
+_SERVO_STOP_S = 0.010  # from the goal that stops a servo to its standing still
+_MAX_FORCE_ERROR_SHARE = 0.9
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
@@ -142,7 +114,7 @@ def slide_kinematics(finger: SlideFingerConfig) -> SlideKinematics:
         zero_bound_mm=finger.slide.zero_bound_mm,
         travel_spread=finger.slide.mm_per_turn_spread,
         found_position_mm=finger.bounds.position_mm,
-        found_direction_rad=_found_direction_rad(finger),
+        found_direction_rad=_calibrated_direction_rad(finger),
     )
 
 
@@ -160,11 +132,11 @@ def arm_kinematics(finger: ArmFingerConfig) -> ArmKinematics:
         heading_bound_rad=math.radians(finger.bounds.heading_deg),
         length_bound_mm=finger.links.bound_mm,
         found_position_mm=finger.bounds.position_mm,
-        found_direction_rad=_found_direction_rad(finger),
+        found_direction_rad=_calibrated_direction_rad(finger),
     )
 
 
-def _found_direction_rad(finger: FingerConfig) -> float | None:
+def _calibrated_direction_rad(finger: FingerConfig) -> float | None:
     found = finger.bounds.direction_deg
     return None if found is None else math.radians(found)
 
@@ -202,10 +174,10 @@ def array_bound_rad(finger: FingerConfig) -> float:
     return math.radians(finger.array.heading_bound_deg) if finger.bounds.direction_deg is None else 0.0
 
 
-def _joint(servo: JointConfig) -> Joint:
+def _joint(servo: JointConfig) -> ArmJoint:
     lo, hi = (math.radians(value) for value in servo.range_deg)
     play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
-    return Joint(servo.gear_ratio, zero, play, lo, hi, math.radians(servo.zero_bound_deg))
+    return ArmJoint(servo.gear_ratio, zero, play, lo, hi, math.radians(servo.zero_bound_deg))
 
 
 def undetected_force_n(closing: ClosingConfig) -> float:
@@ -243,21 +215,21 @@ def shear_rad(tip: TipConfig, pressing_n: float) -> float:
 
 def deflection_mm(finger: FingerConfig, pressing_n: float) -> float:
     """How far what carries a tip may bend under a force: measured is what presses, friction comes on top."""
-    return finger.bounds.deflection_mm_per_n * _with_friction_n(finger.tip, pressing_n)
+    return finger.bounds.deflection_mm_per_n * _force_with_friction_n(finger.tip, pressing_n)
 
 
 def deflection_rad(finger: FingerConfig, pressing_n: float) -> float:
     """By how much that may turn the array."""
-    return math.radians(finger.bounds.deflection_deg_per_n) * _with_friction_n(finger.tip, pressing_n)
+    return math.radians(finger.bounds.deflection_deg_per_n) * _force_with_friction_n(finger.tip, pressing_n)
 
 
-def _with_friction_n(tip: TipConfig, pressing_n: float) -> float:
+def _force_with_friction_n(tip: TipConfig, pressing_n: float) -> float:
     return pressing_n * math.hypot(1.0, tip.max_friction)
 
 
 def measured_force_share(finger: FingerConfig) -> float:
     """Share of a force by which it may be mismeasured: gains' spread, crosstalk and the array's edge."""
-    return min(finger.array.gain_spread + _CROSSTALK_SHARE, _LARGEST_SHARE)
+    return min(finger.array.gain_spread + _CROSSTALK_SHARE, _MAX_FORCE_ERROR_SHARE)
 
 
 def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
@@ -268,7 +240,7 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     dent may be along a normal that is not known, so the whole dent counts sideways.
     """
     tip = finger.tip
-    late_s = 2 / closing.sample_rate_hz + _STOP_S
+    late_s = 2 / closing.sample_rate_hz + _SERVO_STOP_S
     stiffest = stiffest_n_per_mm(tip)
     force = min(
         closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s,
@@ -309,11 +281,11 @@ def resolution_of(rig: RigFile) -> Resolution:
         bounds.append(kinematics.position_bound_mm(servos) + dent + bent + tip_bound_mm(finger))
     # An arm that does not get to the middle has no bound there.
     bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
-    turned = max(_turned_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
+    turned = max(_normal_error_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
     return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
 
 
-def _turned_rad(finger: FingerConfig, force_n: float) -> float:
+def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:
     """By how much a normal may be off besides what the array shows, at a force."""
     return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)
 

@@ -9,12 +9,16 @@ try:
 except ImportError:
     raise ImportError("palpate.testing needs pytest: install the extra `testing`") from None
 
-pytest.register_assert_rewrite("palpate.testing.arrays", "palpate.testing.servos")
+pytest.register_assert_rewrite("palpate.testing.conformance")
 
-from palpate.drivers.transport.clock import VirtualClock  # noqa: E402 - asserts are rewritten first
-from palpate.testing.arrays import ArrayBench, ArrayConformance  # noqa: E402
-from palpate.testing.rigs import rig_with_arrays, served  # noqa: E402
-from palpate.testing.servos import ServoConformance  # noqa: E402
+from palpate.drivers.transport import VirtualClock  # noqa: E402 - asserts are rewritten first
+from palpate.testing.conformance import (  # noqa: E402  # noqa: E402
+    ArrayBench,
+    ArrayConformance,
+    ServoConformance,
+    rig_with_arrays,
+    served,
+)
 from palpate.testing.stream_fuzz import FuzzTally, StreamDecoder, fuzz  # noqa: E402
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Millions of wrong bytes for any decoder of a stream, always the same ones for a seed.
+"""Fuzzing of stream decoders: millions of wrong bytes, always the same ones for a seed.
 
 Half of them are noise, the other half a valid stream with flipped bits, and with stretches cut out, put in,
 repeated, moved, or blown up by a gap without a delimiter. They arrive in pieces of any length.
@@ -11,12 +11,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-__all__ = ["FuzzTally", "StreamDecoder", "fuzz"]
-
 ROUNDS = 20
-LONGEST_PIECE = 8192
-LONGEST_GAP = 60_000
-EDITS = 12  # to one copy of the valid stream
+MAX_PIECE_BYTES = 8192
+MAX_GAP_BYTES = 60_000
+MAX_EDITS = 12  # to one copy of the valid stream
 Bytes = np.ndarray
 Edit = Callable[[np.random.Generator, Bytes], Bytes]
 
@@ -82,7 +80,7 @@ def _pieces(rng: np.random.Generator, data: bytes) -> Iterator[bytes]:
     """Cut it into pieces; short ones are as likely as long ones."""
     at = 0
     while at < len(data):
-        size = int(LONGEST_PIECE ** rng.random())
+        size = int(MAX_PIECE_BYTES ** rng.random())
         yield data[at : at + size]
         at += size
 
@@ -91,7 +89,7 @@ def _garbage(rng: np.random.Generator, valid: bytes, size: int) -> bytes:
     parts: list[bytes] = []
     left = size
     while left > 0:
-        part = _noise(rng) if rng.random() < 0.5 else _mutated(rng, np.frombuffer(valid, np.uint8))
+        part = _noise(rng) if rng.random() < 0.5 else _mutate(rng, np.frombuffer(valid, np.uint8))
         parts.append(part[:left].tobytes())
         left -= len(parts[-1])
     return b"".join(parts)
@@ -104,13 +102,13 @@ def _noise(rng: np.random.Generator) -> Bytes:
     return noise
 
 
-def _mutated(rng: np.random.Generator, valid: Bytes) -> Bytes:
-    for _ in range(int(rng.integers(1, EDITS))):
+def _mutate(rng: np.random.Generator, valid: Bytes) -> Bytes:
+    for _ in range(int(rng.integers(1, MAX_EDITS))):
         valid = _EDITS[int(rng.integers(len(_EDITS)))](rng, valid)
     return valid
 
 
-def _flipped(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _flip_bits(rng: np.random.Generator, data: Bytes) -> Bytes:
     out = data.copy()
     places = rng.integers(0, max(data.size, 1), int(rng.integers(1, 20)))
     if data.size:
@@ -123,31 +121,39 @@ def _stretch(rng: np.random.Generator, data: Bytes, longest: int) -> tuple[int, 
     return a, min(data.size, a + int(longest ** rng.random()))
 
 
-def _cut_out(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _delete_stretch(rng: np.random.Generator, data: Bytes) -> Bytes:
     a, b = _stretch(rng, data, 400)
     return np.concatenate((data[:a], data[b:]))
 
 
-def _put_in(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _insert_stretch(rng: np.random.Generator, data: Bytes) -> Bytes:
     a, b = _stretch(rng, data, 400)
     new = rng.integers(0, 256, b - a, dtype=np.uint8)
     return np.concatenate((data[:a], new, data[a:]))
 
 
-def _repeated(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _repeat_stretch(rng: np.random.Generator, data: Bytes) -> Bytes:
     a, b = _stretch(rng, data, 400)
     return np.concatenate((data[:b], data[a:]))
 
 
-def _moved(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _move_stretch(rng: np.random.Generator, data: Bytes) -> Bytes:
     a, b = sorted(map(int, rng.integers(0, data.size + 1, 2)))
     return np.concatenate((data[b:], data[a:b], data[:a]))
 
 
-def _gap(rng: np.random.Generator, data: Bytes) -> Bytes:
+def _insert_gap(rng: np.random.Generator, data: Bytes) -> Bytes:
     a = int(rng.integers(0, data.size + 1))
-    new = rng.integers(1, 256, int(LONGEST_GAP ** rng.random()), dtype=np.uint8)
+    new = rng.integers(1, 256, int(MAX_GAP_BYTES ** rng.random()), dtype=np.uint8)
     return np.concatenate((data[:a], new, data[a:]))
 
 
-_EDITS: tuple[Edit, ...] = (_flipped, _flipped, _cut_out, _put_in, _repeated, _moved, _gap)
+_EDITS: tuple[Edit, ...] = (
+    _flip_bits,
+    _flip_bits,
+    _delete_stretch,
+    _insert_stretch,
+    _repeat_stretch,
+    _move_stretch,
+    _insert_gap,
+)

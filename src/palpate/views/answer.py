@@ -3,17 +3,15 @@
 import math
 from collections.abc import Sequence
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config.identification_result import AlternativeOut, CalibrationUsedOut, IdentificationOut
-from palpate.config.results import UnfinishedOut
+from palpate.config.result_model import UnfinishedOut
 
-__all__ = ["answer_lines", "picture_facts"]
-
-_DETECTABLE_MM = 100.0  # as large as a part: touches would rather have missed it
-_ALTERNATIVES_SHOWN = 12
-_LEAST_SHOWN = 1e-4  # the model of what is not in the catalogue is no better than that
-_RETOUCH = "`palpate check --touch` shows"
+_STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
+_MAX_ALTERNATIVES = 12
+_MIN_PROBABILITY = 1e-4  # the model of what is not in the catalogue is no better than that
+_RETOUCH_TIP = "`palpate check --touch` shows"
 
 
 def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str]:
@@ -24,13 +22,11 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     lines = [*_verdict_lines(out), *_place_lines(out)]
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
         lines += [f"  {line}" for line in advice]
-    lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_ALTERNATIVES_SHOWN]]
-    if len(out.alternatives) > _ALTERNATIVES_SHOWN:
-        lines.append(
-            f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; the JSON lists them all"
-        )
+    lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_MAX_ALTERNATIVES]]
+    if len(out.alternatives) > _MAX_ALTERNATIVES:
+        lines.append(f"  or one of {len(out.alternatives) - _MAX_ALTERNATIVES} more; the JSON lists them all")
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.predicted:
-        lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
+        lines.append(f"  {quantity(out.predicted, 'touch', 'touches')} matched the prediction")
         if out.stranger_probability is not None:
             lines.append(f"  {_stranger_words(out.stranger_probability)}")
         if out.detectable_shift is not None or out.assumed_holds_n is None:
@@ -51,7 +47,7 @@ def _unfinished_words(unfinished: UnfinishedOut) -> str:
     parts = []
     if unfinished.unpaired:
         parts.append(
-            f"{counted(len(unfinished.unpaired), 'contact is', 'contacts are')} not paired with edges"
+            f"{quantity(len(unfinished.unpaired), 'contact is', 'contacts are')} not paired with edges"
         )
     parts += ["cells are coarse"] if unfinished.coarse else []
     return (
@@ -81,7 +77,9 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
 
 def _stranger_words(probability: float) -> str:
     share = (
-        f"{100 * probability:.2g} %" if probability >= _LEAST_SHOWN else f"less than {100 * _LEAST_SHOWN:g} %"
+        f"{100 * probability:.2g} %"
+        if probability >= _MIN_PROBABILITY
+        else f"less than {100 * _MIN_PROBABILITY:g} %"
     )
     return f"something outside the catalogue would have matched, too, with probability {share}"
 
@@ -93,7 +91,7 @@ def _is_one_state(out: IdentificationOut) -> bool:
 
 def _unconfirmed_words(out: IdentificationOut) -> str:
     """Why the only state that is left is no answer yet."""
-    matched = f"{counted(out.predicted, 'touch', 'touches')} matched the prediction"
+    matched = f"{quantity(out.predicted, 'touch', 'touches')} matched the prediction"
     if out.stranger_probability is None:
         return f"not confirmed: {matched}"
     return f"not confirmed: {matched}, but {_stranger_words(out.stranger_probability)}"
@@ -124,7 +122,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
             lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
         if out.calibration is not None:
             made = out.calibration.made[:10]
-            lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH}")
+            lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH_TIP}")
         return lines
     if out.object is None:
         moving = out.verdict == IdentificationVerdict.MOVING
@@ -180,7 +178,7 @@ def _not_bounded_lines(out: IdentificationOut) -> list[str]:
     if not out.not_bounded:
         return []
     first, others = out.not_bounded[0], len(out.not_bounded) - 1
-    more = f" (and {counted(others, 'other state', 'other states')}, which the JSON lists)" if others else ""
+    more = f" (and {quantity(others, 'other state', 'other states')}, which the JSON lists)" if others else ""
     return [
         f"  no bound holds for a part that tips or rolls: {first.object}, {first.state} {first.why}{more}"
     ]
@@ -194,15 +192,15 @@ def _untouched_words(out: IdentificationOut) -> str:
             f"nothing was touched{since}, and no part of the catalogue has room in the rest of the workspace"
         )
     if not out.contacts:
-        return f"nothing was touched in {counted(out.grips, 'grip', 'grips')}"
-    return f"{counted(out.contacts, 'contact is', 'contacts are')} too few for a hypothesis"
+        return f"nothing was touched in {quantity(out.grips, 'grip', 'grips')}"
+    return f"{quantity(out.contacts, 'contact is', 'contacts are')} too few for a hypothesis"
 
 
 def _drift_line(found: CalibrationUsedOut) -> str:
     """Warning: touches do not agree with the calibration."""
     return (
         f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets "
-        f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"
+        f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH_TIP}"
     )
 
 
@@ -236,6 +234,6 @@ def _truth_line(out: IdentificationOut) -> str:
 
 
 def _shift_words(shift_mm: float | None) -> str:
-    if shift_mm is None or shift_mm > _DETECTABLE_MM:
+    if shift_mm is None or shift_mm > _STRANGER_SIZE_MM:
         return "a shift of the part before the last grip would hardly have been detected"
     return f"smallest detectable shift before the last grip: {shift_mm:.1f} mm"

@@ -4,34 +4,32 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.base.errors import counted
-from palpate.config.check_result import (
+from palpate.base.errors import quantity
+from palpate.config.diagnosis_results import (
     ArrayCheckOut,
+    BusLoopOut,
     CalibrationCheckOut,
     CheckOut,
     FingerHoldOut,
     HoldCheckOut,
-    LoopOut,
     ServoCheckOut,
     TouchCheckOut,
 )
-from palpate.rig.diagnostics.hold_check import rounded_down
-from palpate.views.tables import folded, table
-
-__all__ = ["show"]
+from palpate.rig.diagnostics.hold_check import round_down
+from palpate.views.tables import folding_column, table
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"
 _UNKNOWN = "[dim]–[/]"
-_WIDE = 100  # columns from which limits and protocols are shown, too
+_WIDE_COLUMNS = 100  # columns from which limits and protocols are shown, too
 
 
-def show(out: CheckOut, console: Console) -> None:
+def show_check(out: CheckOut, console: Console) -> None:
     """Tables of servos and arrays, a line each for bus and adapter, then what is wrong, and a verdict."""
     kind = " (emulated)" if out.emulated else ""
     console.print(f"rig [bold]{escape(out.rig)}[/]{kind}\n", highlight=False)
-    console.print(_servos(out.servos, wide=console.width >= _WIDE))
+    console.print(_servos(out.servos, wide=console.width >= _WIDE_COLUMNS))
     console.print()
-    console.print(_arrays(out.arrays, wide=console.width >= _WIDE))
+    console.print(_arrays(out.arrays, wide=console.width >= _WIDE_COLUMNS))
     console.print()
     for line in _bus_lines(out):
         console.print(line, highlight=False)
@@ -49,7 +47,17 @@ def show(out: CheckOut, console: Console) -> None:
 
 
 def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
-    columns = folded(""), "servo", folded(""), "model", "firmware", "supply", "temp.", "torque", "settings"
+    columns = (
+        folding_column(""),
+        "servo",
+        folding_column(""),
+        "model",
+        "firmware",
+        "supply",
+        "temp.",
+        "torque",
+        "settings",
+    )
     rows = table(*columns, numbers=("servo", "firmware"))
     for item in servos:
         rows.add_row(
@@ -57,7 +65,7 @@ def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
             str(item.id),
             escape(item.owner),
             item.model,
-            _or(item.firmware, "{}"),
+            _or_unknown(item.firmware, "{}"),
             _supply(item, wide=wide),
             _temperature(item, wide=wide),
             _UNKNOWN if item.torque_on is None else "[red]on[/]" if item.torque_on else "off",
@@ -69,7 +77,7 @@ def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
 def _arrays(arrays: tuple[ArrayCheckOut, ...], *, wide: bool) -> Table:
     protocol = ["protocol"] if wide else []
     names = "array", "taxels", "self-test", "frames/s", "lost", *protocol, "firmware"
-    rows = table(folded(""), *names, numbers=("lost",))
+    rows = table(folding_column(""), *names, numbers=("lost",))
     for item in arrays:
         taxels = _UNKNOWN if item.rows is None else f"{item.rows} × {item.columns} {item.shape}"
         rate = _UNKNOWN if item.rate_hz is None else f"{item.rate_hz:.0f} of {item.wanted_hz:g}"
@@ -79,7 +87,7 @@ def _arrays(arrays: tuple[ArrayCheckOut, ...], *, wide: bool) -> Table:
             taxels,
             _self_test(item),
             rate,
-            _or(item.lost, "{}"),
+            _or_unknown(item.lost, "{}"),
             *([item.protocol] if wide else []),
             _UNKNOWN if item.firmware is None else escape(item.firmware),
         )
@@ -125,11 +133,11 @@ def _finger_hold(item: FingerHoldOut) -> str:
     name = escape(item.finger)
     if item.holds_n is None:
         return f"{name} nothing for certain"
-    return f"{name} pushed with {item.pressed_n:.2g} N, of which {rounded_down(item.holds_n):g} N are certain"
+    return f"{name} pushed with {item.pressed_n:.2g} N, of which {round_down(item.holds_n):g} N are certain"
 
 
 def _calibration(found: CalibrationCheckOut) -> str:
-    age = counted(found.age_days, "day", "days")
+    age = quantity(found.age_days, "day", "days")
     bounds = (
         "without bounds on contacts"
         if found.position_mm is None or found.direction_deg is None
@@ -145,7 +153,7 @@ def _touch(found: TouchCheckOut) -> str:
     fingers = ", ".join(f"{escape(item.finger)} {item.offset_mm:+.3f}" for item in found.fingers)
     verdict = "agrees" if found.agrees else "[red]does not agree[/]"
     return (
-        f"{verdict} with {counted(found.touches, 'touch', 'touches')} ({fingers} mm; "
+        f"{verdict} with {quantity(found.touches, 'touch', 'touches')} ({fingers} mm; "
         f"{found.residual_rms_mm:.3f} mm rms, {found.expected_rms_mm:.3f} expected){_friction(found)}"
     )
 
@@ -155,18 +163,18 @@ def _friction(found: TouchCheckOut) -> str:
     return f"; slides need {', '.join(known)} A to move freely" if known else ""
 
 
-def _loop(loop: LoopOut) -> str:
+def _loop(loop: BusLoopOut) -> str:
     how = "fast sync read" if loop.fast else "sync read"
     return (
-        f"{loop.rate_hz:.0f} Hz: {counted(loop.servos, 'servo', 'servos')} in {loop.median_ms:.2f} ms, 99 % "
+        f"{loop.rate_hz:.0f} Hz: {quantity(loop.servos, 'servo', 'servos')} in {loop.median_ms:.2f} ms, 99 % "
         f"within {loop.p99_ms:.2f} ms ({how}; the wire alone takes {loop.wire_ms:.2f} ms)"
     )
 
 
 def _verdict(out: CheckOut) -> str:
-    warnings = counted(len(out.warnings), "warning", "warnings")
+    warnings = quantity(len(out.warnings), "warning", "warnings")
     if out.problems:
-        things = counted(len(out.problems), "thing is", "things are")
+        things = quantity(len(out.problems), "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if out.warnings else "")
     return f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
 
@@ -175,7 +183,7 @@ def _mark(problems: tuple[str, ...], warnings: tuple[str, ...]) -> str:
     return _WRONG if problems else _WARNING if warnings else _FINE
 
 
-def _or(value: int | None, form: str) -> str:
+def _or_unknown(value: int | None, form: str) -> str:
     return _UNKNOWN if value is None else form.format(value)
 
 

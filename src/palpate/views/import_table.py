@@ -7,27 +7,25 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.base.errors import counted
-from palpate.config.import_result import ImportedFileOut, ImportedObjectOut, ImportedStateOut, ImportOut
+from palpate.base.errors import quantity
+from palpate.config.catalogue_results import ImportedFileOut, ImportedObjectOut, ImportedStateOut, ImportOut
 from palpate.config.objects_checks import heights_in_words
 from palpate.rig.catalogue.folder_import import Catalogued
-from palpate.views.tables import folded, table
-
-__all__ = ["files_out", "show", "show_files"]
+from palpate.views.tables import folding_column, table
 
 _UNKNOWN = "–"
-_MOST_KNOWN = 6
+_MAX_STATES = 6
 
 
-def show(out: ImportOut, console: Console) -> None:
+def show_import(out: ImportOut, console: Console) -> None:
     """Every object with its states and what was left out, then where they are and what to do next."""
     for item in out.objects:
         _show_object(item, console)
     for warning in out.warnings:
         console.print(f"[yellow]![/] {escape(warning)}")
-    count = counted(len(out.objects), "object", "objects")
+    count = quantity(len(out.objects), "object", "objects")
     console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({_size(out.bytes)}), {out.seconds:.1f} s")
-    console.print(f"see them: palpate objects show {escape(_quoted(out.objects_file))}", soft_wrap=True)
+    console.print(f"see them: palpate objects show {escape(_quote(out.objects_file))}", soft_wrap=True)
 
 
 def files_out(made: Catalogued) -> tuple[ImportedFileOut, ...]:
@@ -50,10 +48,10 @@ def show_files(out: ImportOut, console: Console) -> None:
         console.print(_objects(out.objects))
     kept = [item for item in out.files if item.kept and item.failure is None]
     if kept:
-        console.print(f"{counted(len(kept), 'file has', 'files have')} not changed")
+        console.print(f"{quantity(len(kept), 'file has', 'files have')} not changed")
     for item in out.objects:
         for left in item.left_out:
-            count = counted(left.states, "state", "states")
+            count = quantity(left.states, "state", "states")
             text = f"{item.name}: left out: {count}, {_percent(left.probability)}: {left.reason}"
             console.print(f"[yellow]![/] {escape(text)}", soft_wrap=True)
     for warning in out.warnings:
@@ -62,18 +60,18 @@ def show_files(out: ImportOut, console: Console) -> None:
     for file in failed:
         console.print(f"[red]✗[/] {escape(file.failure or '')}", soft_wrap=True)
     good = len(out.files) - len(failed)
-    count = f"{good} of {counted(len(out.files), 'file', 'files')}"
+    count = f"{good} of {quantity(len(out.files), 'file', 'files')}"
     if good:
         size = _size(out.bytes)
         console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({size}), {out.seconds:.1f} s")
-        console.print(f"see them: palpate objects show {escape(_quoted(out.objects_file))}", soft_wrap=True)
+        console.print(f"see them: palpate objects show {escape(_quote(out.objects_file))}", soft_wrap=True)
     else:
         console.print(f"{count} could be read; nothing was written")
 
 
 def _objects(objects: Sequence[ImportedObjectOut]) -> Table:
     numbers = "size", "states", "sections", "tolerance"
-    rows = table(folded("object"), *numbers, numbers=numbers)
+    rows = table(folding_column("object"), *numbers, numbers=numbers)
     for item in objects:
         rows.add_row(
             escape(item.name) + (", replaced" if item.replaced else ""),
@@ -89,9 +87,9 @@ def _show_object(item: ImportedObjectOut, console: Console) -> None:
     console.print(f"[bold]{escape(item.name)}[/]{', replaced' if item.replaced else ''}: {_body(item)}")
     console.print(_states(item))
     for left in item.left_out:
-        count = counted(left.states, "state", "states")
+        count = quantity(left.states, "state", "states")
         console.print(f"left out: {count}, {_percent(left.probability)} together: {escape(left.reason)}")
-    for line in (*_known(item), *_tolerance(item)):
+    for line in (*_known_heights_lines(item), *_tolerance(item)):
         console.print(line)
     console.print()
 
@@ -105,7 +103,7 @@ def _body(item: ImportedObjectOut) -> str:
 
 def _states(item: ImportedObjectOut) -> Table:
     numbers = "prob.", "tips at", "height", "sections", "edges", "off by"
-    rows = table(folded("state"), *numbers, numbers=numbers)
+    rows = table(folding_column("state"), *numbers, numbers=numbers)
     for state in item.states:
         tips = state.tipping_angle
         rows.add_row(
@@ -139,15 +137,15 @@ def _tolerance(item: ImportedObjectOut) -> list[str]:
     return [f"{total} = {' + '.join(some)}" if some else total]
 
 
-def _known(item: ImportedObjectOut) -> list[str]:
+def _known_heights_lines(item: ImportedObjectOut) -> list[str]:
     """Which states are not known at all heights, a line each as long as these are few."""
     some = [state for state in item.states if state.heights is not None]
     lines = [
         f"{state.name} is known at {heights_in_words(state.heights or ())} only"
-        for state in some[:_MOST_KNOWN]
+        for state in some[:_MAX_STATES]
     ]
-    if len(some) > _MOST_KNOWN:
-        lines.append(f"and so are {len(some) - _MOST_KNOWN} further states")
+    if len(some) > _MAX_STATES:
+        lines.append(f"and so are {len(some) - _MAX_STATES} further states")
     return [*lines, "a rig with a finger elsewhere is refused"] if some else []
 
 
@@ -159,5 +157,5 @@ def _size(count: int) -> str:
     return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"
 
 
-def _quoted(path: str) -> str:
+def _quote(path: str) -> str:
     return f'"{path}"' if " " in path else path

@@ -1,16 +1,16 @@
-"""Serial ports for the terminal: which there are, and what to write into the rig file."""
+"""Serial ports for the terminal: which there are, and what to write into the rig file.
+
+By itself: pyserial's list of ports takes 20 ms, which neither `scan` nor `stop` should wait for.
+"""
 
 from collections.abc import Sequence
 
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.drivers.transport.serial_ports import SerialPort
-from palpate.rig.diagnostics.latency_timer import timer_warnings
-from palpate.rig.diagnostics.port_search import usb_id
-from palpate.views.tables import folded, table
-
-__all__ = ["show", "show_unplugged"]
+from palpate.drivers.transport import SerialPort
+from palpate.rig.diagnostics.host_ports import timer_warnings, usb_id
+from palpate.views.tables import folding_column, table
 
 
 def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:
@@ -26,13 +26,13 @@ def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:
             console.print(warning, highlight=False, markup=False)
 
 
-def show(ports: Sequence[SerialPort], console: Console) -> None:
+def show_ports(ports: Sequence[SerialPort], console: Console) -> None:
     """The table of all ports, and what to write into a rig file for each."""
     if not ports:
         console.print("no serial port: plug in the adapter, and check its cable (some carry no data)")
         return
     names = "port", "what", "USB id", "serial number", "latency timer", "used by"
-    rows = table(*map(folded, names))
+    rows = table(*map(folding_column, names))
     for port in ports:
         timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
         slow = bool(timer_warnings(port.device, port.latency_timer_s))

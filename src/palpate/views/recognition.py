@@ -1,30 +1,16 @@
-"""A recognition as JSON and as a picture, and its contacts as a file."""
+"""Recognitions and identifications as JSON, as pictures, and their contacts as a file."""
 
 from collections.abc import Sequence
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
-from palpate.config.recognition_result import (
-    HypothesisOut,
-    InterpretationOut,
-    RecognitionOut,
-    StatisticsOut,
-)
-from palpate.recognizer import Contact, Hypothesis, Recognition
-from palpate.recognizer.memo_statistics import MemoCounts
-from palpate.rig.identification.result import state_names, unfinished_out
-from palpate.views.table_picture import picture
-
-__all__ = [
-    "bounded_pose",
-    "contacts_json",
-    "hypothesis_out",
-    "other_hypothesis",
-    "recognition_out",
-    "recognition_picture",
-    "rings_at",
-    "touch_mark",
-]
+from palpate.config import RigFile
+from palpate.config.recognition_results import HypothesisOut, InterpretationOut, RecognitionOut, StatisticsOut
+from palpate.recognizer import Contact, Hypothesis, MemoCounts, Recognition
+from palpate.rig.emulated.scene import Placement, rings_of
+from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.result import hypotheses_of, state_names, unfinished_out
+from palpate.views.table_picture import picture, values
 
 
 def recognition_out(
@@ -57,7 +43,7 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
     """SVG of a recognition without a rig."""
     hypotheses = recognition.hypotheses
     return picture.draw(
-        picture.Picture(
+        values.Picture(
             title=title,
             subtitle=(_verdict_line(recognition),),
             found=rings_at(hypotheses[0]) if hypotheses else (),
@@ -122,17 +108,17 @@ def _verdict_line(recognition: Recognition) -> str:
     return f"{recognition.verdict.value}: {len(recognition.hypotheses)} hypotheses after {touched} contacts"
 
 
-def bounded_pose(item: Hypothesis) -> picture.BoundedPose:
+def bounded_pose(item: Hypothesis) -> values.BoundedPose:
     """A hypothesis's configuration with its bounds, for a picture."""
     at, bounds = item.configuration, item.bounds
-    return picture.BoundedPose(
+    return values.BoundedPose(
         (at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad)
     )
 
 
-def other_hypothesis(item: Hypothesis) -> picture.OtherHypothesis:
+def other_hypothesis(item: Hypothesis) -> values.OtherHypothesis:
     """A hypothesis beside the first one, for a picture."""
-    return picture.OtherHypothesis(
+    return values.OtherHypothesis(
         item.state.object_name, f"still possible, {100 * item.weight:.0f} %", rings_at(item)
     )
 
@@ -144,10 +130,10 @@ def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     return tuple(ring @ rotation_matrix(at.theta_rad).T + [at.x_mm, at.y_mm] for ring in section.rings)
 
 
-def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> picture.TouchMark:
+def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> values.TouchMark:
     """A contact or a miss of a grip, counted from 1, for a picture; `points`: where a pad was touched."""
     normal = contact.normal
-    return picture.TouchMark(
+    return values.TouchMark(
         contact.name,
         grip,
         contact.start_mm,
@@ -157,4 +143,43 @@ def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> p
         None if normal is None else (normal.lo_rad, normal.hi_rad),
         contact.finger.is_pad,
         tuple(point.end_mm for point in points),
+    )
+
+
+def identification_picture(
+    result: Identification, placement: Placement | None, rig: RigFile, facts: Sequence[tuple[str, str]]
+) -> str:
+    """SVG of a run: the object found, contacts, approaches, and what was ruled out when."""
+    hypotheses = hypotheses_of(result)
+    others = [other_hypothesis(item) for item in hypotheses[1:]]
+    others += [
+        values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
+        for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
+    ]
+    first = hypotheses[0] if hypotheses else None
+    name = (
+        "nothing in the catalogue"
+        if first is None
+        else f"{first.state.object_name}, {first.state.state.name}"
+    )
+    truth: tuple[Floats, ...] = ()
+    if placement is not None:
+        truth = tuple(rings_of(placement, placement.state.sections[0]))
+    return picture.draw(
+        values.Picture(
+            title=f"{result.outcome.value.capitalize()}: {name}",
+            subtitle=(f"rig {rig.name}",),
+            found=() if first is None else rings_at(first),
+            pose=None if first is None else bounded_pose(first),
+            truth=truth,
+            others=tuple(others),
+            touches=tuple(
+                touch_mark(number, touch.contact, touch.touched_points)
+                for number, grip in enumerate(result.grips, start=1)
+                for touch in grip
+            ),
+            bases=tuple(values.FingerBase(item.name, item.base_mm) for item in rig.fingers),
+            workspace_radius_mm=rig.workspace.radius_mm,
+            facts=tuple(facts),
+        )
     )

@@ -2,12 +2,10 @@
 
 import re
 
-from palpate.base.errors import counted
-from palpate.config.replay_result import DifferenceOut, EndOut, ReplayOut
+from palpate.base.errors import quantity
+from palpate.config.session_results import DifferenceOut, EndOut, ReplayOut
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.replay import Replayed
-
-__all__ = ["replay_lines", "replay_out"]
 
 
 def replay_out(file: SessionFile, replayed: Replayed, by: str, folder: str) -> ReplayOut:
@@ -35,9 +33,8 @@ def _difference(text: str) -> DifferenceOut:
 
 def replay_lines(file: SessionFile, out: ReplayOut) -> list[str]:
     """The report for a person."""
-    done = (
-        f"replayed {counted(out.events, 'event', 'events')}, {counted(out.sent_bytes, 'byte', 'bytes')} sent"
-    )
+    events, sent = quantity(out.events, "event", "events"), quantity(out.sent_bytes, "byte", "bytes")
+    done = f"replayed {events}, {sent} sent"
     if out.difference is not None:
         return [f"{done}, then it differs: {file.path}: {out.difference.message}"]
     lines = [f"{done}, all as recorded; {_ending(out)}"]

@@ -1,7 +1,4 @@
-"""Drawing of a rig as its file describes it: plan view in W, heights from the side, and the wiring.
-
-To lay beside the bench: a wrong heading, base or pairing of servos is seen at once.
-"""
+"""Drawing of a rig as its file describes it: plan view in W, heights from the side, and the wiring."""
 
 import math
 from collections.abc import Iterator
@@ -10,8 +7,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
-from palpate.views.svg import element, number, path_data, shorten_middle, text
-from palpate.views.table_picture.style import (
+from palpate.views.svg import (
     AXIS,
     CARD,
     FAINT,
@@ -25,17 +21,20 @@ from palpate.views.table_picture.style import (
     THIN,
     TIP,
     TIP_FILL,
+    element,
+    number,
+    path_data,
+    shorten_middle,
+    text,
 )
 
-__all__ = ["draw_rig"]
-
-_PLAN = 620.0
-_COLUMN = 372.0
+_PLAN_SIZE = 620.0
+_COLUMN_WIDTH = 372.0
 _MARGIN = 24.0
-_TOP = 70.0
+_TOP_HEIGHT = 70.0
 _SIDE_HEIGHT = 90.0
 _LINE_HEIGHT = 15.0
-_CARD_LINES = 6
+_MAX_CARD_LINES = 6
 
 
 class _Plan:
@@ -45,8 +44,8 @@ class _Plan:
         far = [math.hypot(*finger.base_mm) + 25.0 for finger in rig.fingers]
         far += [math.hypot(*point) for obstacle in rig.obstacles for point in obstacle.outline_mm]
         self.reach_mm = max([rig.workspace.radius_mm, *far]) * 1.06
-        self.scale = _PLAN / (2 * self.reach_mm)
-        self._middle = np.array([_MARGIN + _PLAN / 2, _TOP + _PLAN / 2])
+        self.scale = _PLAN_SIZE / (2 * self.reach_mm)
+        self._middle = np.array([_MARGIN + _PLAN_SIZE / 2, _TOP_HEIGHT + _PLAN_SIZE / 2])
 
     def at(self, point_mm: Floats) -> Floats:
         """Points (…, 2) of W."""
@@ -56,16 +55,20 @@ class _Plan:
 def draw_rig(rig: RigFile) -> str:
     """The drawing (SVG)."""
     plan = _Plan(rig)
-    column = _MARGIN + _PLAN + _MARGIN
-    cards = _TOP + len(rig.fingers) * (_CARD_LINES + 1.2) * _LINE_HEIGHT + _SIDE_HEIGHT + 60
-    width, height = column + _COLUMN + _MARGIN, max(_TOP + _PLAN + _MARGIN, cards + _MARGIN)
+    column = _MARGIN + _PLAN_SIZE + _MARGIN
+    cards = _TOP_HEIGHT + len(rig.fingers) * (_MAX_CARD_LINES + 1.2) * _LINE_HEIGHT + _SIDE_HEIGHT + 60
+    width, height = column + _COLUMN_WIDTH + _MARGIN, max(_TOP_HEIGHT + _PLAN_SIZE + _MARGIN, cards + _MARGIN)
     bus = f"bus {rig.bus.port}, {rig.bus.baudrate_bps} bit/s"
     parts = [
         element("rect", x=0, y=0, width=width, height=height, fill=PAPER),
         text(f"rig {rig.name}", _MARGIN, 32, size=18, weight="bold"),
         text(shorten_middle(bus, 12, width - 2 * _MARGIN), _MARGIN, 52, size=12, fill=MUTED),
         *_table(rig, plan),
-        element("clipPath", element("rect", x=_MARGIN, y=_TOP, width=_PLAN, height=_PLAN), id="plan"),
+        element(
+            "clipPath",
+            element("rect", x=_MARGIN, y=_TOP_HEIGHT, width=_PLAN_SIZE, height=_PLAN_SIZE),
+            id="plan",
+        ),
         element("g", *(_reach(finger, plan) for finger in rig.fingers), clip_path="url(#plan)"),
         *(part for finger in rig.fingers for part in _finger(finger, plan)),
         *_cards(rig, column),
@@ -156,12 +159,12 @@ def _reach(finger: FingerConfig, plan: _Plan) -> str:
 
 
 def _cards(rig: RigFile, left: float) -> Iterator[str]:
-    y = _TOP
+    y = _TOP_HEIGHT
     for finger in rig.fingers:
         yield text(finger.name, left, y + 11, size=13, weight="bold", fill=TIP)
         for row in _wiring(finger):
             y += _LINE_HEIGHT
-            yield text(shorten_middle(row, 11, _COLUMN), left, y + 11, size=11)
+            yield text(shorten_middle(row, 11, _COLUMN_WIDTH), left, y + 11, size=11)
         y += 1.8 * _LINE_HEIGHT
     if rig.stage is not None:
         yield text(f"stage: servo {rig.stage.dxl_id}, {rig.stage.model}", left, y + 11, size=11)
@@ -199,9 +202,11 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
         finger.height_mm + max(2 * finger.tip.radius_mm, finger.tip.half_length_mm) for finger in rig.fingers
     )
     scale = min(_SIDE_HEIGHT / highest, 3.0)
-    ground, step = top + _SIDE_HEIGHT + 14, _COLUMN / len(rig.fingers)
+    ground, step = top + _SIDE_HEIGHT + 14, _COLUMN_WIDTH / len(rig.fingers)
     yield text("from the side", left, top + 8, size=11, fill=MUTED)
-    yield element("line", x1=left, y1=ground, x2=left + _COLUMN, y2=ground, stroke=INK, stroke_width=LINE)
+    yield element(
+        "line", x1=left, y1=ground, x2=left + _COLUMN_WIDTH, y2=ground, stroke=INK, stroke_width=LINE
+    )
     for k, finger in enumerate(rig.fingers):
         x, middle = left + (k + 0.5) * step, ground - finger.height_mm * scale
         radius = finger.tip.radius_mm * scale

@@ -7,11 +7,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from palpate.base.errors import counted
-from palpate.config.sessions_result import SessionOut, UnreadableOut
-from palpate.views.tables import folded, table
-
-__all__ = ["info_lines", "instant_words", "show_sessions", "size_words"]
+from palpate.base.errors import quantity
+from palpate.config.session_results import SessionOut, UnreadableOut
+from palpate.views.tables import folding_column, table
 
 _WORD = re.compile("([A-Z][a-z]+)")
 
@@ -20,7 +18,7 @@ def show_sessions(
     sessions: Sequence[SessionOut], unreadable: Sequence[UnreadableOut], console: Console
 ) -> None:
     """The table of sessions, what they take, and what cannot be read."""
-    rows = table("started (UTC)", "rig", "session", folded("answer"), "size", numbers={"size"})
+    rows = table("started (UTC)", "rig", "session", folding_column("answer"), "size", numbers={"size"})
     for item in sessions:
         rows.add_row(
             (item.began or "?")[:16].replace("T", " "),
@@ -32,7 +30,7 @@ def show_sessions(
     if sessions:
         console.print(rows)
     total = size_words(sum(item.bytes for item in sessions))
-    console.print(f"{counted(len(sessions), 'session', 'sessions')}, {total}", highlight=False)
+    console.print(f"{quantity(len(sessions), 'session', 'sessions')}, {total}", highlight=False)
     for bad in unreadable:
         console.print(f"! {Path(bad.path).name}: {bad.why}", highlight=False, markup=False)
 
@@ -53,7 +51,7 @@ def info_lines(item: SessionOut) -> list[str]:
 
 
 def _counts(item: SessionOut) -> str:
-    return f"{counted(item.grips, 'grip', 'grips')}, {counted(item.touches, 'touch', 'touches')}"
+    return f"{quantity(item.grips, 'grip', 'grips')}, {quantity(item.touches, 'touch', 'touches')}"
 
 
 def instant_words(began: str | None) -> str:

@@ -1,4 +1,4 @@
-"""Writing SVG as text: elements, fixed rounding, escaping, and an estimate of how wide text will be.
+"""SVG written as text: elements, rounding, escaping, widths of text, and the colours of all pictures.
 
 Only presentation attributes, no style sheet and no scripts, so that a picture can be pasted into a page
 beside others and looks the same in a browser, a mail and a converter.
@@ -6,21 +6,9 @@ beside others and looks the same in a browser, a mail and a converter.
 
 import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from palpate.base.geometry import Floats
-
-__all__ = [
-    "element",
-    "escape",
-    "number",
-    "path_data",
-    "shorten",
-    "shorten_middle",
-    "text",
-    "text_width",
-    "wrap",
-]
-
 
 _NARROW = frozenset("fijlrtI.,:;'|!()[]{}-/ ·")
 _WIDE = frozenset("mwMW@%—…")
@@ -135,3 +123,45 @@ def wrap(content: str, size: float, room: float, *, most_lines: int, bold: bool 
     if len(lines) > most_lines:
         kept[-1] = " ".join(lines[most_lines - 1 :])
     return [shorten(line, size, room, bold=bold) for line in kept]
+
+
+PAPER, CARD, RULE, FAINT = "#ffffff", "#fbfcfd", "#d5dce3", "#eaeef2"
+INK, MUTED, AXIS = "#1f2933", "#5b6874", "#8a96a3"
+FOUND, FOUND_FILL = "#0072b2", "#d6e8f4"
+TRUTH = "#d55e00"
+TIP, TIP_FILL = "#007a5a", "#bfe5d8"
+MISS = "#8f5a7e"
+THIN, LINE, THICK = 1.0, 1.4, 3.0
+LABEL_SIZE = 11.5
+
+MAX_OTHERS = 12
+HUES = (
+    "#0072b2",
+    "#d55e00",
+    "#6a3d9a",
+    "#b8860b",
+    "#c2407a",
+    "#2a9bd0",
+    "#8b2f2f",
+    "#5b7f00",
+    "#4a4e9e",
+    "#a0612a",
+    "#7a6f9b",
+    "#5b6874",
+)
+"""One for each hypothesis that is drawn, where their predictions are drawn as well."""
+BADGES = ("#5b6874", "#8c6a1f", "#6a5aa8", "#7a4a3a")
+DASHES = ("5 3", "2 3", "8 3", "8 3 2 3")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a panel stands in the picture, SVG units."""
+
+    left: float
+    width: float
+
+    @property
+    def right(self) -> float:
+        """Right side."""
+        return self.left + self.width

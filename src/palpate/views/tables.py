@@ -4,8 +4,6 @@ from collections.abc import Collection
 
 from rich.table import Column, Table
 
-__all__ = ["folded", "table"]
-
 
 def table(*columns: str | Column, numbers: Collection[str] = ()) -> Table:
     """A table without rows. Columns given by name stay on one line, those in `numbers` aligned right."""
@@ -13,7 +11,7 @@ def table(*columns: str | Column, numbers: Collection[str] = ()) -> Table:
     return Table(*made, box=None, pad_edge=False, header_style="bold")
 
 
-def folded(name: str, width: int | None = None) -> Column:
+def folding_column(name: str, width: int | None = None) -> Column:
     """A column of text that may be long: it is broken into lines, and never cut."""
     return Column(name, overflow="fold", width=width)
 

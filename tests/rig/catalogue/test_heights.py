@@ -12,7 +12,7 @@ from wording import missing
 
 from palpate.base.errors import InputError
 from palpate.config import load_objects
-from palpate.rig.catalogue.heights import FingerAtHeight, check_known
+from palpate.rig.catalogue.finger_model import FingerAtHeight, check_known
 
 OUTER = [[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]]
 

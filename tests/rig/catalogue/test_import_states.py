@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.cad.values import Solid
+from palpate.cad.parts import Solid
 from palpate.rig.catalogue.import_states import Shares, import_states
 
 SHARES = Shares(0.02, 0.001, None, 0.0, as_is=False)  # sections so fine that they take seconds

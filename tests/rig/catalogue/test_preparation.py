@@ -16,12 +16,11 @@ from repository import ROOT
 from shapely_bench import grip, outlines
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
+from palpate.base.array_cache import Cache, map_arrays, write_arrays
 from palpate.base.errors import InputError
-from palpate.base.files.array_file import map_arrays, write_arrays
-from palpate.base.files.cache import Cache
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.preparation import prepare_catalogue
 
 SEED, VERTICES = 11, 2500
 _HELPER = ROOT / "tests" / "support" / "prepared_bits.py"
@@ -55,9 +54,9 @@ def test_what_was_kept_is_what_would_be_made(
     objects: list[ObjectModel], fresh: Catalogue, expected: dict[str, bytes], tmp_path: Path
 ) -> None:
     cache, said = Cache(tmp_path), []
-    assert _differing(expected, prepared_catalogue(objects, FINGERS, said.append, cache)) == []
+    assert _differing(expected, prepare_catalogue(objects, FINGERS, said.append, cache)) == []
     assert said[0] == f"preparing outlines: 0 of {len(fresh.states)}"
-    kept = prepared_catalogue(objects, FINGERS, _made_nothing, cache)
+    kept = prepare_catalogue(objects, FINGERS, _made_nothing, cache)
     assert _differing(expected, kept) == []
     for contacts in _grips(objects, 6):
         one, two = recognise(fresh, contacts), recognise(kept, contacts)
@@ -90,8 +89,8 @@ def _told(item: object) -> str:
 def test_cut_parts_come_back_as_they_were_made(tmp_path: Path) -> None:
     models, finger = outlines(SHARED_OUTLINES), (Finger(5.0, 10.0),)
     cache = Cache(tmp_path)
-    prepared_catalogue(models, finger, cache=cache)
-    kept = prepared_catalogue(models, finger, _made_nothing, cache)
+    prepare_catalogue(models, finger, cache=cache)
+    kept = prepare_catalogue(models, finger, _made_nothing, cache)
     expected = bits_of(Catalogue(models), finger)
     assert {name for name, value in bits_of(kept, finger).items() if value != expected[name]} == set()
 
@@ -100,8 +99,8 @@ def test_an_object_that_is_added_or_changed_is_prepared_alone(
     objects: list[ObjectModel], expected: dict[str, bytes], tmp_path: Path
 ) -> None:
     cache, said = Cache(tmp_path), []
-    prepared_catalogue([*objects[5:], objects[2]], FINGERS, cache=cache)
-    whole = prepared_catalogue(objects, FINGERS, said.append, cache)
+    prepare_catalogue([*objects[5:], objects[2]], FINGERS, cache=cache)
+    whole = prepare_catalogue(objects, FINGERS, said.append, cache)
     assert _differing(expected, whole) == []
     # Objects 0, 1, 3 and 4 are new, for states and for each finger.
     states = sum(len(objects[number].states) for number in (0, 1, 3, 4))
@@ -109,21 +108,21 @@ def test_an_object_that_is_added_or_changed_is_prepared_alone(
 
 
 def test_a_small_catalogue_leaves_no_files(tmp_path: Path, objects: list[ObjectModel]) -> None:
-    prepared_catalogue(objects[:2], FINGERS, _made_nothing, Cache(tmp_path))
+    prepare_catalogue(objects[:2], FINGERS, _made_nothing, Cache(tmp_path))
     assert not list(tmp_path.iterdir())
 
 
 def test_made_by_several_processes_it_is_the_same(
     objects: list[ObjectModel], expected: dict[str, bytes]
 ) -> None:
-    made = prepared_catalogue(objects, FINGERS, cache=Cache(None), alone_s=0.0)
+    made = prepare_catalogue(objects, FINGERS, cache=Cache(None), alone_s=0.0)
     assert _differing(expected, made) == []
 
 
 def test_a_wrong_object_is_refused_as_ever(objects: list[ObjectModel], tmp_path: Path) -> None:
     wrong = [*objects, replace(objects[0], tolerance_mm=-1.0)]
     with pytest.raises(InputError, match="tolerance"):
-        prepared_catalogue(wrong, FINGERS, cache=Cache(tmp_path))
+        prepare_catalogue(wrong, FINGERS, cache=Cache(tmp_path))
 
 
 @pytest.mark.parametrize("cases", [6, pytest.param(200, marks=pytest.mark.campaign)])
@@ -131,7 +130,7 @@ def test_damaged_files_are_made_anew(
     objects: list[ObjectModel], expected: dict[str, bytes], tmp_path: Path, cases: int
 ) -> None:
     cache, rng = Cache(tmp_path), np.random.default_rng(7)
-    prepared_catalogue(objects, FINGERS, cache=cache)
+    prepare_catalogue(objects, FINGERS, cache=cache)
     for _ in range(cases):
         files = sorted(tmp_path.iterdir())
         path = files[int(rng.integers(len(files)))]
@@ -139,9 +138,9 @@ def test_damaged_files_are_made_anew(
         data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
         path.write_bytes(data)
         said: list[str] = []
-        assert _differing(expected, prepared_catalogue(objects, FINGERS, said.append, cache)) == []
+        assert _differing(expected, prepare_catalogue(objects, FINGERS, said.append, cache)) == []
         assert said
-    prepared_catalogue(objects, FINGERS, _made_nothing, cache)
+    prepare_catalogue(objects, FINGERS, _made_nothing, cache)
 
 
 def test_sound_files_with_other_contents_are_made_anew(
@@ -149,7 +148,7 @@ def test_sound_files_with_other_contents_are_made_anew(
 ) -> None:
     """As by a program that knows the format: digests fit, arrays do not."""
     cache = Cache(tmp_path)
-    prepared_catalogue(objects, FINGERS, cache=cache)
+    prepare_catalogue(objects, FINGERS, cache=cache)
     kept = {path: map_arrays(path) for path in sorted(tmp_path.iterdir())}
     for path, arrays in list(kept.items())[::3]:  # each costs a preparation
         for spoilt in (
@@ -162,7 +161,7 @@ def test_sound_files_with_other_contents_are_made_anew(
             for other in tmp_path.iterdir():
                 other.unlink()
             write_arrays(path, spoilt)
-            assert _differing(expected, prepared_catalogue(objects, FINGERS, cache=cache)) == []
+            assert _differing(expected, prepare_catalogue(objects, FINGERS, cache=cache)) == []
 
 
 def _start(folder: Path, task: str) -> subprocess.Popen[str]:
@@ -195,4 +194,4 @@ def test_a_start_after_a_kill_gives_the_same_answer(
         process.send_signal(signal.SIGKILL)
         process.communicate()
         assert process.returncode == -signal.SIGKILL
-        assert _differing(expected, prepared_catalogue(objects, FINGERS, cache=Cache(tmp_path))) == []
+        assert _differing(expected, prepare_catalogue(objects, FINGERS, cache=Cache(tmp_path))) == []

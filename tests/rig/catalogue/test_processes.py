@@ -9,7 +9,7 @@ import pytest
 import waiting_work
 
 from palpate.base.errors import InputError
-from palpate.rig.catalogue.processes import in_processes
+from palpate.rig.workers import in_processes
 
 
 def test_processes_end_with_one_that_is_killed(tmp_path: Path) -> None:

@@ -22,8 +22,14 @@ from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Catalogue
-from palpate.rig.catalogue.reachability import HOPELESS, Finding, Trouble, findings_of
-from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
+from palpate.rig.catalogue.reachability import (
+    HOPELESS,
+    Finding,
+    Trouble,
+    finding_lines,
+    findings_of,
+    untouched_lines,
+)
 from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
 

@@ -8,8 +8,8 @@ import shapely
 from stacked_parts import polygon, rectangle
 
 from palpate.base.geometry import Floats
-from palpate.cad.congruence_search import Motion, apart_mm
-from palpate.rig.catalogue.reached_regions import ReachedRegion, certainly_within
+from palpate.cad.planar_congruence import PlanarMotion, stack_distance_mm
+from palpate.rig.catalogue.twins import ReachedRegion, is_certainly_within
 
 HOLE = np.array(polygon(8, 5.0))
 
@@ -32,23 +32,23 @@ def test_what_is_sure_is_so(seed: int) -> None:
         for points in (ring, HOLE)
     ]
     first, second = shapely.Polygon(ring, [HOLE]), shapely.Polygon(there[0], there[1:])
-    exact = apart_mm([first], [second], turn, shift)
-    one, other, motion = ReachedRegion(first), ReachedRegion(second), Motion(turn, shift, 0.0)
-    assert not certainly_within(one, other, motion, 0.995 * exact)
-    assert certainly_within(one, other, motion, 1.05 * exact), "arcs are no coarser than that"
+    exact = stack_distance_mm([first], [second], turn, shift)
+    one, other, motion = ReachedRegion(first), ReachedRegion(second), PlanarMotion(turn, shift, 0.0)
+    assert not is_certainly_within(one, other, motion, 0.995 * exact)
+    assert is_certainly_within(one, other, motion, 1.05 * exact), "arcs are no coarser than that"
 
 
 def test_a_hole_and_a_peak_are_seen_from_both_sides() -> None:
     plain = shapely.Polygon(rectangle(40, 30))
     holed = shapely.Polygon(rectangle(40, 30), [rectangle(4, 4, 18, 13)])
-    still = Motion(0.0, np.zeros(2), 0.0)
+    still = PlanarMotion(0.0, np.zeros(2), 0.0)
     for first, second in ((plain, holed), (holed, plain)):
-        assert not certainly_within(ReachedRegion(first), ReachedRegion(second), still, 2.0)
-    assert certainly_within(ReachedRegion(plain), ReachedRegion(plain), still, 1e-3)
+        assert not is_certainly_within(ReachedRegion(first), ReachedRegion(second), still, 2.0)
+    assert is_certainly_within(ReachedRegion(plain), ReachedRegion(plain), still, 1e-3)
 
 
 def test_nothing_is_near_nothing_else() -> None:
-    still = Motion(0.0, np.zeros(2), 0.0)
+    still = PlanarMotion(0.0, np.zeros(2), 0.0)
     empty, square = ReachedRegion(shapely.Polygon()), ReachedRegion(shapely.Polygon(rectangle(4, 4)))
-    assert not certainly_within(empty, square, still, 10.0)
-    assert not certainly_within(square, empty, still, 10.0)
+    assert not is_certainly_within(empty, square, still, 10.0)
+    assert not is_certainly_within(square, empty, still, 10.0)

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import affinity
 
-from palpate.cad.values import Drawing, Region
-from palpate.rig.catalogue.round_drawings import round_drawing
+from palpate.cad.parts import Drawing, Region
+from palpate.rig.catalogue.round_outlines import round_drawing
 
 ALLOWED_MM = 0.1
 LARGEST_TURN_RAD = 0.3  # more, and a rough outline has any normal: no circle stands for it

@@ -8,8 +8,7 @@ import shapely
 import trimesh
 from solids import prism
 
-from palpate.config.objects_rings import CircleText
-from palpate.config.objects_tables import StateText
+from palpate.config.objects_tables import CircleText, StateText
 from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
 
 

@@ -31,12 +31,22 @@ from stacked_parts import (
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import TipShape
 from palpate.config import load_objects, load_rig
-from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, heights_in_words, rig_fingers
-from palpate.rig.catalogue.region_measures import measures, within_reach
-from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, state_sections
-from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating_heights
-from palpate.rig.catalogue.tip_reach import filled, unreached
-from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
+from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, finger_heights_text, rig_fingers
+from palpate.rig.catalogue.section_stack import StateSections, join_ranges, state_sections
+from palpate.rig.catalogue.separating_heights import (
+    MAX_SEPARATING_TRIED,
+    SeparatingHeights,
+    separating_heights,
+)
+from palpate.rig.catalogue.twins import (
+    Likeness,
+    StatePair,
+    fill_unreached,
+    find_twins,
+    may_be_within,
+    measure_regions,
+    unreached_region,
+)
 
 LIMIT = 2 * BOUND_MM
 
@@ -53,13 +63,13 @@ def states(tmp_path: Path) -> Any:
     return of
 
 
-def compared(found: tuple[StateSections, ...], *heights: float) -> Pair | None:
+def compared(found: tuple[StateSections, ...], *heights: float) -> StatePair | None:
     """The only pair of two states, if it is listed at all."""
     pairs = find_twins(found, fingers_at(*heights))
     return pairs[0] if pairs else None
 
 
-def told(pair: Pair | None) -> SeparatingHeights:
+def told(pair: StatePair | None) -> SeparatingHeights:
     assert pair is not None
     return separating_heights(pair)
 
@@ -269,7 +279,7 @@ def test_of_finely_cut_parts_some_ranges_are_tried_and_it_is_said(states: Any) -
     pair = compared(states(pyramid("a", 0.2), pyramid("b", 0.3)), 2)
     assert pair is not None
     found = told(pair)
-    assert (found.tried, found.ranges) == (MOST_TRIED, 100)
+    assert (found.tried, found.ranges) == (MAX_SEPARATING_TRIED, 100)
     # sides are 0.05 mm further apart with every mm: more than twice the bound from 21 mm on
     assert min(low for low, _ in found.heights_mm) == pytest.approx(21, abs=2)
     assert max(high for _, high in found.heights_mm) == 100
@@ -285,18 +295,18 @@ def test_measures_never_rule_out_what_lies_near(seed: int, off: float) -> None:
     push = rng.normal(size=ring.shape)
     push *= off * rng.uniform(0, 1, (len(ring), 1)) / np.hypot(*push.T)[:, None]
     second = affinity.rotate(shapely.make_valid(shapely.Polygon(ring + push)), rng.uniform(0, 360))
-    sizes = measures([first, affinity.translate(second, *rng.normal(0, 50, 2))])
+    sizes = measure_regions([first, affinity.translate(second, *rng.normal(0, 50, 2))])
     if first.is_valid and first.geom_type == second.geom_type == "Polygon":
-        assert within_reach(sizes[0], sizes[1], np.array(off))
+        assert may_be_within(sizes[0], sizes[1], np.array(off))
 
 
 def test_measures_tell_a_square_from_a_longer_one_and_from_nothing() -> None:
     shapes = [shapely.box(0, 0, 20, 20), shapely.box(0, 0, 20, 24), shapely.Polygon()]
-    sizes = measures(shapes)
-    assert not within_reach(sizes[0], sizes[1], np.array(0.5))
-    assert within_reach(sizes[0], sizes[1], np.array(4.0))
-    assert not within_reach(sizes[0], sizes[2], np.array(100.0))
-    assert within_reach(sizes[2], sizes[2], np.array(0.0))
+    sizes = measure_regions(shapes)
+    assert not may_be_within(sizes[0], sizes[1], np.array(0.5))
+    assert may_be_within(sizes[0], sizes[1], np.array(4.0))
+    assert not may_be_within(sizes[0], sizes[2], np.array(100.0))
+    assert may_be_within(sizes[2], sizes[2], np.array(0.0))
 
 
 @needs_shared_outlines
@@ -304,7 +314,7 @@ def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> Non
     found = state_sections(load_objects(SHARED_OUTLINES))[:50]
     fingers = fingers_at(10, bound=2.0)
     listed = {(pair.first.state.name, pair.second.state.name) for pair in find_twins(found, fingers)}
-    regions = [filled(state.region_at(10), 5.0) for state in found]
+    regions = [fill_unreached(state.region_at(10), 5.0) for state in found]
     near = 0
     for i, first in enumerate(regions):
         for k in range(i + 1, len(regions)):
@@ -339,16 +349,18 @@ def test_what_no_tip_reaches_agrees_with_a_flood_of_pixels(seed: int) -> None:
     centres = label == label[0, 0]
     covered = ndimage.distance_transform_edt(~centres) * step <= radius
     expected = ~inside & ~covered
-    found = shapely.contains_xy(unreached(region, radius), x, y)
+    found = shapely.contains_xy(unreached_region(region, radius), x, y)
     assert expected.sum() * step**2 > 5
     differs = ndimage.binary_erosion(expected ^ found, iterations=3)
     assert not differs.any()
 
 
 def test_convex_regions_are_reached_all_over() -> None:
-    assert unreached(shapely.box(0, 0, 30, 10), 5.0).is_empty
-    assert unreached(shapely.Polygon(), 5.0).is_empty
-    assert unreached(shapely.Polygon(L_SHAPE), 5.0).area == pytest.approx((1 - math.pi / 4) * 25, rel=0.01)
+    assert unreached_region(shapely.box(0, 0, 30, 10), 5.0).is_empty
+    assert unreached_region(shapely.Polygon(), 5.0).is_empty
+    assert unreached_region(shapely.Polygon(L_SHAPE), 5.0).area == pytest.approx(
+        (1 - math.pi / 4) * 25, rel=0.01
+    )
 
 
 def test_levels_join_what_is_the_same_and_say_what_meets(states: Any) -> None:
@@ -361,13 +373,13 @@ def test_levels_join_what_is_the_same_and_say_what_meets(states: Any) -> None:
     assert state.region_at(4).area == pytest.approx(600)
     assert state.region_at(8).area == pytest.approx(700)
     assert state.region_at(9.5).is_empty
-    assert joined_ranges([(3, 4), (0, 1), (1, 2)]) == ((0, 2), (3, 4))
+    assert join_ranges([(3, 4), (0, 1), (1, 2)]) == ((0, 2), (3, 4))
 
 
 def test_the_shipped_rig_has_one_height_and_a_bound_for_its_contacts() -> None:
     fingers = rig_fingers(load_rig(firm_rig()))
-    assert heights_in_words(fingers.at) == "10 mm (f1, f2, f3)"
-    assert heights_in_words(fingers_at(5, 8).at) == "5 mm (f1) and 8 mm (f2)"
+    assert finger_heights_text(fingers.at) == "10 mm (f1, f2, f3)"
+    assert finger_heights_text(fingers_at(5, 8).at) == "5 mm (f1) and 8 mm (f2)"
     assert fingers.slimmest_mm == 5
     assert 0.5 < fingers.bound_mm < 2.0
 

@@ -17,8 +17,8 @@ from sampling import sample
 
 from palpate.config import load_objects, load_rig, load_scene
 from palpate.config.schema import schema_text
+from palpate.rig.emulated.ground_truth import scene_lines
 from palpate.rig.emulated.scene import Placement, placement_of
-from palpate.rig.emulated.scene_reachability import scene_lines
 
 RIGS = {"firm": firm_rig(), "arms": EXAMPLES / "two-link-rig.toml"}
 COMMANDS = ("objects check", "identify", "plan")

@@ -12,9 +12,9 @@ from repository import EXAMPLES
 from simulated_prober import SimulatedRig
 
 from palpate.base.errors import InputError
-from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.gauge_freedom import RigidMotion, align_to_nominal, nominal_poses
-from palpate.calibration.run_record import RunRecord
+from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.frame_alignment import RigidMotion, align_to_nominal, nominal_poses
+from palpate.calibration.measurements import RunRecord
 from palpate.config import (
     ArmFingerConfig,
     CalibrationFile,
@@ -25,16 +25,16 @@ from palpate.config import (
     load_calibration,
     load_rig,
 )
+from palpate.config.calibration_file import load_references
 from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration
-from palpate.config.calibration_writer import calibration_toml
-from palpate.config.references_file import load_references
+from palpate.config.writers import calibration_toml
 from palpate.drivers.emulators.mechanics import ArmTruth
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
-from palpate.rig.commissioning.rig_prober import joint_ways
+from palpate.rig.commissioning.calibration_run import STEPS, CalibrationJob, build_references, calibrate
+from palpate.rig.commissioning.hand_prober import joint_sides
 from palpate.rig.conversion import arm_kinematics
-from palpate.rig.diagnostics.retouch import retouch
-from palpate.rig.emulated.calibrated_truth import built_pose
-from palpate.views.calibration.numbers import finger_tables
+from palpate.rig.diagnostics.calibration_check import retouch
+from palpate.rig.emulated.ground_truth import built_pose
+from palpate.views.report.calibration_numbers import finger_tables
 
 ARMS = load_rig(EXAMPLES / "fresh-arms.toml")
 LOW = EXAMPLES.parent / "config" / "references" / "low.toml"
@@ -182,5 +182,5 @@ def test_joints_count_from_where_they_came_if_they_turned_enough() -> None:
     assert isinstance(spec, ArmFingerConfig)
     # 0.02° of play either way and two encoder steps, behind gears of 3.
     least = 3.0 * math.radians(0.04) + 2 * 2 * math.pi / 4096
-    assert joint_ways(spec, np.array([[0.0, 0.0], [1.1 * least, -1.1 * least]])) == (1, -1)
-    assert joint_ways(spec, np.array([[0.0, 0.0], [0.9 * least, -0.9 * least]])) == (0, 0)
+    assert joint_sides(spec, np.array([[0.0, 0.0], [1.1 * least, -1.1 * least]])) == (1, -1)
+    assert joint_sides(spec, np.array([[0.0, 0.0], [0.9 * least, -0.9 * least]])) == (0, 0)

@@ -16,17 +16,14 @@ from simulated_prober import SimulatedProber, SimulatedRig
 from wording import missing
 
 from palpate.base.errors import InputError, OutputError
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal
+from palpate.calibration.measurements import Probe, RunRecord, TouchMeasurement
 from palpate.calibration.reference import Reference, ReferenceDisc
-from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, RigFile, apply_calibration, load_rig
-from palpate.config.calibration_file import load_calibration
-from palpate.config.calibration_writer import calibration_toml
-from palpate.config.references_file import ReferencesFile, load_references
-from palpate.config.shipped import shipped_references
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, ConnectedRig, calibrate
+from palpate.config.calibration_file import ReferencesFile, load_calibration, load_references
+from palpate.config.loading import shipped_references
+from palpate.config.writers import calibration_toml
+from palpate.rig.commissioning.calibration_run import STEPS, CalibrationJob, ConnectedRig, calibrate
 
 FRESH = EXAMPLES / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
@@ -102,7 +99,7 @@ def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole)
 
 def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
     """The rig with its calibration says where tips are, all over the workspace, within its bounds."""
-    from palpate.drivers.slide_finger import SlideKinematics
+    from palpate.drivers.slide_kinematics import SlideKinematics
     from palpate.rig.conversion import kinematics_of
 
     known = apply_calibration(whole.rig, whole.file)

@@ -7,10 +7,10 @@ from contact_sweep import describe
 
 from palpate.base.errors import InputError
 from palpate.config import RigFile
-from palpate.config.scan_result import ScannedServoOut
+from palpate.config.commissioning_results import ScannedServoOut
 from palpate.drivers.tactile.description import Shape
 from palpate.rig.arrays import pad_problem
-from palpate.rig.commissioning.new_rig import FoundArray, rig_text
+from palpate.rig.commissioning.new_rig_file import DescribedArray, rig_text
 
 
 def found(dxl_id: int, model: str | None, number: int) -> ScannedServoOut:
@@ -44,7 +44,7 @@ def test_any_other_pair_makes_a_finger() -> None:
 
 
 def test_tips_of_flat_arrays_are_pads() -> None:
-    flat = FoundArray("/dev/a", describe(Shape.FLAT, 4, 20, 0.5, 4.0, counts_per_n=2000.0))
+    flat = DescribedArray("/dev/a", describe(Shape.FLAT, 4, 20, 0.5, 4.0, counts_per_n=2000.0))
     servos = [found(number, "XM430-W350", 1020) for number in (1, 2, 3, 4)]
     text = rig_text("mine", "/dev/b", servos, [flat, "/dev/c"])
     pad, other = RigFile.model_validate(tomllib.loads(text)).fingers

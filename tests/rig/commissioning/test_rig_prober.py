@@ -11,9 +11,9 @@ from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig, travel_mm
 from touched_references import FRESH
 
 from palpate.base.errors import DeviceError
-from palpate.calibration.prober import Probe, ServoPath
+from palpate.calibration.measurements import Probe, ServoPath
 from palpate.config import SlideFingerConfig
-from palpate.rig.commissioning.rig_prober import approaches_of
+from palpate.rig.commissioning.hand_prober import approaches_of
 
 STOPS_MM = (43.0, 255.0)
 SPEED_MM_S = 20.0

@@ -16,11 +16,9 @@ from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
 from palpate.base.errors import InputError
-from palpate.calibration.gauge_freedom import RigidMotion, align_to_nominal, nominal_poses
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe
+from palpate.calibration.frame_alignment import RigidMotion, align_to_nominal, nominal_poses
+from palpate.calibration.measurements import Probe, RunRecord, TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.run_record import RunRecord
 from palpate.calibration.stage_step import measure_stage
 from palpate.config import (
     CalibrationFile,
@@ -31,20 +29,25 @@ from palpate.config import (
     load_calibration,
     load_rig,
 )
+from palpate.config.calibration_file import load_references
 from palpate.config.calibration_finger import ActuatorsCalibration, RotaryCalibration
-from palpate.config.calibration_frame import frame_offset_bound_mm
-from palpate.config.references_file import load_references
+from palpate.config.calibration_overlay import frame_offset_bound_mm
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import EmulatedStage, FingerTruth
 from palpate.drivers.emulators.tip import PartSection
 from palpate.rig.bench import emulated_table, environment, set_up
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, steps_of
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.rig_prober import approaches_of
+from palpate.rig.commissioning.calibration_run import (
+    STEPS,
+    CalibrationJob,
+    calibrate,
+    rig_connector,
+    steps_of,
+)
+from palpate.rig.commissioning.hand_prober import approaches_of
 from palpate.rig.conversion import slide_kinematics
-from palpate.rig.emulated.calibrated_truth import built_pose
-from palpate.rig.turning_stage import planned_turn
-from palpate.views.calibration.numbers import summary
+from palpate.rig.emulated.ground_truth import built_pose
+from palpate.rig.fingers import planned_turn
+from palpate.views.report.calibration_numbers import summary
 
 FRESH = EXAMPLES / "fresh-stage.toml"
 SHAPES = EXAMPLES.parent / "config" / "references" / "standard.toml"

@@ -8,8 +8,8 @@ from truth_calibration import bench_calibration
 
 import palpate
 from palpate.config import RigFile, SlideFingerConfig, calibration_path, calibration_toml, load_rig
-from palpate.drivers.dynamixel.specifications import specification
-from palpate.rig.diagnostics.friction_check import friction_warnings
+from palpate.drivers.dynamixel.models import specification
+from palpate.rig.diagnostics.calibration_check import friction_warnings
 
 RIG = load_rig(firm_rig())
 

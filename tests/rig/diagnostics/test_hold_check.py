@@ -16,12 +16,12 @@ from quick_rig import small_objects, small_rig
 import palpate
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.config.check_result import HoldCheckOut
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.diagnosis_results import HoldCheckOut
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
 from palpate.rig.bench import connect
-from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n
-from palpate.rig.motion.slip_push import is_sliding
+from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
+from palpate.rig.motion.creep import is_sliding
 
 SOFT_N_PER_MM = 2.4
 
@@ -43,8 +43,8 @@ def bench_with(
 def held(session: EmulatedSession) -> HoldCheckOut:
     with connect(session.bench_rig) as hand:
         hand.prepare()
-        quietest_n = quietest_force_n(hand)
-    rig = gentle(session.rig, quietest_n)
+        quietest_n = least_threshold_n(hand)
+    rig = with_light_touch(session.rig, quietest_n)
     with connect(replace(session.bench_rig, rig=rig)) as hand:
         hand.prepare()
         return check_hold(hand)

@@ -15,12 +15,11 @@ from simulated_prober import SimulatedProber, SimulatedRig
 from truth_calibration import bench_calibration, truth_calibration
 
 from palpate.base.errors import InputError
-from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.prober import Probe
+from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.measurements import Probe, TouchMeasurement
 from palpate.calibration.reference import Reference, ReferenceDisc
 from palpate.config import apply_calibration, calibration_path, calibration_toml, load_rig
-from palpate.config.check_result import (
+from palpate.config.diagnosis_results import (
     AdapterCheckOut,
     BusCountsOut,
     CalibrationCheckOut,
@@ -28,9 +27,8 @@ from palpate.config.check_result import (
     TouchForceOut,
 )
 from palpate.config.schema import schema_text
-from palpate.rig.diagnostics.calibration_check import with_touch
-from palpate.rig.diagnostics.retouch import Retouch, retouch
-from palpate.views.check_table import show
+from palpate.rig.diagnostics.calibration_check import Retouch, retouch, with_touch
+from palpate.views.check_table import show_check
 
 RIG = load_rig(firm_rig())
 DISC = ReferenceDisc("disc", 25.0)
@@ -164,6 +162,6 @@ def test_a_rig_that_does_not_agree_is_not_well(capsys: pytest.CaptureFixture[str
     assert problem.startswith("touches of the disc differ by 0.")
     assert "mm (in the mean f1 " in problem
     assert "calibrate again, unless the disc moved or is not as given" in problem
-    show(out, Console(width=200, soft_wrap=True))
+    show_check(out, Console(width=200, soft_wrap=True))
     assert "does not agree with 15 touches (f1 " in capsys.readouterr().out
     assert with_touch(CHECKED, touched(0), RIG).well

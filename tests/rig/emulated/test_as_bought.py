@@ -4,8 +4,7 @@ import pytest
 from first_day import ROWS, rig_of, run_row
 
 from palpate.base.errors import InputError
-from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.contact_peak import expected_peak_n
+from palpate.rig.contact_peak import bus_latency_s, expected_peak_n
 
 BY_NAME = {row.name: row for row in ROWS}
 

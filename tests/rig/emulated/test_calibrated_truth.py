@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from repository import EXAMPLES
 
-from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects
-from palpate.config.calibration_frame import frame_offset_bound_mm
+from palpate.config.calibration_overlay import frame_offset_bound_mm
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.finger import Turn
-from palpate.rig.emulated.calibrated_truth import in_hand_frame
+from palpate.drivers.kinematics import Turn
 from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.ground_truth import in_hand_frame
 from palpate.rig.emulated.scene import Placement, draw_placement
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")

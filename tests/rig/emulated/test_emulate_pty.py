@@ -14,7 +14,7 @@ from firm_rig import firm_rig
 from quick_rig import quick_bench, small
 
 from palpate.config import load_objects, load_rig
-from palpate.rig.bench import place
+from palpate.rig.bench import choose_placement
 from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
 
@@ -56,7 +56,7 @@ json.dump({"models": models, "start": start, "seen": seen, "sdk": dynamixel_sdk.
 
 def drawn(rig: Path, objects: Path, seed: int) -> Placement:
     """What the emulator puts on its table for a seed."""
-    placement = place(load_rig(rig), load_objects(objects), None, seed)
+    placement = choose_placement(load_rig(rig), load_objects(objects), None, seed)
     assert placement is not None
     return placement
 

@@ -22,9 +22,9 @@ from palpate.drivers.emulators.tip import separation_mm
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect
 from palpate.rig.catalogue.finger_model import contact_bound_mm
-from palpate.rig.catalogue.reachability_text import finding_lines
+from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.conversion import finger_of, grips_of
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import identify
 from palpate.rig.study.simulation import with_motion
@@ -97,7 +97,7 @@ def test_stepped_and_low_parts_are_identified_by_balls(seed: int) -> None:
     assert result.outcome is IdentificationVerdict.IDENTIFIED
     assert result.recognition is not None
     assert {item.state.object_name for item in result.recognition.hypotheses} == {truth.name}
-    assert compare(placement, result.recognition.hypotheses).inside_bounds
+    assert compare_answer(placement, result.recognition.hypotheses).inside_bounds
 
 
 def test_the_rig_files_ball_is_the_recognisers() -> None:

@@ -16,12 +16,12 @@ from repository import EXAMPLES
 from palpate.base.errors import DeviceError, InputError
 from palpate.base.vocabulary import IdentificationVerdict, PartMotion, TipShape
 from palpate.config import RigFile, load_contacts, load_rig
-from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.description import Description, Shape
 from palpate.jobs.recognition import plan
 from palpate.recognizer import Catalogue, Finger
 from palpate.rig.arrays import extractor_of, pad_problem, shape_warning, threshold_problem
-from palpate.rig.catalogue.reachability_text import finding_lines
-from palpate.rig.commissioning.calibration import steps_of
+from palpate.rig.catalogue.reachability import finding_lines
+from palpate.rig.commissioning.calibration_run import steps_of
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.devices import description_of
 from palpate.rig.study.simulation import with_motion

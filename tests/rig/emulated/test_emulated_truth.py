@@ -11,7 +11,7 @@ from palpate.base.errors import InputError
 from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.emulated.emulated_truth import dead_taxels, start_angles_rad
+from palpate.rig.emulated.hidden_truth import dead_taxels, start_angles_rad
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 BENCH = load_rig(firm_rig())

@@ -13,12 +13,12 @@ import pytest
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, encode_instruction
 from palpate.drivers.emulators.bench import Bench
-from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.part import StillPart
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.tactile.codec import encode
 from palpate.drivers.tactile.messages import Hello, Message, Start
-from palpate.drivers.tactile.protocol import encode
 from palpate.drivers.transport.wire import Emission
-from palpate.rig.bench import place
+from palpate.rig.bench import choose_placement
 from palpate.rig.emulated.devices import emulate
 
 ROOT = Path(__file__).parents[3]
@@ -59,7 +59,7 @@ class World:
 
 def world(rig_file: str, seed: int, *, restless: bool) -> World:
     rig = load_rig(ROOT / rig_file)
-    placement = place(rig, load_objects(shipped_objects()), None, seed)
+    placement = choose_placement(rig, load_objects(shipped_objects()), None, seed)
     emulated = emulate(rig, placement, seed)
     emulated.bench.part = Restless() if restless else StillPart()
     chain = emulated.devices[rig.bus.port][0]

@@ -16,12 +16,10 @@ from quick_rig import quick_bench
 
 import palpate
 from palpate.base.geometry import Floats
-from palpate.drivers.emulators.mujoco_part import Body, MujocoPart
-from palpate.drivers.emulators.part import Displacement, Part, PointForce
-from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
-from palpate.drivers.emulators.support import Support
+from palpate.drivers.emulators.mujoco_part import MassDistribution, MujocoPart
+from palpate.drivers.emulators.part import Displacement, FrictionSupport, Part, PointForce, QuasiStaticPart
+from palpate.drivers.emulators.skin import Shear, shear_skin
 from palpate.drivers.emulators.tip import PartSection, tip_load
-from palpate.drivers.emulators.tip_friction import Shear, sheared
 
 MASS_KG, FRICTION = 0.15, 0.3
 SLIP_N = MASS_KG * FRICTION * 9.80665
@@ -33,20 +31,20 @@ SHARE = 0.05
 """By how much the start of motion may differ from an integral: for few feet, and steps of load."""
 
 
-def quasi_static(support: Support) -> Part:
+def quasi_static(support: FrictionSupport) -> Part:
     return QuasiStaticPart(support)
 
 
-def in_mujoco(support: Support) -> Part:
+def in_mujoco(support: FrictionSupport) -> Part:
     x, y = support.centre_mm.tolist()
-    return MujocoPart(support, Body((x, y), 10.0, (2 * R, 2 * R, 20.0)))
+    return MujocoPart(support, MassDistribution((x, y), 10.0, (2 * R, 2 * R, 20.0)))
 
 
 ENGINES = pytest.mark.parametrize("engine", [quasi_static, in_mujoco])
 
 
-def even(feet: Floats) -> Support:
-    return Support(feet, np.full(len(feet), 1 / len(feet)), MASS_KG, FRICTION)
+def even(feet: Floats) -> FrictionSupport:
+    return FrictionSupport(feet, np.full(len(feet), 1 / len(feet)), MASS_KG, FRICTION)
 
 
 def disc(count: int) -> Floats:
@@ -87,7 +85,7 @@ def test_mujocos_part_on_unequal_feet_does_not_drift_sideways() -> None:
     """Feet of any loads that balance about the middle: a push through it does not turn the part."""
     feet = np.array([[-28, -15], [-5, 18], [22, -4], [15, 15], [-20, 8], [9, -18]], dtype=np.float64)
     load = np.array([0.3, 0.25, 0.05, 0.1, 0.05, 0.25])
-    support = Support(feet - load @ feet, load, MASS_KG, FRICTION)
+    support = FrictionSupport(feet - load @ feet, load, MASS_KG, FRICTION)
     corners = np.array([[-30, -20], [30, -20], [30, 20], [-30, 20]], dtype=np.float64)
     tip = Tip(PartSection(corners, np.roll(corners, -1, axis=0), 20.0), 0.0)
     moved = tip.push(in_mujoco(support), np.array([-35.1, 0.0]), np.array([-33.0, 0.0]), 0.15)
@@ -106,7 +104,7 @@ def test_mujocos_part_does_not_creep_under_half_the_load() -> None:
 @ENGINES
 @pytest.mark.parametrize(("feet", "mean"), [(disc(30), 2 / 3), (ring(24), 1.0)])
 def test_the_moment_that_turns_a_disc_and_a_ring(
-    engine: Callable[[Support], Part], feet: Floats, mean: float
+    engine: Callable[[FrictionSupport], Part], feet: Floats, mean: float
 ) -> None:
     """About the centre: 2/3 μ m g R and μ m g R."""
 
@@ -133,7 +131,7 @@ def starts_at_n(lever_mm: float) -> float:
 @ENGINES
 @pytest.mark.parametrize("lever_mm", [0.3 * R, 0.9 * R])
 def test_a_force_beside_the_centre_starts_a_disc_on_its_limit_surface(
-    engine: Callable[[Support], Part], lever_mm: float
+    engine: Callable[[FrictionSupport], Part], lever_mm: float
 ) -> None:
     def moved(share: float) -> float:
         return pushed(engine(even(disc(30))), [((lever_mm, 0), (0, share * starts_at_n(lever_mm)))], 0.2)
@@ -156,7 +154,7 @@ class Tip:
     def forces(self, displacement: Displacement) -> list[PointForce]:
         centre = displacement.back(self.centre)
         load = tip_load(self.outline, centre, self.RADIUS, self.STIFFNESS)
-        self.tried = load and sheared(
+        self.tried = load and shear_skin(
             self.skin,
             load,
             centre,

@@ -13,12 +13,11 @@ from firm_rig import firm_rig
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.config import load_objects, load_rig, shipped_objects
-from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.drivers.emulators.part import Displacement, StillPart
-from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
+from palpate.config.emulation import EmulatedPartConfig
+from palpate.drivers.emulators.part import Displacement, QuasiStaticPart, StillPart
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of, support_of
-from palpate.rig.emulated.scene import Placement, draw_placement, moved, shape_of
+from palpate.rig.emulated.scene import Placement, displace, draw_placement, shape_of
 
 OBJECTS = load_objects(shipped_objects())
 TRUTH = PartTruth("quasi-static", 0.2, 0.3, 0.0, 0, 5)
@@ -151,7 +150,7 @@ def test_engines_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_displaced_part_lies_where_its_points_are() -> None:
     displacement = Displacement(np.array([10.0, 5.0]), np.array([1.0, -2.0]), 0.3)
-    after = moved(STEP, displacement)
+    after = displace(STEP, displacement)
     before = shapely.get_coordinates(shape_of(STEP, STEP.state.sections[0]))
     expected = [displacement.place(point) for point in before]
     found = shapely.get_coordinates(shape_of(after, STEP.state.sections[0]))

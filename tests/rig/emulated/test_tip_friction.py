@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.base.geometry import Floats
+from palpate.drivers.emulators.skin import Shear, shear_skin
 from palpate.drivers.emulators.tip import PartSection, tip_load
-from palpate.drivers.emulators.tip_friction import Shear, sheared
 
 RADIUS, STIFFNESS = 5.0, 3.0
 ALONG = 0.7 * STIFFNESS
@@ -28,7 +28,7 @@ def forces(outline: PartSection, path: Floats, friction: float) -> tuple[Floats,
     state: Shear | None = None
     for centre in path:
         load = tip_load(outline, centre, RADIUS, STIFFNESS)
-        state = load and sheared(
+        state = load and shear_skin(
             state, load, centre, 0.0, radius_mm=RADIUS, stiffness_n_per_mm=STIFFNESS, friction=friction
         )
         skin.append(state)
@@ -70,9 +70,9 @@ def test_a_part_that_turns_under_a_tip_carries_the_skin_along() -> None:
     load = tip_load(outline, centre, RADIUS, STIFFNESS)
     assert load is not None
     keys = {"radius_mm": RADIUS, "stiffness_n_per_mm": STIFFNESS, "friction": 0.5}
-    before = sheared(None, load, centre, 0.0, **keys)
+    before = shear_skin(None, load, centre, 0.0, **keys)
     # In the part's frame the tip's axis stays where it is, and the tip turns against the wall.
-    after = sheared(before, load, centre, 0.01, **keys)
+    after = shear_skin(before, load, centre, 0.01, **keys)
     assert abs(after.shear_mm) == pytest.approx(0.01 * 4.8, rel=0.01)
 
 

@@ -12,13 +12,13 @@ from upright_tips import Block, Stack, drawn_stack, model_of, slices
 
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
+from palpate.drivers.emulators.bench import facing_row_shares
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.skin import Skin
-from palpate.drivers.emulators.tip_rows import rows_facing
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
-from palpate.rig.catalogue.tip_lengths import overhangs_of
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.catalogue.reachability import overhangs_of
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 
@@ -75,7 +75,7 @@ def test_a_disc_meets_one_section_as_before() -> None:
 
 def test_rows_that_face_a_section_bear_its_force() -> None:
     rows = np.arange(3.0, 18.0, 2.0)
-    shares = rows_facing(rows, np.array([[4.0, 7.0], [7.0, 16.0], [7.2, 8.8]]))
+    shares = facing_row_shares(rows, np.array([[4.0, 7.0], [7.0, 16.0], [7.2, 8.8]]))
     assert shares.sum(axis=1) == pytest.approx(1.0)
     assert (shares[0] > 0).tolist() == [False, True, True, False, False, False, False, False]
     assert (shares[1] > 0).sum() == 5
@@ -121,7 +121,7 @@ def ended(length_mm: float | None, seed: int) -> tuple[Identification, bool]:
         result = identify(hand, Catalogue(models))
     assert not any(session.torque().values())
     left = result.recognition.hypotheses if result.recognition else ()
-    return result, compare(placement, left).inside_bounds
+    return result, compare_answer(placement, left).inside_bounds
 
 
 @pytest.mark.parametrize("seed", sample(range(6), range(2)))

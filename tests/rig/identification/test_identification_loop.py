@@ -29,7 +29,8 @@ from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, FingerApproach, Grip
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 
 RIG = load_rig(firm_rig())

@@ -10,7 +10,7 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement
 
 NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
@@ -42,7 +42,7 @@ def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed
     (only,) = result.recognition.hypotheses
     assert only.state.object_name == name
     assert session.placement is not None
-    found = compare(session.placement, [only])
+    found = compare_answer(session.placement, [only])
     assert found.position_error_mm is not None
     assert found.orientation_error_rad is not None
     assert found.position_error_mm < 1.0

@@ -12,7 +12,7 @@ from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
-from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observer, Observers, TouchEvent
@@ -67,8 +67,8 @@ def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
     assert result.moved_before == (2,)
     assert result.outcome is IdentificationVerdict.IDENTIFIED
     assert result.recognition is not None
-    assert compare(pusher.placement, result.recognition.hypotheses).inside_bounds
-    assert not compare(placement_of(name), result.recognition.hypotheses).inside_bounds
+    assert compare_answer(pusher.placement, result.recognition.hypotheses).inside_bounds
+    assert not compare_answer(placement_of(name), result.recognition.hypotheses).inside_bounds
 
 
 @pytest.mark.slow
@@ -92,7 +92,7 @@ def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
     result = ended(emulated_session(seed=23, rig=RIG, placement=placement_of("ell")), strategy=strategy)
     assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED)
     assert result.recognition is not None
-    assert compare(placement_of("ell"), result.recognition.hypotheses).inside_bounds
+    assert compare_answer(placement_of("ell"), result.recognition.hypotheses).inside_bounds
 
 
 @pytest.mark.slow

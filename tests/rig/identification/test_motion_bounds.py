@@ -16,17 +16,17 @@ from simulated_touches import SimulatedTouches
 
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig
-from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
+from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
 from palpate.rig.conversion import resolution_of
+from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import search
 from palpate.rig.identification.motion_bounds import MotionBounds
-from palpate.rig.identification.next_grip import GripChooser
-from palpate.rig.identification.support import Support, support_of
-from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
+from palpate.rig.identification.pushing_mechanics import StateSupport, support_of
 from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.load_meter import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 
 SIX = outlines(SHIPPED_OBJECTS)
@@ -43,7 +43,11 @@ def declared(holds_n: float | None, support_mm: float | None = None) -> RigFile:
 
 
 def assert_bounds_all_rotations(
-    support: Support, resting: np.ndarray, load: np.ndarray, vertices: np.ndarray, rng: np.random.Generator
+    support: StateSupport,
+    resting: np.ndarray,
+    load: np.ndarray,
+    vertices: np.ndarray,
+    rng: np.random.Generator,
 ) -> None:
     """Whatever the centre of rotation, speeds are within what the mean speed of the resting points allows."""
     reach = np.hypot(*vertices.T).max()

@@ -10,7 +10,7 @@ from sampling import sample
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.config.rig_servos import BUILT_IN_MODELS
-from palpate.drivers.dynamixel.specifications import specification
+from palpate.drivers.dynamixel.models import specification
 from palpate.recognizer import Catalogue
 
 

@@ -17,8 +17,8 @@ from palpate.base.geometry import Polygon, Section, State
 from palpate.base.vocabulary import PushResponse
 from palpate.config import load_rig, shipped_rig
 from palpate.recognizer import Catalogue, recognise
-from palpate.rig.identification.stability import FRICTION_MOST, RESERVE, stability_of
-from palpate.rig.identification.stability_table import StabilityTable
+from palpate.rig.identification.grip_choice import StabilityTable
+from palpate.rig.identification.pushing_mechanics import INERTIA_RESERVE, MAX_TABLE_FRICTION, stability_of
 
 RIG = load_rig(shipped_rig())
 HEIGHT = 10.0
@@ -162,7 +162,12 @@ def test_a_prism_slides_as_far_as_its_hull_reaches(
     for row in range(0, len(heights), 15):
         for lean in (-math.atan(0.7), 0.0, 0.3):
             angle = 2 * math.pi * row / len(heights) + lean
-            shift = heights[row] * FRICTION_MOST * RESERVE * np.array([math.cos(angle), math.sin(angle)])
+            shift = (
+                heights[row]
+                * MAX_TABLE_FRICTION
+                * INERTIA_RESERVE
+                * np.array([math.cos(angle), math.sin(angle)])
+            )
             assert shapely.contains_xy(around, *(centre + shift))
 
 
@@ -210,7 +215,7 @@ def test_mujoco_does_not_tip_what_slides_and_tips_what_may() -> None:
         height = float(rng.uniform(4, min(30.0, blocks[-1].z[1] - 1)))
         if stability_of(state_of(blocks), 0.0, [(height, height)]).response is not PushResponse.SLIDES:
             continue
-        friction = float(rng.uniform(0.1, FRICTION_MOST))
+        friction = float(rng.uniform(0.1, MAX_TABLE_FRICTION))
         leans.append(worst_lean_rad(blocks, 0.15, friction, drawn_pushes(rng, blocks, height)))
         if len(leans) == 8:
             break

@@ -18,8 +18,14 @@ from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, Contact, Finger
+from palpate.rig.identification.exploration import (
+    InscribedDisc,
+    inscribed_discs,
+    is_swept,
+    sweeping_grip,
+    unswept_places,
+)
 from palpate.rig.identification.loop import Identification, search
-from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.reach.approaches import reach_of
 
 RIG = load_rig(firm_rig())
@@ -95,7 +101,7 @@ def test_a_disc_that_no_tip_has_met_keeps_its_place(
     centre = shapely.Point(away * math.cos(at[1]), away * math.sin(at[1]))
     misses = [miss(way[:2], way[2:]) for way in ways]
     gaps = [centre.distance(shapely.LineString([item.start_mm, item.end_mm])) for item in misses]
-    (left,) = places_left(misses, {LOW: Disc(radius, frozenset({0}))}, RADIUS_MM).values()
+    (left,) = unswept_places(misses, {LOW: InscribedDisc(radius, frozenset({0}))}, RADIUS_MM).values()
     if all(gap >= 5.0 + radius for gap in gaps):
         assert left.distance(centre) < 1e-9
     if any(gap < (4.7 + radius) * 0.999 for gap in gaps):
@@ -105,17 +111,19 @@ def test_a_disc_that_no_tip_has_met_keeps_its_place(
 def test_discs_fit_inside_their_sections() -> None:
     notched = [(0, 0), (40, 0), (40, 10), (10, 10), (10, 30), (0, 30)]
     tolerant = ObjectModel("tolerant", flat("", notched).states, 1.0)
-    (disc,) = discs_at(Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {TIP}).values()
+    (disc,) = inscribed_discs(
+        Catalogue([flat("square", [(0, 0), (40, 0), (40, 40), (0, 40)])]), {TIP}
+    ).values()
     assert 19.8 <= disc.radius_mm <= 20.0
-    (disc,) = discs_at(Catalogue([tolerant]), {TIP}).values()
+    (disc,) = inscribed_discs(Catalogue([tolerant]), {TIP}).values()
     largest = 20 - 10 * math.sqrt(2)  # touches both outer sides and the inner corner
     assert largest - 1.2 <= disc.radius_mm <= largest - 1.0
-    assert discs_at(Catalogue([tolerant]), {Finger(5.0, 25.0)}) == {}, "nothing is there"
+    assert inscribed_discs(Catalogue([tolerant]), {Finger(5.0, 25.0)}) == {}, "nothing is there"
 
 
 def test_a_part_thinner_than_its_tolerance_is_not_ruled_out() -> None:
     sheet = ObjectModel("sheet", flat("", [(0, 0), (60, 0), (60, 1), (0, 1)]).states, 0.8)
-    (disc,) = discs_at(Catalogue([sheet, *SIX]), {TIP}).values()
+    (disc,) = inscribed_discs(Catalogue([sheet, *SIX]), {TIP}).values()
     assert disc.states == frozenset(range(7))
     assert disc.radius_mm < 0
     result = searched(NOWHERE, [sheet, *SIX])
@@ -128,7 +136,7 @@ def test_states_at_other_heights_need_fingers_there() -> None:
     square = (Polygon(np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])),)
     low = ObjectModel("low", (State("s", (Section((0.0, 15.0), square),)),))
     high = ObjectModel("high", (State("s", (Section((15.5, 30.0), square),)),))
-    discs = discs_at(Catalogue([low, high]), {Finger(5.0, height) for height in (10.0, 20.0, 50.0)})
+    discs = inscribed_discs(Catalogue([low, high]), {Finger(5.0, height) for height in (10.0, 20.0, 50.0)})
     assert {height: disc.states for height, disc in discs.items()} == {LOW: {0}, HIGH: {1}}
     nothing, room = shapely.Polygon(), shapely.Point(0, 0).buffer(50)
     assert not is_swept({LOW: nothing, HIGH: room}, discs)
@@ -137,7 +145,7 @@ def test_states_at_other_heights_need_fingers_there() -> None:
 
 
 def test_fingers_that_would_free_nothing_stay() -> None:
-    discs = {LOW: Disc(10.0, frozenset({0}))}
+    discs = {LOW: InscribedDisc(10.0, frozenset({0}))}
     left = {LOW: shapely.Point(0, 60).buffer(5)}
     grip = sweeping_grip(REACH, [], left, discs)
     assert len(grip) == 1, "one way is enough"

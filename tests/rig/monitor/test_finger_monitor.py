@@ -6,12 +6,12 @@ from tactile_tip import COLS, DESCRIPTION, ROWS
 from watched_tip import WatchedTip
 
 from palpate.base.errors import DeviceError
-from palpate.cli.monitor.updates import obey
+from palpate.cli.watch_display import handle_keys
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.jobs.files import load_rig
 from palpate.jobs.monitor import Monitor, check_streaming
-from palpate.rig.monitor.finger_monitor import TareState
-from palpate.rig.monitor.paced_clock import PacedClock
+from palpate.rig.array_monitor import TareState
+from palpate.rig.array_playback import PacedClock
 
 
 def monitor_of(tip: WatchedTip) -> Monitor:
@@ -46,7 +46,7 @@ def test_every_frame_is_counted_and_a_reset_begins_anew() -> None:
     assert 745 <= view.counters.frames <= 755
     assert view.rate_hz == pytest.approx(250.0, abs=2.0)
     assert (view.counters.lost, view.counters.faults, view.counters.dropped) == (0, 0, 0)
-    assert obey("r", [tip.finger])
+    assert handle_keys("r", [tip.finger])
     tip.pass_time(1.0)
     assert 245 <= tip.finger.view().counters.frames <= 255
 
@@ -58,7 +58,7 @@ def test_nothing_is_felt_before_the_array_is_tared() -> None:
     assert (view.tare, view.force_n, view.patch) == (TareState.NONE, None, None)
     assert view.taxel_n.mean() == pytest.approx(20 / DESCRIPTION.counts_per_n, rel=0.1), "the offset"
     assert not view.dead.any()
-    assert obey("T", [tip.finger])
+    assert handle_keys("T", [tip.finger])
     assert tip.finger.view().tare is TareState.UNDER_WAY
     tip.pass_time(0.2)
     assert tip.finger.view().tare is TareState.DONE
@@ -114,7 +114,7 @@ def test_shown_twenty_times_a_second_at_most_whatever_showing_takes() -> None:
 
 def test_q_ends_what_was_typed_before_it_still_counts() -> None:
     tip = WatchedTip()
-    assert not obey("tq", [tip.finger])
+    assert not handle_keys("tq", [tip.finger])
     assert tip.finger.view().tare is TareState.UNDER_WAY
 
 

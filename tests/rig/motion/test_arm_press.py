@@ -11,15 +11,14 @@ from probed_rig import probed_rig
 from repository import EXAMPLES
 
 from palpate.base.geometry import Floats
-from palpate.calibration.measurements import FREE, IN, OUT
-from palpate.calibration.prober import Probe, ServoPath
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, Probe, ServoPath
 from palpate.config import load_rig
-from palpate.drivers.arm_finger import ArmKinematics
+from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.emulators.mechanics import ArmTruth
-from palpate.drivers.finger import Turn
+from palpate.drivers.kinematics import Turn
 from palpate.rig.bench import connect
-from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.press import _Drive
+from palpate.rig.motion.press import _PressMechanics
+from palpate.rig.motion.touch import ApproachState
 from palpate.rig.reach.approaches import reach_of
 
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
@@ -39,7 +38,7 @@ def test_push_is_what_torques_at_both_joints_do() -> None:
         travel = np.linspace(40.0, 43.0, 120)
         servos = np.array([arm.servos_rad(run.line, float(at)) for at in travel])
         force_n = np.maximum(0.0, 3.0 * (travel - 42.0))
-        leg = np.where(force_n == 0, FREE, IN)
+        leg = np.where(force_n == 0, LEG_FREE, LEG_IN)
         against = run.line.direction_rad + math.pi
         current = np.empty((len(travel), 2))
         for k, (near, far) in enumerate(servos.tolist()):
@@ -49,13 +48,13 @@ def test_push_is_what_torques_at_both_joints_do() -> None:
             torques = [((tip - axis).conjugate() * pushed).imag / 1000 / GEAR for axis in axes]
             current[k] = -np.array(torques) / NM_PER_A
         current += friction_a * np.sign(servos[-1] - servos[0])
-        drive = _Drive(run, servos, current, leg.astype(np.int64))
+        drive = _PressMechanics(run, servos, current, leg.astype(np.int64))
     assert drive.travel_mm == pytest.approx(travel, abs=1e-6)
     assert np.abs(drive.aside_mm).max() < 1e-6
     assert drive.free_a == pytest.approx(friction_a)
-    free_n = drive.push_n[leg == FREE]
+    free_n = drive.push_n[leg == LEG_FREE]
     assert np.ptp(free_n) < 0.02
-    assert drive.push_n[leg == IN] - free_n[-1] == pytest.approx(force_n[leg == IN], abs=0.01)
+    assert drive.push_n[leg == LEG_IN] - free_n[-1] == pytest.approx(force_n[leg == LEG_IN], abs=0.01)
 
 
 @pytest.mark.slow
@@ -78,15 +77,15 @@ def test_an_arm_touches_and_presses_on_the_bench() -> None:
     assert gap - truth.tip_radius_mm + touched.force_n / truth.stiffness_n_per_mm == pytest.approx(
         0, abs=0.06
     )
-    assert set(press.leg) == {FREE, IN, OUT}
+    assert set(press.leg) == {LEG_FREE, LEG_IN, LEG_OUT}
     assert press.free_a == pytest.approx((0.028, 0.028), abs=0.012), (
         "0.05 N·m of friction at 4.1 N·m for 2.3 A"
     )
-    into = press.leg == IN
+    into = press.leg == LEG_IN
     counts_n = press.counts.sum(axis=(1, 2)) / finger.array.description.counts_per_n
     slope = np.polyfit(counts_n[into], press.push_n[into], 1)[0]
     assert slope == pytest.approx(1.0, abs=0.15)
-    assert press.push_n[into].max() - press.push_n[press.leg == FREE].mean() > 2.0
+    assert press.push_n[into].max() - press.push_n[press.leg == LEG_FREE].mean() > 2.0
 
 
 def nearest(truth: ArmTruth, approaches: Sequence[ServoPath], disc: shapely.Polygon) -> tuple[int, float]:

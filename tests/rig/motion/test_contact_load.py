@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.rig.motion.contact_load import TouchStage
-from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.load_meter import LoadMeter, TouchStage
 
 STIFFNESS = 3.0
 PERIOD_S = 0.004

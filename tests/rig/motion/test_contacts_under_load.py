@@ -17,11 +17,12 @@ from quick_rig import small_objects, small_rig
 from touched import random_grip
 
 from palpate.config import RigFile
-from palpate.drivers.emulators.joints import Joint, JointYield
+from palpate.drivers.emulators.mechanics import CompliantJoint, JointCompliance
 from palpate.recognizer import Contact
 from palpate.rig.bench import connect
 from palpate.rig.conversion import deflection_mm, deflection_rad, shear_rad
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 
 MM_PER_N, DEG_PER_N, FRICTION = 0.1, 0.03, 0.6
 
@@ -171,7 +172,7 @@ def test_what_is_declared_widens_contacts_by_so_much() -> None:
 def test_a_joint_bends_as_far_as_its_tip_pushes_it(stiffness: float) -> None:
     """A spring against a spring, whatever the two stiffnesses."""
     lever, softness, dent = 150.0, 0.1, 0.2
-    joint = Joint(0.0, 0.0, JointYield(softness / lever**2, math.inf), stiffness)
+    joint = CompliantJoint(0.0, 0.0, JointCompliance(softness / lever**2, math.inf), stiffness)
     for _ in range(200):
         joint.step(1e-3, 0.0, stiffness * (dent - lever * joint.at), lever)
     bent = dent * softness * stiffness / (1 + softness * stiffness)
@@ -182,14 +183,14 @@ def test_a_joint_bends_as_far_as_its_tip_pushes_it(stiffness: float) -> None:
 
 
 def test_a_force_takes_up_play_once_friction_no_longer_holds_it() -> None:
-    joint = Joint(0.001, 0.0, JointYield(0.0, 0.2), 3.0)
+    joint = CompliantJoint(0.001, 0.0, JointCompliance(0.0, 0.2), 3.0)
     for push, at in ((0.2, 0.0), (-0.2, 0.0), (0.3, 0.001), (-0.1, 0.001), (-0.3, -0.001)):
         for _ in range(200):
             joint.step(1e-3, 0.0, push, 150.0)
         assert joint.at == pytest.approx(at)
     joint.step(1e-3, 0.01, 0.0, 150.0)
     assert joint.at == pytest.approx(0.009), "and the servo takes it along from its flank"
-    still = Joint(0.001, 0.0, None, 3.0)
+    still = CompliantJoint(0.001, 0.0, None, 3.0)
     still.step(1e-3, 0.0, 5.0, 150.0)
     assert still.at == 0.0
 

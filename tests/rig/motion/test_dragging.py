@@ -7,11 +7,11 @@ import pytest
 from contact_sweep import describe
 
 from palpate.base.geometry import Floats
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Shape
-from palpate.rig.motion.contact_load import TIP_FRICTION, friction_factor
-from palpate.rig.motion.load_meter import LoadMeter
+from palpate.drivers.tactile.patches import TipCalibration
+from palpate.rig.motion.load_meter import TIP_FRICTION, LoadMeter, friction_factor
 
 COUNTS_PER_N, FORCE_N, NOISE_COUNTS = 1000.0, 0.5, 2.0
 ARRAY = describe(Shape.CYLINDER, 4, 8, math.radians(24), 2.0, counts_per_n=COUNTS_PER_N, radius_mm=6.0)

@@ -17,8 +17,8 @@ from emulated_session import EmulatedSession, small_session
 
 from palpate.base.errors import DeviceError, PalpateError, SafetyStop
 from palpate.drivers.dynamixel.errors import Restarted
-from palpate.drivers.emulators.faults import FaultRates, WireRates
-from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
+from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
 from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of

@@ -14,7 +14,8 @@ from sampling import sample
 from palpate.base.errors import DeviceError, PalpateError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.rig.bench import connect
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 
 IDS = (11, 12, 21, 22, 31, 32)
 

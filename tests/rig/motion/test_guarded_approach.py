@@ -9,7 +9,7 @@ from sampling import sample
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from touched import run_checked
 
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.rig.bench import connect
 

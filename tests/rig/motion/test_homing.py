@@ -13,13 +13,12 @@ from quick_rig import small_objects, small_rig
 
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile, SlideFingerConfig, shipped_rig
-from palpate.drivers.dynamixel.models import model_named, models_known
-from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
-from palpate.drivers.dynamixel.turn_mark import LARGEST_TURNS, NO_MARK, mark_item, mark_value, turns_in
+from palpate.drivers.dynamixel.models import SPECIFICATIONS, known_models, model_by_name
+from palpate.drivers.dynamixel.servo_state import MAX_TURNS, NO_MARK, mark_item, mark_value, turns_of_mark
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.rig.bench import connect
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.homing import Home, back_stop_distances_mm
+from palpate.rig.motion.homing import HomingPolicy, back_stop_distances_mm
 
 RIG = small_rig(shipped_rig("xm430-bench"))
 
@@ -92,7 +91,7 @@ def test_home_all_homes_what_is_known_too() -> None:
     for _ in range(2):
         before = session.clock.now()
         with connect(session.bench_rig) as hand:
-            hand.prepare(home=Home.ALL)
+            hand.prepare(home=HomingPolicy.ALL)
             assert off_mm(session, hand) < 1.5
         assert session.clock.now() - before > 3.0
 
@@ -103,7 +102,7 @@ def test_without_homing_nothing_moves_and_known_turns_hold() -> None:
         hand.prepare()
     before = [finger.centre_mm for finger in session.bench.fingers]
     with connect(session.bench_rig) as hand:
-        hand.prepare(home=Home.NONE)
+        hand.prepare(home=HomingPolicy.NONE)
         assert off_mm(session, hand) < 1.5
     for finger, at in zip(session.bench.fingers, before, strict=True):
         assert np.hypot(*(finger.centre_mm - at)) < 0.3
@@ -159,7 +158,7 @@ def test_a_blink_of_power_is_named_with_what_homes_it() -> None:
         pytest.raises(DeviceError, match=r"servo 22 .* has restarted.*palpate home, homes it"),
         connect(session.bench_rig) as hand,
     ):
-        hand.prepare(home=Home.ALL)
+        hand.prepare(home=HomingPolicy.ALL)
     assert not any(session.torque().values())
     with connect(session.bench_rig) as hand:
         hand.prepare()
@@ -187,25 +186,25 @@ def test_the_stop_is_among_the_places_where_it_may_be(
 
 
 def test_marks_hold_what_they_are_given() -> None:
-    for turns in range(-LARGEST_TURNS, LARGEST_TURNS + 1):
-        assert turns_in(mark_value(turns)) == turns
-    assert turns_in(NO_MARK) is None
+    for turns in range(-MAX_TURNS, MAX_TURNS + 1):
+        assert turns_of_mark(mark_value(turns)) == turns
+    assert turns_of_mark(NO_MARK) is None
     with pytest.raises(ValueError, match="either way"):
-        mark_value(LARGEST_TURNS + 1)
+        mark_value(MAX_TURNS + 1)
 
 
-@pytest.mark.parametrize("name", sorted(set(SPECIFICATIONS) & set(models_known())))
+@pytest.mark.parametrize("name", sorted(set(SPECIFICATIONS) & set(known_models())))
 def test_every_model_takes_a_mark_and_forgets_it_with_its_turns(name: str) -> None:
     servo = EmulatedServo(1, model=name, start_rad=9.0)
     unit = servo._inner
-    item = mark_item(model_named(name, unit.firmware))
+    item = mark_item(model_by_name(name, unit.firmware))
     assert item is not None
 
     def held() -> int | None:
-        return turns_in(int.from_bytes(unit.read(item.address, item.size), "little"))
+        return turns_of_mark(int.from_bytes(unit.read(item.address, item.size), "little"))
 
     assert held() is None, "a servo fresh from power bears none"
-    for turns in (-LARGEST_TURNS, 0, LARGEST_TURNS):
+    for turns in (-MAX_TURNS, 0, MAX_TURNS):
         unit.write(item.address, item.encode(mark_value(turns)))
         assert held() == turns
     servo.power_off()

@@ -14,7 +14,7 @@ from sampling import sample
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.ports import open_port
 from palpate.testing import served
 
 IDS = (11, 12, 21, 22)

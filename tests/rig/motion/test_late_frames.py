@@ -13,7 +13,7 @@ from quick_rig import small, small_objects
 from sampling import sample
 
 from palpate.config import RigFile
-from palpate.drivers.dynamixel.guarded import End
+from palpate.drivers.dynamixel.guarded_motion import MoveEnd
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.rig.bench import connect
 from palpate.rig.motion.finger_movers import TipMover
@@ -71,9 +71,9 @@ def stall_at_contacts(session: EmulatedSession, monkeypatch: pytest.MonkeyPatch)
         cable._device = hubs[spec.name] = Hub(cable._device)
     sense = TipMover.sense
 
-    def noticed(mover: TipMover, now: float) -> End | None:
+    def noticed(mover: TipMover, now: float) -> MoveEnd | None:
         end = sense(mover, now)
-        if end is End.CONTACT and session.stages[-1] is GripPhase.TOUCHING:
+        if end is MoveEnd.CONTACT and session.stages[-1] is GripPhase.TOUCHING:
             hubs[mover.finger.name].until_s = session.clock.now() + STALL_S
         return end
 

@@ -13,8 +13,8 @@ from repository import EXAMPLES
 from palpate.config import RigFile, load_rig
 from palpate.rig.bench import connect
 from palpate.rig.contact_peak import expected_peak_n
-from palpate.rig.motion.contact_load import TouchStage
-from palpate.rig.motion.guarded_approach import Touch
+from palpate.rig.motion.load_meter import TouchStage
+from palpate.rig.motion.touch import Touch
 
 STIFFER = 1.2
 """A tip may be so much stiffer than the rig file says, and its array read so much more."""

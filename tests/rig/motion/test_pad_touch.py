@@ -16,7 +16,7 @@ from palpate.base.geometry import Floats, ObjectModel
 from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.recognizer import Catalogue, Contact, face_offsets_mm, recognise
-from palpate.rig.motion.contact_from_touch import dent_range_mm
+from palpate.rig.motion.touch import dent_range_mm
 
 _NOTHING_MM = 1e-6
 

@@ -8,7 +8,7 @@ import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
 from palpate.base.errors import DeviceError, SafetyStop
-from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMeasurement
 
 
 def test_two_fingers_press_at_once() -> None:
@@ -31,7 +31,7 @@ def test_two_fingers_press_at_once() -> None:
 
 
 def check_legs(press: PressMeasurement) -> None:
-    assert set(press.leg) == {FREE, IN, OUT}
+    assert set(press.leg) == {LEG_FREE, LEG_IN, LEG_OUT}
     assert (np.diff(press.leg) >= 0).all()
     assert press.counts.shape == (len(press.leg), 8, 20)
     assert press.travel_mm.shape == press.push_n.shape == press.leg.shape
@@ -40,28 +40,28 @@ def check_legs(press: PressMeasurement) -> None:
 def check_counts(press: PressMeasurement) -> None:
     """They grow with the dent, and end where they began."""
     felt = press.counts.sum(axis=(1, 2))
-    noise = felt[press.leg == FREE][:50].std()
-    going_in = felt[press.leg == IN]
+    noise = felt[press.leg == LEG_FREE][:50].std()
+    going_in = felt[press.leg == LEG_IN]
     assert (np.diff(going_in) > -6 * noise).all()
     assert going_in[-1] > 50 * noise
-    assert abs(felt[press.leg == OUT][-10:].mean()) < 3 * noise
+    assert abs(felt[press.leg == LEG_OUT][-10:].mean()) < 3 * noise
 
 
 def check_currents(press: PressMeasurement) -> None:
     """They push out going in, and pull going back."""
     current = press.push_n / press.newton_per_a[1]
-    assert np.median(current[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
+    assert np.median(current[press.leg == LEG_FREE]) == pytest.approx(FRICTION_A, rel=0.15)
     assert press.free_a[1] == pytest.approx(FRICTION_A, rel=0.15)
     assert math.isnan(press.free_a[0]), "the aim stands"
-    assert current[press.leg == IN].max() > 1.3 * FRICTION_A
-    assert np.median(current[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
+    assert current[press.leg == LEG_IN].max() > 1.3 * FRICTION_A
+    assert np.median(current[press.leg == LEG_OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
     # 4.1 N·m at 2.3 A (e-Manual), and 100 mm a turn.
     assert press.newton_per_a == pytest.approx((0.0, 4.1 / 2.3 * 2 * math.pi / 0.1))
 
 
 def check_places(press: PressMeasurement, contact_mm: float) -> None:
     """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
-    first = press.travel_mm[press.leg == IN][0]
+    first = press.travel_mm[press.leg == LEG_IN][0]
     assert 0.0 < first - contact_mm < 0.4
     assert contact_mm - press.travel_mm[-1] > 1.5
 

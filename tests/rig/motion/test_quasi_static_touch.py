@@ -10,12 +10,12 @@ from probed_rig import HARD_N, ProbedRig, probed_rig
 
 from palpate.base.errors import SafetyStop
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.tactile.contact import ContactPatch
-from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.guarded_approach import Touch, carry_out_grip
+from palpate.drivers.dynamixel.servo_state import ServoState
+from palpate.drivers.tactile.patches import ContactPatch
+from palpate.rig.motion.creep import measure_quasi_statically
+from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.quasi_static_touch import measure_quasi_statically
+from palpate.rig.motion.touch import ApproachState, Touch
 from palpate.rig.reach.approaches import reach_of
 
 TICK = 2 * math.pi / 4096

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.rig.motion.sample_times import SampleTimes
+from palpate.rig.motion.array_guard import SampleTimes
 
 COUNTS = np.zeros((2, 3), np.uint16)
 ON_WIRE_S = 0.003

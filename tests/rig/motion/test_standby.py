@@ -12,16 +12,16 @@ from repository import EXAMPLES
 from sampling import sample
 
 from palpate.base.errors import DeviceError
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range
 from palpate.config import ArmFingerConfig, RigFile, load_rig
-from palpate.drivers.finger import Servos, Turn
+from palpate.drivers.kinematics import Servos, Turn
 from palpate.rig.bench import connect
 from palpate.rig.conversion import arm_kinematics, kinematics_of
+from palpate.rig.drives import wait_radius_mm
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.homing import Home
+from palpate.rig.motion.homing import HomingPolicy
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.reach.standby_ways import Standby, standby_of
-from palpate.rig.standby_geometry import wait_radius_mm
 
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 
@@ -92,7 +92,7 @@ def test_without_homing_an_arm_must_stand_where_it_waits() -> None:
     session = emulated_session(seed=4, rig=ARMS)
     put(session, 0, posture(0, (0.0, 60.0)))
     with pytest.raises(DeviceError, match="a1: its tip"), connect(session.bench_rig) as hand:
-        hand.prepare(home=Home.NONE)
+        hand.prepare(home=HomingPolicy.NONE)
 
 
 def test_a_stage_starts_anywhere() -> None:

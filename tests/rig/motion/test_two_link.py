@@ -13,14 +13,15 @@ from sampling import sample
 from touch_check import check_touch
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.base.geometry.segments import distance_range
+from palpate.base.geometry.plane import distance_range
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
-from palpate.drivers.arm_finger import ArmKinematics
+from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import connect, place
+from palpate.rig.bench import choose_placement, connect
 from palpate.rig.conversion import arm_kinematics, line_of
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 
 EXAMPLE = EXAMPLES / "two-link-rig.toml"
@@ -148,7 +149,7 @@ def test_a_catalogue_with_a_part_that_is_too_high_is_refused() -> None:
     rig = RigFile.model_validate(data)
     wanted = 'object "tr-1" is 20 mm high; the links of finger "a1" pass 20 mm above the table'
     with pytest.raises(InputError, match=wanted):
-        place(rig, load_objects(shipped_objects()), None, 1)
+        choose_placement(rig, load_objects(shipped_objects()), None, 1)
 
 
 def test_no_arm_meets_a_post() -> None:

@@ -5,7 +5,7 @@ import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from palpate.drivers.finger import Body
+from palpate.drivers.kinematics import FingerBody
 from palpate.rig.reach.swept_volume import capsules_of, gap_mm, is_apart
 
 COORDINATE = st.floats(-200, 200).map(lambda value: round(value, 3))
@@ -13,9 +13,9 @@ POINT = st.tuples(COORDINATE, COORDINATE)
 CAPSULES = st.lists(st.tuples(POINT, POINT, st.floats(1, 20)), min_size=1, max_size=3)
 
 
-def body(capsules: list[tuple[tuple[float, float], tuple[float, float], float]]) -> Body:
+def body(capsules: list[tuple[tuple[float, float], tuple[float, float], float]]) -> FingerBody:
     starts, ends, widths = zip(*capsules, strict=True)
-    return Body(np.array(starts), np.array(ends), np.array(widths))
+    return FingerBody(np.array(starts), np.array(ends), np.array(widths))
 
 
 @given(CAPSULES, CAPSULES, st.floats(0.5, 30))

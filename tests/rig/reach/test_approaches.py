@@ -12,8 +12,8 @@ from firm_rig import firm_rig
 
 from palpate.base.errors import InputError
 from palpate.config import RigFile, SlideFingerConfig, load_rig
+from palpate.recognizer.planner import FingerApproach
 from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
-from palpate.rig.motion.guarded_approach import FingerApproach
 from palpate.rig.reach.approaches import Reach, reach_of
 
 POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]

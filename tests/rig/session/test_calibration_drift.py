@@ -31,11 +31,12 @@ from palpate.config import (
 )
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
-from palpate.drivers.tactile.contact import PatchFlag
+from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.loop import Identification, search
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.session.calibration_drift import calibration_used, session_agreement
 from palpate.views.answer import answer_lines

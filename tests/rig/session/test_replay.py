@@ -17,8 +17,8 @@ from wording import missing
 
 from palpate.config import load_objects, load_rig
 from palpate.config.schema import schema_text
-from palpate.rig.bench import place
-from palpate.rig.session.log import check_sum
+from palpate.rig.bench import choose_placement
+from palpate.rig.session.log import line_checksum
 from palpate.rig.session.replay import first_difference
 
 Here = Callable[..., Ended]
@@ -112,7 +112,7 @@ def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path
                     bare = bare.replace(f'"{new}"', f'"{old}"')
                 bare = bare.replace('"units":"mm, rad",', "")
             bare = re.sub(r',"(loads|touch_records)":\[[^]]*]', "", bare)
-            checked = check_sum(bare, checked)
+            checked = line_checksum(bare, checked)
             found.append(f'{bare[:-1]},"sum":"{checked:08x}"}}\n')
         return found
 
@@ -155,7 +155,7 @@ def test_the_truth_of_a_part_that_was_pushed_is_read_from_the_log(tmp_path: Path
     assert event["part"]["slip_n"] == pytest.approx(0.3 * 0.5 * 9.80665)
     (measured,) = truth["at_measurement"]
     assert measured["x"] == pytest.approx(event["at_measurement"][0]["x_mm"], abs=1e-6)
-    put = place(load_rig(rig), load_objects(parts), None, 7)
+    put = choose_placement(load_rig(rig), load_objects(parts), None, 7)
     assert put is not None
     assert 0.01 < math.dist((put.x_mm, put.y_mm), (measured["x"], measured["y"])) < 2
     assert truth["configuration"] != measured

@@ -13,12 +13,12 @@ from emulated_session import small_session
 from firm_rig import firm_rig
 from sampling import sample
 
-from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
-from palpate.rig.bus_latency import bus_latency_s
+from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
-from palpate.rig.session.environment import Environment
-from palpate.rig.session.events import SessionEvents
+from palpate.rig.motion.hand import Environment
+from palpate.rig.session.log import SessionEvents
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.replay import replay_with
 

@@ -17,11 +17,10 @@ from hypothesis import strategies as st
 from serial import SerialException
 
 from palpate.base.errors import InputError
-from palpate.base.files.limits import LOG_BYTES, LOG_LINE_BYTES
+from palpate.base.file_io import LOG_BYTES, LOG_LINE_BYTES
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, PortOpened, SessionEvent
-from palpate.rig.session.error_values import KINDS, error_of, values_of
-from palpate.rig.session.log import SessionLog
+from palpate.rig.session.log import KINDS, SessionLog, error_of, values_of
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.signals import Interrupted
 

@@ -8,7 +8,7 @@ from sampling import sample
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import is_wrong

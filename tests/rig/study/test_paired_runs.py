@@ -8,8 +8,7 @@ from scipy import stats
 
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config.study_result import ComparedOut, StudyRunOut
-from palpate.rig.study.paired_runs import LEAST_PAIRS
-from palpate.rig.study.variations import compared
+from palpate.rig.study.variations import MIN_PAIRS, compare_runs
 
 IDENTIFIED, UNRESOLVED = IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED
 
@@ -40,7 +39,7 @@ def of_identified(both: int, gained: int, lost: int, neither: int, comparisons: 
     kinds += [(False, False)] * neither
     as_is = [ended(k, identified=one) for k, (one, _) in enumerate(kinds)]
     varied = [ended(k, identified=other) for k, (_, other) in enumerate(kinds)]
-    return compared(as_is, varied, comparisons=comparisons)
+    return compare_runs(as_is, varied, comparisons=comparisons)
 
 
 @given(*(st.integers(0, 30) for _ in range(4)), st.integers(1, 6))
@@ -64,13 +63,13 @@ def test_a_few_more_identified_runs_may_be_chance() -> None:
 
 
 @given(
-    st.lists(st.tuples(st.integers(4, 20), st.integers(4, 20)), min_size=LEAST_PAIRS, max_size=40),
+    st.lists(st.tuples(st.integers(4, 20), st.integers(4, 20)), min_size=MIN_PAIRS, max_size=40),
     st.integers(1, 6),
 )
 def test_touches_differ_as_students_interval_says(pairs: list[tuple[int, int]], comparisons: int) -> None:
     as_is = [ended(k, touches=one) for k, (one, _) in enumerate(pairs)]
     varied = [ended(k, touches=other) for k, (_, other) in enumerate(pairs)]
-    out = compared(as_is, varied, comparisons=comparisons)
+    out = compare_runs(as_is, varied, comparisons=comparisons)
     differences = np.array([one - other for one, other in pairs])
     assert out.fewer_touches == pytest.approx(differences.mean(), abs=1e-6)
     assert out.fewer_interval is not None
@@ -87,16 +86,16 @@ def test_touches_are_compared_of_runs_that_were_identified_both_ways() -> None:
     """Of 12 pairs of which one was not: 11 save one touch each, and the other, 100, does not count."""
     as_is = [ended(k, touches=9) for k in range(11)] + [ended(11, touches=108, identified=False)]
     varied = [ended(k, touches=8) for k in range(12)]
-    out = compared(as_is, varied)
+    out = compare_runs(as_is, varied)
     assert (out.pairs, out.fewer_touches, out.fewer_interval) == (11, 1.0, (1.0, 1.0))
     assert out.saved_touches == pytest.approx(111 / 12, abs=1e-6)
 
 
 def test_of_few_pairs_neither_touches_nor_bounds_are_compared() -> None:
-    for count, is_shown in ((LEAST_PAIRS - 1, False), (LEAST_PAIRS, True)):
+    for count, is_shown in ((MIN_PAIRS - 1, False), (MIN_PAIRS, True)):
         as_is = [ended(k, touches=10, bound=0.5) for k in range(count)]
         varied = [ended(k, touches=6, bound=0.2) for k in range(count)]
-        out = compared(as_is, varied, comparisons=5)
+        out = compare_runs(as_is, varied, comparisons=5)
         assert ("bounds" in out.shown) is ("touches" in out.shown) is is_shown
         assert (out.fewer_interval is not None) is is_shown
         assert (out.runs_wanted is None) is is_shown
@@ -106,8 +105,8 @@ def test_how_many_runs_would_show_half_a_touch() -> None:
     """Differences of ± 2 in 40 pairs: the interval is ± 2.02 · 2.03 / √40 = 0.65; (0.65 / 0.5)² · 40 = 67."""
     as_is = [ended(k, touches=10) for k in range(40)]
     varied = [ended(k, touches=8 if k % 2 else 12) for k in range(40)]
-    assert compared(as_is, varied).runs_wanted == 70
-    assert compared(as_is, as_is).runs_wanted is None, "nothing differs"
+    assert compare_runs(as_is, varied).runs_wanted == 70
+    assert compare_runs(as_is, as_is).runs_wanted is None, "nothing differs"
     none_identified = [ended(k, identified=False, touches=8 + k % 2) for k in range(20)]
-    wanted = compared(as_is, none_identified)
+    wanted = compare_runs(as_is, none_identified)
     assert (wanted.pairs, wanted.shown, wanted.runs_wanted) == (0, ("identified",), None)

@@ -21,7 +21,7 @@ from palpate.config.study_result import StudyRunOut
 from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import is_wrong, study_out
-from palpate.views.study_text import study_lines
+from palpate.views.report.study_text import study_lines
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 

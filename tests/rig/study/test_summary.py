@@ -14,14 +14,13 @@ from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import PairStudiedOut, RivalOut, StudyOut, StudyRunOut
 from palpate.jobs.study import study
-from palpate.rig.study.draws import draw_for_study, shares_drawn
-from palpate.rig.study.runs_file import RunsFile
-from palpate.rig.study.simulation import Simulation, with_motion
-from palpate.rig.study.summary import Limits, study_out
-from palpate.views.study_words import pairs_lasting
+from palpate.rig.study.campaign import RunsFile
+from palpate.rig.study.simulation import Simulation, draw_placement, state_shares, with_motion
+from palpate.rig.study.summary import StudyGoals, study_out
+from palpate.views.report.study_text import hard_pairs
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
-LIMITS = Limits(1.0, math.radians(1.0), 8)
+LIMITS = StudyGoals(1.0, math.radians(1.0), 8)
 IDENTIFIED = IdentificationVerdict.IDENTIFIED
 
 
@@ -114,7 +113,7 @@ def test_a_pair_has_no_direction_and_is_left_out_if_the_second_grip_told_it_apar
         ("b", "a", 1),
         ("c", "a", 1),
     }
-    (pair,) = pairs_lasting(found)
+    (pair,) = hard_pairs(found)
     assert {pair.state, pair.other_state} == {"a", "b"}
     assert (pair.runs, pair.left, pair.touches) == (3, 2, 9.0)
 
@@ -123,7 +122,7 @@ def test_a_pair_that_is_left_stays_whatever_its_grips() -> None:
     one = PairStudiedOut(
         object="p", state="a", other_object="p", other_state="b", runs=1, touches=3, left=1, grips=1
     )
-    assert pairs_lasting([one]) == [one]
+    assert hard_pairs([one]) == [one]
 
 
 def test_states_are_drawn_by_their_probabilities_where_all_are_known() -> None:
@@ -133,9 +132,9 @@ def test_states_are_drawn_by_their_probabilities_where_all_are_known() -> None:
     some = [known[0], replace(known[1], probability=None), known[2]]
     for own, shares in ((known, (0.625, 0.125, 0.25)), (some, (1 / 3,) * 3)):
         objects = replace(SIX, objects=(replace(model, states=tuple(own)),))
-        assert list(shares_drawn(objects).values()) == pytest.approx(shares)
+        assert list(state_shares(objects).values()) == pytest.approx(shares)
         rng = np.random.default_rng(0)
-        drawn = [draw_for_study(objects, 5.0, rng, 125.0).state.name for _ in range(600)]
+        drawn = [draw_placement(objects, 5.0, rng, 125.0).state.name for _ in range(600)]
         counts = [drawn.count(name) / 600 for name in "abc"]
         assert counts == pytest.approx(shares, abs=4 * math.sqrt(0.25 / 600))
 

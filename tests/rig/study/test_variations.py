@@ -14,7 +14,7 @@ from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.study_result import StudyRunOut
 from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, with_motion
-from palpate.rig.study.variations import AS_IT_IS, compared, noise_budget, without_errors
+from palpate.rig.study.variations import UNVARIED, compare_runs, error_variations, noise_budget
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 STILL = with_motion(RIG, SIX, PartMotion.STILL)
@@ -26,13 +26,13 @@ def rows() -> dict[str, list[StudyRunOut]]:
     rig, objects = STILL
     off = replace(objects, objects=tuple(replace(item, tolerance_mm=0.2) for item in objects.objects))
     as_is = Simulation(rig, off, Strategy.PLANNED, 1)
-    simulations = {AS_IT_IS: as_is} | without_errors(as_is)
+    simulations = {UNVARIED: as_is} | error_variations(as_is)
     return {name: [item.run(k, name) for k in range(12)] for name, item in simulations.items()}
 
 
 def test_halved_errors_are_tried_on_the_same_parts(rows: dict[str, list[StudyRunOut]]) -> None:
     errors = set(ErrorSource) - {ErrorSource.MOTION}
-    assert set(rows) == {AS_IT_IS, *(f"half {source.value}" for source in errors)}
+    assert set(rows) == {UNVARIED, *(f"half {source.value}" for source in errors)}
     parts = {tuple((run.object, run.state) for run in some) for some in rows.values()}
     assert len(parts) == 1
     assert all(run.inside_bounds for some in rows.values() for run in some)
@@ -52,19 +52,19 @@ def test_what_is_measured_better_gives_finer_bounds(rows: dict[str, list[StudyRu
 
 def test_parts_that_may_move_are_held_firmly_at_the_same_places() -> None:
     moving = Simulation(*with_motion(RIG, SIX, PartMotion.MOVING), Strategy.PLANNED, 1)
-    held = without_errors(moving)["held"]
+    held = error_variations(moving)["held"]
     as_is, still = ([item.run(k) for k in range(2)] for item in (moving, held))
     assert [(run.object, run.state) for run in as_is] == [(run.object, run.state) for run in still]
     assert [run.moved for run in still] == [0.0, 0.0]
     direct = Simulation(*STILL, Strategy.PLANNED, 1)
     assert still == [direct.run(k) for k in range(2)], "as with parts that lie still"
-    (cost,) = noise_budget({AS_IT_IS: as_is, "held": still})
+    (cost,) = noise_budget({UNVARIED: as_is, "held": still})
     assert (cost.source, cost.runs) == (ErrorSource.MOTION, 2)
 
 
 def test_parts_that_are_exact_have_no_tolerance_to_halve() -> None:
     exact = replace(SIX, objects=tuple(replace(item, tolerance_mm=0.0) for item in SIX.objects))
-    assert "half tolerance" not in without_errors(Simulation(RIG, exact, Strategy.PLANNED, 1))
+    assert "half tolerance" not in error_variations(Simulation(RIG, exact, Strategy.PLANNED, 1))
 
 
 def test_a_comparison_is_of_pairs_of_runs() -> None:
@@ -72,7 +72,7 @@ def test_a_comparison_is_of_pairs_of_runs() -> None:
     as_is = [one.model_copy(update={"touches": touches}) for touches in (9, 7, 8)]
     varied = [one.model_copy(update={"touches": touches}) for touches in (6, 6, 6)]
     varied[2] = varied[2].model_copy(update={"verdict": IdentificationVerdict.UNRESOLVED})
-    found = compared(as_is, varied)
+    found = compare_runs(as_is, varied)
     assert (found.runs, found.touches, found.saved_touches) == (3, (8.0, 6.0), 2.0)
     assert found.standard_error == pytest.approx((1.0 / 3) ** 0.5)  # of 3, 1, 2
     assert found.identified == (3, 2)

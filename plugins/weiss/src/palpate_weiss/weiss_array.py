@@ -23,7 +23,7 @@ from palpate.plugins import (
     Port,
     StreamedArray,
     TactileFrame,
-    printable,
+    printable_text,
 )
 from palpate_weiss.codec import (
     MAX_PAYLOAD,
@@ -261,4 +261,4 @@ def _words(command: IntEnum) -> str:
 
 def text_of(payload: bytes) -> str:
     """Text of an answer that is one, as a terminal may show it."""
-    return printable(payload.split(b"\0")[0].decode("latin-1").strip())
+    return printable_text(payload.split(b"\0")[0].decode("latin-1").strip())

@@ -5,9 +5,8 @@ and point-in-polygon tests, `segments` distances and intersections of straight s
 files or knows devices.
 """
 
-from palpate.base.geometry.arrays import Bools, Complexes, Counts, Floats, Ints, Singles
-from palpate.base.geometry.curves import Circle, Curve
-from palpate.base.geometry.object_model import ObjectModel, Polygon, Section, State
+from palpate.base.geometry.object_model import Circle, Curve, ObjectModel, Polygon, Section, State
+from palpate.base.geometry.plane import Bools, Complexes, Counts, Floats, Ints, Singles
 
 __all__ = [
     "Bools",

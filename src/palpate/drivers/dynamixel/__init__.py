@@ -1,9 +1,21 @@
 """Dynamixel servos over Protocol 2.0: the host side, and the packet codec that the emulators share."""
 
 from palpate.drivers.dynamixel.bus import Bus, GroupRead, Ping
-from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, scan
-from palpate.drivers.dynamixel.control_table import ITEMS, HardwareError, Item, OperatingMode
-from palpate.drivers.dynamixel.counts import BusCounts
+from palpate.drivers.dynamixel.bus_scan import ALL_IDS, FoundServo, Scan, model_name, scan
+from palpate.drivers.dynamixel.control_table import (
+    BAUD_RATE,
+    BAUD_RATES,
+    COMMON_ITEMS,
+    ITEMS,
+    RAD_PER_TICK,
+    RETURN_DELAY_UNIT_S,
+    Access,
+    Area,
+    HardwareError,
+    Item,
+    OperatingMode,
+    TableItem,
+)
 from palpate.drivers.dynamixel.errors import (
     AnsweringLate,
     DamagedAnswer,
@@ -14,28 +26,95 @@ from palpate.drivers.dynamixel.errors import (
     Restarted,
     ServoError,
     StatusError,
+    WatchdogTripped,
     WrongLength,
 )
-from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
-from palpate.drivers.dynamixel.models import Model, model_named, model_numbered, models_known
-from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
-from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.dynamixel.torque import disable_torque
+from palpate.drivers.dynamixel.exchanges import UNKNOWN_LATENCY_S, latency_with_timer_s
+from palpate.drivers.dynamixel.guarded_motion import (
+    Guard,
+    MoveEnd,
+    Mover,
+    ServoGoals,
+    ServoMover,
+    guarded_loop,
+    guarded_move,
+    hold,
+)
+from palpate.drivers.dynamixel.models import (
+    SPECIFICATIONS,
+    Model,
+    MotorConstants,
+    ServoSpecification,
+    known_models,
+    model_by_name,
+    model_by_number,
+    specification,
+    supply_warnings,
+)
+from palpate.drivers.dynamixel.packet import MAX_ID, Instruction
+from palpate.drivers.dynamixel.servo import (
+    Health,
+    Servo,
+    broadcast_torque_off,
+    confirm_torque_off,
+    disable_torque,
+    read_health,
+    stop_at,
+    write_goals,
+)
+from palpate.drivers.dynamixel.servo_setup import (
+    ItemChange,
+    ServoPort,
+    apply_changes,
+    find_changes,
+    only_servo,
+    setup_items,
+)
+from palpate.drivers.dynamixel.servo_state import (
+    MAX_TURNS,
+    NO_MARK,
+    ServoState,
+    StateReader,
+    StateTraffic,
+    mark_item,
+    mark_value,
+    turns_of_mark,
+)
+from palpate.drivers.dynamixel.transceiver import BusCounts
+from palpate.drivers.dynamixel.x_series import table_of
 
 __all__ = [
+    "ALL_IDS",
+    "BAUD_RATE",
+    "BAUD_RATES",
+    "COMMON_ITEMS",
     "ITEMS",
+    "MAX_ID",
+    "MAX_TURNS",
+    "NO_MARK",
+    "RAD_PER_TICK",
+    "RETURN_DELAY_UNIT_S",
+    "SPECIFICATIONS",
+    "UNKNOWN_LATENCY_S",
+    "Access",
     "AnsweringLate",
+    "Area",
     "Bus",
     "BusCounts",
     "DamagedAnswer",
-    "End",
     "FoundServo",
     "GroupRead",
     "Guard",
     "HardwareAlert",
     "HardwareError",
+    "Health",
+    "Instruction",
     "Item",
+    "ItemChange",
     "Model",
+    "MotorConstants",
+    "MoveEnd",
+    "Mover",
     "NotAnswering",
     "NotConfirmed",
     "OperatingMode",
@@ -45,16 +124,40 @@ __all__ = [
     "Scan",
     "Servo",
     "ServoError",
+    "ServoGoals",
+    "ServoMover",
+    "ServoPort",
+    "ServoSpecification",
     "ServoState",
     "StateReader",
+    "StateTraffic",
     "StatusError",
+    "TableItem",
+    "WatchdogTripped",
     "WrongLength",
+    "apply_changes",
+    "broadcast_torque_off",
+    "confirm_torque_off",
     "disable_torque",
+    "find_changes",
+    "guarded_loop",
     "guarded_move",
-    "model_named",
-    "model_numbered",
-    "models_known",
+    "hold",
+    "known_models",
+    "latency_with_timer_s",
+    "mark_item",
+    "mark_value",
+    "model_by_name",
+    "model_by_number",
+    "model_name",
+    "only_servo",
+    "read_health",
     "scan",
+    "setup_items",
+    "specification",
     "stop_at",
+    "supply_warnings",
+    "table_of",
+    "turns_of_mark",
     "write_goals",
 ]

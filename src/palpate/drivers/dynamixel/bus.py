@@ -1,8 +1,12 @@
-"""A bus of Dynamixel servos: control table items by servo id, and errors that say which servo.
+"""Bus of Dynamixel servos: control table items by servo id, and errors that say which servo.
 
-Above: `servo` and `state`, in physical units. Below: `transceiver`, the vendor's SDK and a port. A servo that
-gives no answer is always an error, never a default value. What was lost or damaged is asked again, and
-counted. One exchange is finished before another thread's begins.
+Above: `servo` and `servo_state`, in physical units. Below: `transceiver`, the vendor's SDK and a port. A
+servo that gives no answer is always an error, never a default value. What was lost or damaged is asked again,
+and counted. One exchange is finished before another thread's begins.
+
+In a sync or bulk read servos answer one after another. Where one is missing, those behind it may wait for it
+for ever (the e-Manual leaves it open), so they are asked again without it: none counts as silent that was
+only hidden.
 """
 
 import threading
@@ -22,7 +26,6 @@ from palpate.drivers.dynamixel.control_table import (
     HardwareError,
     Item,
 )
-from palpate.drivers.dynamixel.counts import BusCounts
 from palpate.drivers.dynamixel.errors import (
     AnsweringLate,
     DamagedAnswer,
@@ -34,21 +37,117 @@ from palpate.drivers.dynamixel.errors import (
     WrongLength,
     raise_first,
 )
-from palpate.drivers.dynamixel.group import read_group
+from palpate.drivers.dynamixel.exchanges import UNKNOWN_LATENCY_S, TableBlock, Timing, extract_block
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
-from palpate.drivers.dynamixel.pending import Block, part
-from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
-from palpate.drivers.dynamixel.transceiver import Loss, Lost, SizeMismatch, Transceiver, combine_losses
+from palpate.drivers.dynamixel.transceiver import (
+    BusCounts,
+    Loss,
+    Lost,
+    SizeMismatch,
+    Transceiver,
+    combine_losses,
+)
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.port import PORT_ERRORS
+from palpate.drivers.transport.ports import PORT_ERRORS
 
-__all__ = ["Bus", "GroupRead", "Ping"]
+_Answers = dict[int, StatusPacket | Loss]
+_NO_ANSWER = (Lost.SILENT, Lost.LATE)
+
+
+def read_group(
+    transceiver: Transceiver,
+    blocks: Mapping[int, TableBlock],
+    silent: set[int],
+    tries: Sequence[bool],
+    counts: BusCounts,
+    *,
+    fast: bool,
+) -> _Answers:
+    """Read a block of each servo; an answer or what was lost for each.
+
+    `silent`: those that did not answer at all the last time; they are asked once, and last. It is brought
+    up to date. All others are asked as often as there are `tries`, patiently where that is True. `fast`:
+    the first try is a fast read, and what is missing in it is read plainly, at least once: a servo that has
+    fallen silent is noticed no later than by servos that know no fast reads.
+    """
+    found: _Answers = _read_fast(transceiver, blocks, silent) if fast else {}
+    left = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in found}
+    counts.retries += bool(fast and left.keys() - silent)
+    plain = tries[1:] if fast and len(tries) > 1 else tries
+    heard = {dxl_id: blocks[dxl_id] for dxl_id in list(found)[:1]}
+    found.update(_read_plain(transceiver, left, silent, plain, counts, heard))
+    gone = {dxl_id for dxl_id, answer in found.items() if answer is Lost.SILENT}
+    silent -= found.keys() - gone
+    silent |= gone
+    return found
+
+
+def _read_fast(transceiver: Transceiver, blocks: Mapping[int, TableBlock], silent: set[int]) -> _Answers:
+    some = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in silent}
+    wide = transceiver.wider(some, fast=True) if some else {}
+    answers = transceiver.read_group_fast(wide) if some else {}
+    return {
+        dxl_id: _cut_to_block(answer, wide[dxl_id], some[dxl_id])
+        for dxl_id, answer in answers.items()
+        if isinstance(answer, StatusPacket)
+    }
+
+
+def _read_plain(
+    transceiver: Transceiver,
+    blocks: Mapping[int, TableBlock],
+    silent: set[int],
+    tries: Sequence[bool],
+    counts: BusCounts,
+    heard: Mapping[int, TableBlock],
+) -> _Answers:
+    """`heard`: one that has answered a fast read, with its block; nothing if none has."""
+    found: _Answers = {}
+    tried = dict.fromkeys(blocks, 0)
+    waiting = sorted(blocks, key=silent.__contains__)
+    wide = transceiver.wider({**heard, **blocks}) if blocks else {}
+    while waiting:
+        patient = tries[max(tried[dxl_id] for dxl_id in waiting)]
+        # one that has answered is asked along, and first: if it is prompt, silence is the others' own
+        answered = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)]
+        witness = [*heard, *answered][:1]
+        asked = [*witness, *waiting] if patient else waiting
+        answers = transceiver.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
+        hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _NO_ANSWER), None)
+        for dxl_id in waiting:
+            answer = answers[dxl_id]
+            if answer in _NO_ANSWER and dxl_id != hiding:
+                continue  # perhaps only hidden
+            before = found.get(dxl_id)
+            if not isinstance(answer, StatusPacket) and not isinstance(before, StatusPacket):
+                answer = combine_losses(before, answer)
+            found[dxl_id] = _cut_to_block(answer, wide[dxl_id], blocks[dxl_id])
+            tried[dxl_id] += 1
+            if not isinstance(answer, StatusPacket):
+                counts.lost(silent=answer in _NO_ANSWER)
+        left = [
+            dxl_id
+            for dxl_id in waiting
+            if not isinstance(answers[dxl_id], StatusPacket)
+            and tried[dxl_id] < (1 if dxl_id in silent else len(tries))
+        ]
+        waiting = sorted(left, key=tried.__getitem__)
+        counts.retries += bool(waiting)
+    return found
+
+
+def _cut_to_block(answer: StatusPacket | Loss, wide: TableBlock, block: TableBlock) -> StatusPacket | Loss:
+    """An answer without what was read besides the block."""
+    if isinstance(answer, StatusPacket) and wide != block:
+        return StatusPacket(answer.dxl_id, answer.error, extract_block(answer.params, wide, block))
+    return answer
+
 
 _T = TypeVar("_T")
 
-_LONGEST_NUMBER = 4  # bytes of the longest single item
-_WRITES = 3  # how often an item is written that reads otherwise afterwards
-_WHOLE_TABLE = (0, 1)  # what a reboot changes, by its beginning
+_MAX_ITEM_BYTES = 4  # bytes of the longest single item
+_MAX_WRITES = 3  # how often an item is written that reads otherwise afterwards
+_TABLE_BEGINNING = (0, 1)  # what a reboot changes, by its beginning
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +257,7 @@ class Bus:
         _check_id(dxl_id)
         with self._exchanging():
             answer = self._written(dxl_id, item, item.encode(value), retries)
-            self._check(answer, _write_of(item, value))
+            self._check(answer, _describe_write(item, value))
             self._learn(dxl_id, item, value)
 
     def write_unconfirmed(self, dxl_id: int, item: Item, value: int) -> None:
@@ -180,7 +279,7 @@ class Bus:
 
             def reboot(dxl_id: int, *, patient: bool) -> StatusPacket | Loss:
                 return self._transceiver.change(
-                    dxl_id, Instruction.REBOOT, b"", _WHOLE_TABLE, patient=patient
+                    dxl_id, Instruction.REBOOT, b"", _TABLE_BEGINNING, patient=patient
                 )
 
             answer = self._asked(dxl_id, reboot, retries=0)
@@ -217,7 +316,7 @@ class Bus:
         return GroupRead(values, errors)
 
     def read_blocks(
-        self, blocks: Mapping[int, Block], *, fast: bool = False
+        self, blocks: Mapping[int, TableBlock], *, fast: bool = False
     ) -> dict[int, StatusPacket | DeviceError]:
         """Read a block of bytes of each servo in one instruction; an answer or an error for each id.
 
@@ -270,7 +369,7 @@ class Bus:
             self.counts.lost(silent=lost in (Lost.SILENT, Lost.LATE))
         raise self._loss(dxl_id, lost or Lost.SILENT)
 
-    def _read(self, dxl_id: int, block: Block) -> StatusPacket:
+    def _read(self, dxl_id: int, block: TableBlock) -> StatusPacket:
         """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""
         wide = self._transceiver.wider({dxl_id: block})[dxl_id]
         doubtful = self._transceiver.may_be_stale(dxl_id)
@@ -282,7 +381,7 @@ class Bus:
             answer = self._asked(
                 dxl_id, lambda i, *, patient: self._transceiver.read(i, block, patient=patient)
             )
-        return StatusPacket(dxl_id, answer.error, part(answer.params, wide, block))
+        return StatusPacket(dxl_id, answer.error, extract_block(answer.params, wide, block))
 
     def _written(self, dxl_id: int, item: Item, data: bytes, retries: int | None) -> StatusPacket:
         """The answer to a write that cannot be the answer to an earlier one."""
@@ -292,7 +391,7 @@ class Bus:
             params = _words(item.address) + data
             return self._transceiver.change(dxl_id, Instruction.WRITE, params, block, patient=patient)
 
-        for _ in range(_WRITES):
+        for _ in range(_MAX_WRITES):
             doubtful = self._transceiver.may_be_stale(dxl_id)
             answer = self._asked(dxl_id, write, retries)
             if not doubtful:
@@ -304,7 +403,9 @@ class Bus:
                 return answer
         raise NotConfirmed([dxl_id], self.port_name, [item.name])
 
-    def _or_error(self, dxl_id: int, block: Block, answer: StatusPacket | Loss) -> StatusPacket | DeviceError:
+    def _or_error(
+        self, dxl_id: int, block: TableBlock, answer: StatusPacket | Loss
+    ) -> StatusPacket | DeviceError:
         """What a group read found, an error if it is none; a refusal is asked for once more by itself."""
         if not isinstance(answer, StatusPacket):
             return self._loss(dxl_id, answer)
@@ -365,9 +466,9 @@ def _check_id(dxl_id: int) -> None:
         raise ValueError(f"servo id {dxl_id} is outside 0 … {MAX_ID}")
 
 
-def _write_of(item: Item, value: int) -> str:
+def _describe_write(item: Item, value: int) -> str:
     """A write in the words of an error. Several items in one make a number that says nothing to anybody."""
-    return f"{value if item.size <= _LONGEST_NUMBER else 'a value'} for {item.name}"
+    return f"{value if item.size <= _MAX_ITEM_BYTES else 'a value'} for {item.name}"
 
 
 def _ping_of(answer: StatusPacket) -> Ping:

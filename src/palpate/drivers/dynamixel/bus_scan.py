@@ -1,4 +1,4 @@
-"""Looking for servos of which nothing is known, at every baud rate and id. Above `bus`, below the commands.
+"""Scan of a bus for servos of which nothing is known, at every baud rate and id. Above `bus`.
 
 One ping to all finds in a fraction of a second what answers in turn. Where answers came broken, each id is
 asked by itself: two servos with one id speak at once and spoil each other's answers. Where both happen to say
@@ -15,18 +15,16 @@ from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, StatusError
-from palpate.drivers.dynamixel.models import model_numbered
+from palpate.drivers.dynamixel.models import model_by_number
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
-
-__all__ = ["ALL_IDS", "FoundServo", "Scan", "model_name", "scan", "scan_rate"]
+from palpate.drivers.transport.ports import PORT_ERRORS, PortTaken
 
 ALL_IDS = range(MAX_ID + 1)
 
-_LIVE = Item("Realtime Tick to Present Temperature", 120, 27)  # no two servos agree in all of it
-_LOOKS = 4
-_REST_S = 0.05  # a servo that heard half a packet at another baud rate has forgotten it by then
+_PRESENT_VALUES = Item("Realtime Tick to Present Temperature", 120, 27)  # no two servos agree in all of it
+_CROWDING_READS = 4
+_RESYNC_S = 0.05  # a servo that heard half a packet at another baud rate has forgotten it by then
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +97,7 @@ def scan_rate(
 ) -> list[FoundServo]:
     """Look for servos on an open port at one baud rate. Raises PortFailed."""
     bus = Bus(port, clock, baudrate, latency_s=latency_s)
-    clock.sleep(_REST_S)
+    clock.sleep(_RESYNC_S)
     answers = bus.broadcast_ping(dxl_ids)
     pings: dict[int, Ping | None] = {i: ping for i, ping in answers.items() if i in dxl_ids}
     if bus.counts.damaged:
@@ -108,7 +106,7 @@ def scan_rate(
                 continue
             tell(baudrate, dxl_id)
             try:
-                pings[dxl_id] = _by_itself(bus, dxl_id)
+                pings[dxl_id] = _ping_alone(bus, dxl_id)
             except NotAnswering:
                 continue
     return [
@@ -120,12 +118,12 @@ def scan_rate(
 def model_name(ping: Ping | None) -> str | None:
     """The name of the model that answered a ping; None if it is unknown."""
     try:
-        return None if ping is None else model_numbered(ping.model_number, ping.firmware).name
+        return None if ping is None else model_by_number(ping.model_number, ping.firmware).name
     except InputError:
         return None
 
 
-def _by_itself(bus: Bus, dxl_id: int) -> Ping | None:
+def _ping_alone(bus: Bus, dxl_id: int) -> Ping | None:
     """What one id answers, None if only broken answers come; NotAnswering at once if nothing does."""
     try:
         return bus.ping(dxl_id, retries=0)
@@ -140,17 +138,17 @@ def _by_itself(bus: Bus, dxl_id: int) -> Ping | None:
 def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
     """Whether answers to an id keep coming broken, or twice."""
     spoiled = 0
-    for _ in range(_LOOKS):
+    for _ in range(_CROWDING_READS):
         before = bus.counts.damaged
         with contextlib.suppress(NotAnswering, DamagedAnswer, StatusError):  # damage is counted
-            bus.read(dxl_id, _LIVE, alert=False)
-        spoiled += bus.counts.damaged > before or _more_comes(bus, port, clock)
-    return spoiled > _LOOKS // 2
+            bus.read(dxl_id, _PRESENT_VALUES, alert=False)
+        spoiled += bus.counts.damaged > before or _more_arrives(bus, port, clock)
+    return spoiled > _CROWDING_READS // 2
 
 
-def _more_comes(bus: Bus, port: SerialBase, clock: Clock) -> bool:
+def _more_arrives(bus: Bus, port: SerialBase, clock: Clock) -> bool:
     """Whether something still comes behind an answer that was complete."""
-    clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _LIVE.size, 0.0))
+    clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _PRESENT_VALUES.size, 0.0))
     try:
         return bool(port.read(1))
     except PORT_ERRORS:

@@ -6,21 +6,6 @@ from palpate.base.errors import DeviceError, SafetyStop
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 
-__all__ = [
-    "AnsweringLate",
-    "DamagedAnswer",
-    "HardwareAlert",
-    "NotAnswering",
-    "NotConfirmed",
-    "PortFailed",
-    "Restarted",
-    "ServoError",
-    "StatusError",
-    "WatchdogTripped",
-    "WrongLength",
-    "raise_first",
-]
-
 
 class PortFailed(DeviceError):
     """The port itself broke during a transfer."""

@@ -1,34 +1,163 @@
-"""Models of servos: where each has its items, and what its units are. Between vendor's tables and `servo`.
+"""Servo models: where each has its items, what its units are, and its motor and supply.
 
 Addresses and sizes are those of the tables that ship with the vendor's SDK, for every model in them. What
 these leave out is added from the e-Manual for the models that rigs are built of (`x_series`): access,
-defaults, ranges, the layout of older and newer firmware, models that the vendor's list of numbers lacks; and,
-from the specifications, what a current means.
+defaults, ranges, the layout of older and newer firmware, models that the vendor's list lacks.
+
+Stall torque, stall current and no-load speed are those of section "Specifications" of each model's page, at
+the recommended supply. Inertia, friction and heating stand nowhere; guesses for emulated servos are said
+where they stand. Plug-ins add models of their own (`base.extensions`).
 """
 
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from types import MappingProxyType
 
 from palpate.base.errors import InputError
-from palpate.base.extensions import SERVO_MODELS, available
+from palpate.base.extensions import SERVO_MODELS, broken_plugin_error, load_extension, registered_names
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
-from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, ServoSpecification, specification
-from palpate.drivers.dynamixel.x_series import MODEL_NAMES
+from palpate.drivers.dynamixel.control_table import Access, Area, Item, TableItem
+from palpate.drivers.dynamixel.x_series import MODEL_NAMES, X_SERIES, XModel, table_of
 
-__all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
+_RAD_S_PER_RPM = 2 * math.pi / 60  # rad/s
 
-_NEWEST = 255
-_NEW_LAYOUT = 52  # firmware from which the X330s have the vendor's "_fw52" table
-_SIGNED = {name for name, item in ct.ITEMS.items() if item.signed}
+
+@dataclass(frozen=True, slots=True)
+class MotorConstants:
+    """A servo as seen at its output shaft. Defaults: XM430-W350 at 12 V."""
+
+    stall_torque_nm: float = 4.1  # e-Manual
+    stall_current_a: float = 2.3  # e-Manual
+    no_load_rad_s: float = 46 * 2 * math.pi / 60  # e-Manual
+    inertia_kg_m2: float = 0.01  # guess: a 80 g·mm² rotor behind 353.5 : 1
+    friction_nm: float = 0.05  # guess: gear friction, the same at rest and in motion
+
+
+@dataclass(frozen=True)
+class ServoSpecification:
+    """A servo model of the X series, for host and emulator; entry points of `palpate.servo_models` name one.
+
+    `name`: as in rig files. `number`: Model Number (0). `items`: the e-Manual's control table of a firmware.
+    `firmware`: what an emulated one has unless asked otherwise. `extended_firmware`: first one with fast
+    reads, Control Table Backup and Startup Configuration. `nominal_v`: recommended supply. `brown_out_v`:
+    below it the controller is off; a guess, the manual gives operating ranges only. `current_unit_a`: of
+    Goal and Present Current. `protocol_types`: values of Protocol Type that it works with. `supply_v`: least
+    and highest supply; None: `nominal_v` alone.
+
+    Its positions have 4096 steps a turn, 2048 at 0 rad, and its velocities units of 0.229 rpm.
+    """
+
+    name: str
+    number: int
+    items: Callable[[int], Sequence[TableItem]]
+    firmware: int
+    extended_firmware: int
+    nominal_v: float
+    brown_out_v: float
+    current_unit_a: float
+    motor: MotorConstants
+    protocol_types: tuple[int, ...] = (2,)
+    supply_v: tuple[float, float] | None = None
+
+
+_XM430 = MotorConstants()
+_X330_PROTOCOL_TYPES = (2, 20, 21, 22)
+
+
+def _guess_motor(model: XModel) -> MotorConstants:
+    """A model's motor. Guessed: it gathers speed in an XM430-W350's 12 ms and loses its share to friction."""
+    strength = model.stall_torque_nm / _XM430.stall_torque_nm
+    no_load_rad_s = model.no_load_rpm * _RAD_S_PER_RPM
+    return MotorConstants(
+        model.stall_torque_nm,
+        model.stall_current_a,
+        no_load_rad_s,
+        inertia_kg_m2=_XM430.inertia_kg_m2 * strength * _XM430.no_load_rad_s / no_load_rad_s,
+        friction_nm=_XM430.friction_nm * strength,
+    )
+
+
+def _built_in_specification(model: XModel) -> ServoSpecification:
+    family = model.family
+    low, nominal, high = family.supply_v
+    # on an X330 the other types are radio control, which falls back to Protocol 2.0 where it hears none at
+    # boot; others with type 1 would speak Protocol 1.0, which is not emulated
+    small = "Protocol Type" not in family.ranges
+    return ServoSpecification(
+        model.name,
+        model.number,
+        partial(table_of, model.number),
+        max(family.extended_firmware, *family.indirect),
+        family.extended_firmware,
+        nominal,
+        nominal / 2,
+        family.current_unit_a,
+        _guess_motor(model),
+        _X330_PROTOCOL_TYPES if small else (2,),
+        (low, high),
+    )
+
+
+SPECIFICATIONS: Mapping[str, ServoSpecification] = MappingProxyType(
+    {model.name: _built_in_specification(model) for model in X_SERIES.values()}
+)
+"""Built-in models by name."""
+
+
+def specification(name: str) -> ServoSpecification:
+    """Find a model by name, built in or from a plug-in. Raises InputError if there is none."""
+    if name in SPECIFICATIONS:
+        return SPECIFICATIONS[name]
+    found = load_extension(SERVO_MODELS, name, SPECIFICATIONS)
+    if not isinstance(found, ServoSpecification):
+        raise broken_plugin_error(
+            SERVO_MODELS, name, f"it is a {type(found).__name__}, not a ServoSpecification"
+        )
+    return found
+
+
+def supply_warnings(models: Iterable[str]) -> list[str]:
+    """What is wrong with the supply of servos on one bus, whose cables pass it on; none if all need the same.
+
+    Models that are not built in are left out.
+    """
+    by_volts: dict[float, set[str]] = {}
+    for name in set(models) & SPECIFICATIONS.keys():
+        by_volts.setdefault(SPECIFICATIONS[name].nominal_v, set()).add(name)
+    if len(by_volts) < 2:
+        return []
+    listed = ", ".join(
+        f"{volts:g} V for {' and '.join(sorted(by_volts[volts]))}" for volts in sorted(by_volts)
+    )
+    ranges = [_supply_range(SPECIFICATIONS[name]) for names in by_volts.values() for name in names]
+    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    if low <= high:
+        return [
+            f"servos on one bus are made for different supplies ({listed}), and cables pass the supply on: "
+            f"all take {low:g} to {high:g} V; set the supply within that, and measure it first"
+        ]
+    return [
+        f"servos on one bus need different supplies ({listed}), and cables pass the supply on: the highest "
+        "destroys the others; use servos of one voltage, or feed them apart, with only ground and data joined"
+    ]
+
+
+def _supply_range(found: ServoSpecification) -> tuple[float, float]:
+    return (found.nominal_v, found.nominal_v) if found.supply_v is None else found.supply_v
+
+
+_NEWEST_FIRMWARE = 255
+_NEW_LAYOUT_FIRMWARE = 52  # firmware from which the X330s have the vendor's "_fw52" table
+_SIGNED_ITEMS = {name for name, item in ct.ITEMS.items() if item.signed}
 _EEPROM_END = 64  # of the X series; elsewhere it is not used
 
 
 @dataclass(frozen=True, slots=True)
-class Indirect:
+class IndirectAddresses:
     """Indirect addresses that lie in a row: the first one's address, the first one's data, how many."""
 
     address: int
@@ -37,7 +166,7 @@ class Indirect:
 
 
 @dataclass(frozen=True, slots=True)
-class Torque:
+class CurrentUnits:
     """What a current means: its unit (A), the largest Current Limit (units), N·m per A at the shaft.
 
     The last is stall torque over stall current of the e-Manual's specifications at the recommended voltage;
@@ -50,7 +179,7 @@ class Torque:
 
 
 # e-Manual: firmware from which a series answers fast reads; two-axis models never do
-_FAST_FROM = {"430": 45, "540": 45, "330": 46}
+_FAST_READ_FIRMWARE = {"430": 45, "540": 45, "330": 46}
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +200,9 @@ class Model:
     velocity_unit_rad_s: float
     fast_from: int | None
     items: dict[str, Item]
-    indirect: Indirect | None
+    indirect: IndirectAddresses | None
     table: dict[str, TableItem] | None
-    torque: Torque | None
+    torque: CurrentUnits | None
 
     def item(self, name: str) -> Item:
         """Where this model has an item. Raises InputError if it has none of that name."""
@@ -101,7 +230,7 @@ class Model:
         return self.firmware is not None and least is not None and self.firmware >= least
 
     @property
-    def known_torque(self) -> Torque:
+    def known_torque(self) -> CurrentUnits:
         """Units of current. Raises InputError for a model of which they are not known."""
         if self.torque is None:
             raise InputError(
@@ -115,22 +244,22 @@ class Model:
         return self.known_torque.largest_current * self.known_torque.current_unit_a
 
 
-def model_named(name: str, firmware: int | None = None) -> Model:
+def model_by_name(name: str, firmware: int | None = None) -> Model:
     """Find a model by its name; raises InputError listing known ones.
 
     A plug-in's model goes before the vendor's table of the same name, which knows less.
     """
     if name in SPECIFICATIONS:
-        return model_numbered(SPECIFICATIONS[name].number, firmware)
-    if name in available(SERVO_MODELS):
-        return _specified(specification(name), firmware)
+        return model_by_number(SPECIFICATIONS[name].number, firmware)
+    if name in registered_names(SERVO_MODELS):
+        return _specified_model(specification(name), firmware)
     for number, found in _numbers().items():
         if _name_of(found) == name:
-            return model_numbered(number, firmware)
-    raise InputError(f"servo model {name!r} is not known; known are {', '.join(models_known())}")
+            return model_by_number(number, firmware)
+    raise InputError(f"servo model {name!r} is not known; known are {', '.join(known_models())}")
 
 
-def _specified(found: ServoSpecification, firmware: int | None) -> Model:
+def _specified_model(found: ServoSpecification, firmware: int | None) -> Model:
     table = _table(found, firmware)
     items = {item.name: _item(item.name, item.address, item.size, table) for item in table.values()}
     return Model(
@@ -149,20 +278,20 @@ def _specified(found: ServoSpecification, firmware: int | None) -> Model:
 
 
 def _table(found: ServoSpecification, firmware: int | None) -> dict[str, TableItem]:
-    return {item.name: item for item in found.items(_NEWEST if firmware is None else firmware)}
+    return {item.name: item for item in found.items(_NEWEST_FIRMWARE if firmware is None else firmware)}
 
 
-def _torque(found: ServoSpecification | None, table: dict[str, TableItem] | None) -> Torque | None:
+def _torque(found: ServoSpecification | None, table: dict[str, TableItem] | None) -> CurrentUnits | None:
     if found is None or table is None:
         return None
     motor = found.motor
-    return Torque(
+    return CurrentUnits(
         found.current_unit_a, table["Current Limit"].high, motor.stall_torque_nm / motor.stall_current_a
     )
 
 
 @cache
-def model_numbered(number: int, firmware: int | None = None) -> Model:
+def model_by_number(number: int, firmware: int | None = None) -> Model:
     """Find a model by what a ping answers; raises InputError if neither tables nor manual have it.
 
     While the firmware is not known, the newest layout is taken.
@@ -170,11 +299,11 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
     file = _numbers().get(number)
     if file is None:
         if number in MODEL_NAMES:
-            return _specified(SPECIFICATIONS[MODEL_NAMES[number]], firmware)
+            return _specified_model(SPECIFICATIONS[MODEL_NAMES[number]], firmware)
         raise InputError(f"model number {number} is not in the vendor's tables")
     name = _name_of(file)
     newer = file.replace(".model", "_fw52.model")
-    if (firmware is None or firmware >= _NEW_LAYOUT) and _vendor(newer).is_file():
+    if (firmware is None or firmware >= _NEW_LAYOUT_FIRMWARE) and _vendor(newer).is_file():
         file = newer
     sections = _sections(_vendor(file).read_text(encoding="utf-8"))
     kind = {row[0]: float(row[1]) for row in sections["type info"]}
@@ -192,7 +321,7 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
         # the X series' tables give ±3.14159265 for 4095 steps; a turn has 4096 (e-Manual)
         rad_per_tick=ct.RAD_PER_TICK if full_turn == 4095 else radians / full_turn,
         velocity_unit_rad_s=units.get("Present Velocity", ct.VELOCITY_UNIT_RAD_S),
-        fast_from=_FAST_FROM.get(name[2:5]) if name[0] == "X" else None,
+        fast_from=_FAST_READ_FIRMWARE.get(name[2:5]) if name[0] == "X" else None,
         items=items,
         indirect=_indirect(items),
         table=table,
@@ -203,17 +332,17 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
 def _item(name: str, address: int, size: int, table: dict[str, TableItem] | None) -> Item:
     known = None if table is None else table.get(name)
     eeprom = address < _EEPROM_END if known is None else known.area is Area.EEPROM
-    return Item(name, address, size, name in _SIGNED, eeprom)
+    return Item(name, address, size, name in _SIGNED_ITEMS, eeprom)
 
 
-def _indirect(items: dict[str, Item]) -> Indirect | None:
+def _indirect(items: dict[str, Item]) -> IndirectAddresses | None:
     first, data = items.get("Indirect Address 1"), items.get("Indirect Data 1")
     if first is None or data is None:
         return None
-    return Indirect(first.address, data.address, min(20, (data.address - first.address) // 2))
+    return IndirectAddresses(first.address, data.address, min(20, (data.address - first.address) // 2))
 
 
-def models_known() -> list[str]:
+def known_models() -> list[str]:
     """Names of all models in the vendor's tables, and of built-in ones that these lack."""
     return sorted({_name_of(file) for file in _numbers().values()} | SPECIFICATIONS.keys())
 

@@ -24,24 +24,6 @@ from typing import NamedTuple
 
 from fastcrc.crc16 import umts
 
-__all__ = [
-    "ALERT_BIT",
-    "BROADCAST_ID",
-    "MAX_ID",
-    "DamagedPacket",
-    "Instruction",
-    "InstructionPacket",
-    "Parser",
-    "StatusErrorCode",
-    "StatusPacket",
-    "crc16",
-    "encode_instruction",
-    "encode_status",
-    "parse_fast_status",
-    "stuff",
-    "unstuff",
-]
-
 BROADCAST_ID = 0xFE
 MAX_ID = 252
 ALERT_BIT = 0x80
@@ -49,10 +31,10 @@ ALERT_BIT = 0x80
 _HEADER = b"\xff\xff\xfd\x00"
 _STUFFABLE = b"\xff\xff\xfd"
 _STUFFED = b"\xff\xff\xfd\xfd"
-_PREFIX = 7  # header, ID and length
-_STATUS = 0x55
-_BLOCK_FRAME = 4  # error, ID and CRC around a block's params
-_LONGEST = 1024  # LEN beyond this is noise: no servo has a buffer for it
+_PREFIX_BYTES = 7  # header, ID and length
+_STATUS_INSTRUCTION = 0x55
+_FAST_BLOCK_BYTES = 4  # error, ID and CRC around a block's params
+_MAX_PACKET_LENGTH = 1024  # LEN beyond this is noise: no servo has a buffer for it
 
 
 class Instruction(IntEnum):
@@ -147,7 +129,7 @@ def encode_instruction(packet: InstructionPacket) -> bytes:
 
 def encode_status(packet: StatusPacket) -> bytes:
     """Bytes of a status packet."""
-    return _frame(packet.dxl_id, bytes((_STATUS, packet.error)) + packet.params)
+    return _frame(packet.dxl_id, bytes((_STATUS_INSTRUCTION, packet.error)) + packet.params)
 
 
 def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[StatusPacket | None]:
@@ -159,13 +141,13 @@ def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[StatusPacket
     is the caller's to check. Raises ValueError if the answer would be longer than a servo takes.
     """
     blocks: list[StatusPacket | None] = [None] * len(lengths)
-    end = _PREFIX + 1
+    end = _PREFIX_BYTES + 1
     head = frame[:end]
     if not lengths or head != _fast_head(lengths):
         return blocks
     crc = checked = 0  # of so many bytes
     for index, length in enumerate(lengths):
-        start, end = end, end + length + _BLOCK_FRAME
+        start, end = end, end + length + _FAST_BLOCK_BYTES
         crc = crc16(frame[checked : end - 2], crc)
         checked = end - 2
         if frame[checked:end] != crc.to_bytes(2, "little"):
@@ -175,9 +157,9 @@ def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[StatusPacket
 
 
 def _fast_head(lengths: Sequence[int]) -> bytes:
-    length = 1 + sum(lengths) + _BLOCK_FRAME * len(lengths)
+    length = 1 + sum(lengths) + _FAST_BLOCK_BYTES * len(lengths)
     _check_length(length)
-    return _HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((_STATUS,))
+    return _HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((_STATUS_INSTRUCTION,))
 
 
 def _frame(dxl_id: int, body: bytes) -> bytes:
@@ -189,8 +171,10 @@ def _frame(dxl_id: int, body: bytes) -> bytes:
 
 
 def _check_length(length: int) -> None:
-    if length > _LONGEST:
-        raise ValueError(f"a packet of {length} bytes after LEN is longer than the {_LONGEST} a servo takes")
+    if length > _MAX_PACKET_LENGTH:
+        raise ValueError(
+            f"a packet of {length} bytes after LEN is longer than the {_MAX_PACKET_LENGTH} a servo takes"
+        )
 
 
 class Parser:
@@ -210,8 +194,8 @@ class Parser:
         while (frame := self._next_frame()) is not None:
             whole = crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little")
             del self._buffer[: len(frame) if whole else 1]
-            body = unstuff(frame[_PREFIX:-2])
-            if body[0] != _STATUS:
+            body = unstuff(frame[_PREFIX_BYTES:-2])
+            if body[0] != _STATUS_INSTRUCTION:
                 instruction = InstructionPacket(frame[4], body[0], body[1:])
                 packets.append(instruction if whole else DamagedPacket(frame[4]))
             elif whole and len(body) >= 2:
@@ -229,11 +213,11 @@ class Parser:
             start = buffer.find(_HEADER)
             # without a header the last bytes may be the beginning of one
             del buffer[: start if start >= 0 else max(0, len(buffer) - len(_HEADER) + 1)]
-            if start < 0 or len(buffer) < _PREFIX:
+            if start < 0 or len(buffer) < _PREFIX_BYTES:
                 return None
             length = int.from_bytes(buffer[5:7], "little")
-            if not 3 <= length <= _LONGEST or buffer[4] in (0xFD, 0xFF):
+            if not 3 <= length <= _MAX_PACKET_LENGTH or buffer[4] in (0xFD, 0xFF):
                 del buffer[0]
                 continue
-            end = _PREFIX + length
+            end = _PREFIX_BYTES + length
             return bytes(buffer[:end]) if len(buffer) >= end else None

@@ -21,22 +21,20 @@ from collections.abc import Sequence
 from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 from serial.serialutil import SerialBase
 
+from palpate.drivers.dynamixel.exchanges import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.dynamixel.packet import MAX_ID, crc16, stuff, unstuff
-from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
-
-__all__ = ["ClockedPortHandler", "StuffingPacketHandler"]
 
 READ_WAIT_S = 1e-3
 """How long a read may wait in the port before the SDK looks at its packet timeout again."""
 
-_LATE_LOOKS = 8  # a wire full of noise must not be listened to for ever
+_MAX_LATE_READS = 8  # a wire full of noise must not be listened to for ever
 _HEADER = b"\xff\xff\xfd\x00"
-_ID, _BODY = 4, 7  # indices of ID, and of INST: behind header, ID and length
-_STATUS = 0x55
-_SHORTEST = 11  # bytes of a status packet
-_LONGEST = 256  # of one that is taken the quick way
+_ID_INDEX, _BODY_INDEX = 4, 7  # indices of ID, and of INST: behind header, ID and length
+_STATUS_INSTRUCTION = 0x55
+_MIN_STATUS_BYTES = 11  # bytes of a status packet
+_MAX_QUICK_STATUS_BYTES = 256  # of one that is taken the quick way
 
 
 class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -77,7 +75,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         """Wait as long as an answer of `packet_length` bytes may take after what was sent last."""
         seconds = self._timing.timeout_s(self._sent, packet_length, self.return_delay_s)
         self._sent = 0  # a further answer to the same packet does not wait for it again
-        self._late_looks = _LATE_LOOKS
+        self._late_looks = _MAX_LATE_READS
         self.setPacketTimeoutMillis(seconds * 1e3)
 
     def isPacketTimeout(self) -> bool:
@@ -144,17 +142,17 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
         It goes on where this has ended: what was read is pushed back. A read that brought nothing is followed
         by a look at the time, as in the SDK.
         """
-        data = port.readPort(_SHORTEST)
+        data = port.readPort(_MIN_STATUS_BYTES)
         nothing = not data
         if (
-            len(data) == _SHORTEST
-            and data[:_ID] == _HEADER
-            and data[_ID] <= MAX_ID
-            and data[_BODY] == _STATUS
+            len(data) == _MIN_STATUS_BYTES
+            and data[:_ID_INDEX] == _HEADER
+            and data[_ID_INDEX] <= MAX_ID
+            and data[_BODY_INDEX] == _STATUS_INSTRUCTION
         ):
-            size = _BODY + (data[5] | data[6] << 8)
-            if _SHORTEST < size <= _LONGEST:
-                more = port.readPort(size - _SHORTEST)
+            size = _BODY_INDEX + (data[5] | data[6] << 8)
+            if _MIN_STATUS_BYTES < size <= _MAX_QUICK_STATUS_BYTES:
+                more = port.readPort(size - _MIN_STATUS_BYTES)
                 data += more
                 nothing = not more
             if len(data) == size and crc16(data[:-2]) == data[-2] | data[-1] << 8:
@@ -170,7 +168,7 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
     def addStuffing(self, packet: list[int]) -> list[int]:
         """Stuff in place: the SDK's `txPacket` goes on with the list that it passed in."""
         length = packet[5] | packet[6] << 8
-        body = stuff(bytes(packet[_BODY : _BODY + length - 2]))
+        body = stuff(bytes(packet[_BODY_INDEX : _BODY_INDEX + length - 2]))
         if len(body) != length - 2:
             _replace_body(packet, length, body)
         return packet
@@ -178,7 +176,7 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
     def removeStuffing(self, packet: list[int]) -> list[int]:
         """Take the stuffing out of a packet whose CRC was found right."""
         length = packet[5] | packet[6] << 8
-        body = unstuff(bytes(packet[_BODY : _BODY + length - 2]))
+        body = unstuff(bytes(packet[_BODY_INDEX : _BODY_INDEX + length - 2]))
         if len(body) != length - 2:
             _replace_body(packet, length, body)
         return packet
@@ -189,5 +187,5 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
 
 
 def _replace_body(packet: list[int], old_length: int, body: bytes) -> None:
-    packet[_BODY : _BODY + old_length - 2] = body
+    packet[_BODY_INDEX : _BODY_INDEX + old_length - 2] = body
     packet[5:7] = (len(body) + 2).to_bytes(2, "little")

@@ -1,32 +1,39 @@
-"""A servo in rad, rad/s and A. Above the bus, below finger kinematics and the rig.
+"""Servos in rad, rad/s and A: settings, goals, stopping, torque off, health. Above `bus`.
 
 Zero is the model's middle tick (2048 of the X series), in extended modes of the turn in which the servo was
 powered up: after power-up, a reboot or a change of mode, a servo knows its angle within one turn only.
-Positive is the servo's own direction, counter-clockwise seen from the horn. Angles are rounded to the
-nearest tick and never clamped.
+Positive is the servo's own direction, counter-clockwise seen from the horn. Angles are rounded to the nearest
+tick; limits of velocity, acceleration and current are rounded down.
+
+Torque off is a broadcast to all, then confirmed by each. The broadcast needs no answer, so it also works
+beside a program that is using the wire; its traffic may spoil a packet, therefore an emergency stop repeats
+it. Confirming reads, and needs the wire for itself. Health is only read; what is judged wrong is for those
+who ask.
 """
 
 import contextlib
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
-from palpate.base.errors import InputError, SafetyStop
+from palpate.base.errors import DeviceError, InputError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
-from palpate.drivers.dynamixel.control_table import Item, OperatingMode
+from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE, HardwareError, Item, OperatingMode
 from palpate.drivers.dynamixel.errors import (
     DamagedAnswer,
+    HardwareAlert,
     NotAnswering,
     NotConfirmed,
+    PortFailed,
     ServoError,
     raise_first,
 )
-from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
+from palpate.drivers.dynamixel.models import Model, model_by_name, model_by_number
+from palpate.drivers.transport.clock import Clock
 
-__all__ = ["Servo", "stop_at", "write_goals"]
-
-_CONFIRMATIONS = 5  # how often goals are written before they count as refused by the wire
+_MAX_GOAL_WRITES = 5  # how often goals are written before they count as refused by the wire
 
 
 class Servo:
@@ -45,7 +52,7 @@ class Servo:
         The default is the turn of Position Control Mode. Raises InputError for an unknown model.
         """
         self.dxl_id = dxl_id
-        self.model: Model = model_named(model)
+        self.model: Model = model_by_name(model)
         self.range_rad = range_rad
         self.turns = 0
         """Whole turns that Present Position is ahead of `range_rad`'s angles; homing finds them."""
@@ -72,11 +79,11 @@ class Servo:
             raise ServoError(
                 [self.dxl_id],
                 self._bus.port_name,
-                f"servo {self.dxl_id} on {self._bus.port_name} answers as {_name(answer.model_number)} "
-                f"(model number {answer.model_number}), not {self.model.name}; "
+                f"servo {self.dxl_id} on {self._bus.port_name} answers as "
+                f"{_model_label(answer.model_number)} (model number {answer.model_number}), not {self.model.name}; "
                 "check ids and `model` in the rig file",
             )
-        self.model = model_named(self.model.name, answer.firmware)
+        self.model = model_by_name(self.model.name, answer.firmware)
         level = self.item("Status Return Level")
         try:
             quiet = self._bus.read(self.dxl_id, level, alert=False) < ct.ANSWERS_ALL
@@ -153,7 +160,7 @@ class Servo:
             )
             wanted |= {"Min Position Limit": low, "Max Position Limit": high}
         if velocity_limit_rad_s is not None:
-            wanted["Velocity Limit"] = _units_down(
+            wanted["Velocity Limit"] = _round_down(
                 velocity_limit_rad_s, self.model.velocity_unit_rad_s, "velocity limit"
             )
         return wanted
@@ -163,10 +170,10 @@ class Servo:
 
         Raises ValueError for values that would round to 0, which the servo takes for "unlimited".
         """
-        velocity = _units_down(velocity_rad_s, self.model.velocity_unit_rad_s, "profile velocity")
-        acceleration = _units_down(acceleration_rad_s2, ct.ACCELERATION_UNIT_RAD_S2, "profile acceleration")
+        velocity = _round_down(velocity_rad_s, self.model.velocity_unit_rad_s, "profile velocity")
+        acceleration = _round_down(acceleration_rad_s2, ct.ACCELERATION_UNIT_RAD_S2, "profile acceleration")
         wanted = {"Profile Acceleration": acceleration, "Profile Velocity": velocity}
-        _set_all(self._bus, {self: wanted}, confirm=True)
+        _write_all(self._bus, {self: wanted}, confirm=True)
 
     def clear_profile(self) -> None:
         """Follow every goal at once, as streamed goals need it."""
@@ -240,7 +247,7 @@ def write_goals(bus: Bus, goals_rad: Mapping[Servo, float], *, confirm: bool = F
     is outside its servo's range, and sends nothing then; NotConfirmed if one does not arrive however often
     it is sent.
     """
-    _set_all(
+    _write_all(
         bus, {servo: {"Goal Position": servo.goal_ticks(rad)} for servo, rad in goals_rad.items()}, confirm
     )
 
@@ -255,16 +262,16 @@ def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
         servo: {"Profile Velocity": 0, "Goal Position": servo.goal_ticks(rad)}
         for servo, rad in goals_rad.items()
     }
-    _set_all(bus, wanted, confirm=True)
+    _write_all(bus, wanted, confirm=True)
 
 
-def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool) -> None:
+def _write_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool) -> None:
     left = dict(wanted)
     if not left:
         return
     lost: NotAnswering | DamagedAnswer | None = None
-    for _ in range(_CONFIRMATIONS):
-        for item, values in _by_item(left).items():
+    for _ in range(_MAX_GOAL_WRITES):
+        for item, values in _group_by_item(left).items():
             bus.sync_write(item, values)
         if not confirm:
             return
@@ -276,7 +283,8 @@ def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool)
         left = {
             servo: items
             for servo, items in left.items()
-            if servo.dxl_id in silent or not _has(servo, items, blocks[servo], found.values[servo.dxl_id])
+            if servo.dxl_id in silent
+            or not _holds_values(servo, items, blocks[servo], found.values[servo.dxl_id])
         }
         if not left:
             return
@@ -285,7 +293,7 @@ def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool)
     )
 
 
-def _by_item(wanted: Mapping[Servo, Mapping[str, int]]) -> dict[Item, dict[int, int]]:
+def _group_by_item(wanted: Mapping[Servo, Mapping[str, int]]) -> dict[Item, dict[int, int]]:
     """Values by item and id: models may have an item in different places."""
     found: dict[Item, dict[int, int]] = {}
     for servo, values in wanted.items():
@@ -300,7 +308,7 @@ def _block_of(items: Sequence[Item]) -> Item:
     return Item(" and ".join(item.name for item in items), first, end - first)
 
 
-def _has(servo: Servo, values: Mapping[str, int], block: Item, found: int) -> bool:
+def _holds_values(servo: Servo, values: Mapping[str, int], block: Item, found: int) -> bool:
     """Whether a block that was read has these values."""
     raw = block.encode(found)
     items = {servo.item(name): value for name, value in values.items()}
@@ -310,15 +318,119 @@ def _has(servo: Servo, values: Mapping[str, int], block: Item, found: int) -> bo
     )
 
 
-def _name(model_number: int) -> str:
+def _model_label(model_number: int) -> str:
     try:
-        return model_numbered(model_number).name
+        return model_by_number(model_number).name
     except InputError:
         return "unknown model"
 
 
-def _units_down(value: float, unit: float, what: str) -> int:
+def _round_down(value: float, unit: float, what: str) -> int:
     units = int(value / unit + 1e-6) if math.isfinite(value) else 0
     if not 1 <= units <= 32767:
         raise ValueError(f"{what} {value} is outside {unit:.4f} … {32767 * unit:.1f}")
     return units
+
+
+_INPUT_VOLTAGE_UNIT_V = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What a servo says of itself. `settings`: the values of the items that were asked for."""
+
+    voltage_v: float
+    voltage_limits_v: tuple[float, float]
+    temperature_c: int
+    temperature_limit_c: int
+    hardware_error: HardwareError
+    torque_on: bool
+    settings: Mapping[str, int]
+
+
+def read_health(bus: Bus, servo: Servo, items: Iterable[str] = ()) -> Health:
+    """Ask a servo whose firmware is known already (`Servo.check`). Raises what the bus raises."""
+
+    def read(name: str) -> int:
+        return bus.read(servo.dxl_id, servo.item(name), alert=False)
+
+    low, high = read("Min Voltage Limit"), read("Max Voltage Limit")
+    return Health(
+        voltage_v=read("Present Input Voltage") * _INPUT_VOLTAGE_UNIT_V,
+        voltage_limits_v=(low * _INPUT_VOLTAGE_UNIT_V, high * _INPUT_VOLTAGE_UNIT_V),
+        temperature_c=read("Present Temperature"),
+        temperature_limit_c=read("Temperature Limit"),
+        hardware_error=bus.hardware_error(servo.dxl_id),
+        torque_on=bool(read("Torque Enable")),
+        settings=read_items(bus, servo, items),
+    )
+
+
+def read_items(bus: Bus, servo: Servo, items: Iterable[str]) -> dict[str, int]:
+    """The values of some items, also of a servo that reports a hardware error."""
+    return {name: bus.read(servo.dxl_id, servo.item(name), alert=False) for name in items}
+
+
+_BROADCAST_PAUSE_S = (
+    0.013  # no multiple of a usual loop's period, so that not every packet meets the same traffic
+)
+_TORQUE_OFF_ROUNDS = 4
+
+
+def disable_torque(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:
+    """Switch torque off on every servo, each by itself whatever happens to the others.
+
+    One broadcast to all servos on the wire comes first; then each is asked to confirm, and one that does not
+    is written again, with the others in between. Returns one error for every servo whose torque may still be
+    on. A servo that confirms while it reports a hardware error is off, and is not listed.
+    """
+    with contextlib.suppress(DeviceError):  # a port that fails here is reported by what follows
+        bus.broadcast_torque_off()
+    failed: dict[Servo, DeviceError | None] = dict.fromkeys(servos)
+    for _ in range(_TORQUE_OFF_ROUNDS):
+        tried = {servo: _write_off(bus, servo.dxl_id, servo.item("Torque Enable")) for servo in failed}
+        failed = {servo: error for servo, error in tried.items() if error is not None}
+    return [error for error in failed.values() if error is not None]
+
+
+def broadcast_torque_off(bus: Bus, clock: Clock, times: int) -> None:
+    """Broadcast torque off `times` times. Reads nothing. Raises PortFailed."""
+    for _ in range(times):
+        bus.broadcast_torque_off()
+        clock.sleep(_BROADCAST_PAUSE_S)
+
+
+def confirm_torque_off(bus: Bus, dxl_ids: Iterable[int]) -> dict[int, DeviceError | None]:
+    """Write Torque Enable 0 to every servo and read it back; by id None if torque is off, else why not.
+
+    Each by itself, whatever happens to the others; one that does not answer is asked again last.
+    """
+    found = {dxl_id: _read_off(bus, dxl_id) for dxl_id in dxl_ids}
+    for _ in range(_TORQUE_OFF_ROUNDS - 1):
+        for dxl_id, problem in found.items():
+            if problem is not None and not isinstance(problem, PortFailed):
+                found[dxl_id] = _read_off(bus, dxl_id)
+    return found
+
+
+def _write_off(bus: Bus, dxl_id: int, item: Item) -> DeviceError | None:
+    """What went wrong if torque may still be on."""
+    try:
+        bus.write(dxl_id, item, 0)
+    except HardwareAlert as alert:
+        return None if alert.carried_out else alert
+    except DeviceError as error:
+        return error
+    return None
+
+
+def _read_off(bus: Bus, dxl_id: int) -> DeviceError | None:
+    """The same, confirmed by reading."""
+    problem = _write_off(bus, dxl_id, TORQUE_ENABLE)
+    if problem is not None:
+        return problem
+    try:
+        on = bus.read(dxl_id, TORQUE_ENABLE, alert=False)
+    except DeviceError as error:
+        return error
+    return DeviceError(f"servo {dxl_id} on {bus.port_name} says that its torque is on") if on else None

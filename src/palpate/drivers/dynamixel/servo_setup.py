@@ -1,4 +1,4 @@
-"""Setting up one servo that is alone on the wire: find it, say what differs, write, read back. Above `scan`.
+"""Set-up of one servo that is alone on the wire: find it, compare, write, read back. Above `bus_scan`.
 
 Everything but id and baud rate is written first, under the id and at the rate at which the servo was found;
 then the id; the rate last. If it ends anywhere in between, the servo answers at one of these, and setting it
@@ -15,16 +15,13 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, model_name
-from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
+from palpate.drivers.dynamixel.control_table import BAUD_RATES
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
-from palpate.drivers.dynamixel.health import read_items
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.servo import Servo, read_items
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["ItemChange", "ServoPort", "apply_changes", "find_changes", "only_servo", "setup_items"]
-
-_ATTEMPTS = 3
+_MAX_WRITES = 3
 _SETTLE_S = 0.1  # a servo that has changed id or rate listens again by then
 
 
@@ -128,7 +125,7 @@ def apply_changes(
 
 def _change_id(bus: Bus, clock: Clock, old: int, new: int) -> None:
     """Write the id; the manual does not say under which one the servo confirms it."""
-    for _ in range(_ATTEMPTS):
+    for _ in range(_MAX_WRITES):
         bus.write_unconfirmed(old, ct.ID, new)
         clock.sleep(_SETTLE_S)
         try:
@@ -142,7 +139,7 @@ def _change_id(bus: Bus, clock: Clock, old: int, new: int) -> None:
 def _change_rate(wire: ServoPort, at: FoundServo, code: int) -> None:
     """Write the baud rate; nor at which rate."""
     port = ""
-    for _ in range(_ATTEMPTS):
+    for _ in range(_MAX_WRITES):
         with closing(wire.bus(at.baudrate)) as bus:
             port = bus.port_name
             bus.write_unconfirmed(at.dxl_id, ct.BAUD_RATE, code)

@@ -1,17 +1,28 @@
-"""Transactions: one instruction and the answer to it, through the vendor's SDK.
+"""Transactions: one instruction and the answer to it, through the vendor's SDK; and counts of what was lost.
 
 Nothing here is repeated and nothing raised but the port's own errors: an answer is a status packet, or it is
-`Lost`, or a `SizeMismatch`. What a loss means, and whether to ask again, is for the `bus`.
+`Lost`, or a `SizeMismatch`. What a loss means, and whether to ask again, is for the `bus`. `BusCounts` are
+the numbers behind "the wire is bad"; `rig` shows them.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from serial.serialutil import SerialBase
 
-from palpate.drivers.dynamixel.counts import BusCounts
+from palpate.drivers.dynamixel.exchanges import (
+    ACK_PARAMS,
+    LONGEST_RETURN_DELAY_S,
+    PING_PARAMS,
+    PendingAnswers,
+    Query,
+    TableBlock,
+    Timing,
+    fast_frame_size,
+    queries,
+)
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,
@@ -20,21 +31,48 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     parse_fast_status,
 )
-from palpate.drivers.dynamixel.pending import ACK, PING, Block, PendingAnswers, Query, queries
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
-from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fast_frame_size
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-__all__ = ["Loss", "Lost", "SizeMismatch", "Transceiver", "combine_losses"]
 
-_STATUS_SIZE = 11  # bytes of a status packet without parameters
-_ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
+@dataclass(slots=True)
+class BusCounts:
+    """How often what happened since the port was opened.
+
+    `instructions`: packets sent. `silent`: answers that did not come in time. `damaged`: answers that came
+    broken. `retries`: instructions that were sent once more because of it. `alerts`: answers of servos that
+    report a hardware error. `reconnects`: ports opened again. `stale`: answers that came late or twice and
+    were dropped, because they answered what had been asked before.
+    """
+
+    instructions: int = 0
+    silent: int = 0
+    damaged: int = 0
+    retries: int = 0
+    alerts: int = 0
+    reconnects: int = 0
+    stale: int = 0
+
+    def lost(self, *, silent: bool) -> None:
+        """Count an answer that did not come, or came broken."""
+        if silent:
+            self.silent += 1
+        else:
+            self.damaged += 1
+
+    def as_dict(self) -> dict[str, int]:
+        """The numbers by name."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
+
+_STATUS_BYTES = 11  # bytes of a status packet without parameters
+_ID_INDEX, _ERROR_INDEX, _PARAMS_INDEX = 4, 8, 9  # where the SDK's packet lists have them
 _PING_SLOT_S = 3e-3  # the SDK allows as much for each ID when all servos answer one ping
-_LARGEST_READ = 256
+_MAX_READ_BYTES = 256
 _SILENT_BYTES = 3  # a wire with nothing on it for so many byte times is free
-_VARIANTS, _VARIANTS_TROUBLED = 2, 24  # lengths of answers that the same question takes in turn
-_SILENCE_LOOKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
+_MAX_WIDTHS, _MAX_WIDTHS_TROUBLED = 2, 24  # lengths of answers that the same question takes in turn
+_MAX_SILENCE_CHECKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
 
 
 class Lost(Enum):
@@ -85,21 +123,21 @@ class Transceiver:
         """Make the SDK's handler usable again after whatever interrupted it."""
         self._handler.is_using = False
 
-    def wider(self, blocks: Mapping[int, Block], *, fast: bool = False) -> Mapping[int, Block]:
+    def wider(self, blocks: Mapping[int, TableBlock], *, fast: bool = False) -> Mapping[int, TableBlock]:
         """What to read instead of `blocks`, so that no other answer can be taken for the answer to it.
 
         The same question takes lengths in turn, more of them while answers get lost or come late or twice.
         Where no length is free it waits until one is.
         """
         now = self._clock.now()
-        variants = _VARIANTS_TROUBLED if now < self._troubled_until_s else _VARIANTS
+        variants = _MAX_WIDTHS_TROUBLED if now < self._troubled_until_s else _MAX_WIDTHS
         found = self._pending.wider(blocks, now, variants=variants, fast=fast)
         if found is None:
             self.settle([BROADCAST_ID] if fast else blocks)
             return blocks
         return found
 
-    def may_be_stale(self, dxl_id: int, size: int = ACK) -> bool:
+    def may_be_stale(self, dxl_id: int, size: int = ACK_PARAMS) -> bool:
         """Whether an answer of this length may be to something that was asked before."""
         return self._pending.expects(dxl_id, size, self._clock.now())
 
@@ -107,40 +145,40 @@ class Transceiver:
         """Wait until nothing that servos were asked before can be answered any more, and drop what comes."""
         instant = max(self._pending.clear_at(dxl_id) for dxl_id in dxl_ids)
         while self._clock.now() < instant:
-            self._port.read(_LARGEST_READ)
+            self._port.read(_MAX_READ_BYTES)
 
-    def tell(self, dxl_id: int, params: bytes, written: Block) -> None:
+    def tell(self, dxl_id: int, params: bytes, written: TableBlock) -> None:
         """Write without waiting for a confirmation, which may come; to one servo or all (`BROADCAST_ID`)."""
         self._send(dxl_id, Instruction.WRITE, params)
         self._pending.outdate(None if dxl_id == BROADCAST_ID else [dxl_id], written)
         if dxl_id != BROADCAST_ID:
-            self._note({(dxl_id, ACK): None})
+            self._note({(dxl_id, ACK_PARAMS): None})
 
-    def tell_group(self, dxl_ids: Collection[int], params: bytes, written: Block) -> None:
+    def tell_group(self, dxl_ids: Collection[int], params: bytes, written: TableBlock) -> None:
         """Send a sync write, which is not confirmed."""
         self._send(BROADCAST_ID, Instruction.SYNC_WRITE, params)
         self._pending.outdate(dxl_ids, written)
 
-    def read(self, dxl_id: int, block: Block, *, patient: bool = False) -> StatusPacket | Loss:
+    def read(self, dxl_id: int, block: TableBlock, *, patient: bool = False) -> StatusPacket | Loss:
         """Read a block of one servo."""
         self._note(queries({dxl_id: block}))
         return self._ask(dxl_id, Instruction.READ, _words(*block), block[1], patient)
 
     def ping(self, dxl_id: int, *, patient: bool = False) -> StatusPacket | Loss:
         """Ping one servo."""
-        self._note({(dxl_id, PING): None})
-        return self._ask(dxl_id, Instruction.PING, b"", PING, patient)
+        self._note({(dxl_id, PING_PARAMS): None})
+        return self._ask(dxl_id, Instruction.PING, b"", PING_PARAMS, patient)
 
     def change(
-        self, dxl_id: int, instruction: int, params: bytes, written: Block, *, patient: bool = False
+        self, dxl_id: int, instruction: int, params: bytes, written: TableBlock, *, patient: bool = False
     ) -> StatusPacket | Loss:
         """Send an instruction that changes a servo, and wait for its confirmation.
 
         All confirmations are alike: this may be an earlier one's if `may_be_stale` said so before.
         """
         self._pending.outdate([dxl_id], written)
-        self._note({(dxl_id, ACK): None})
-        return self._ask(dxl_id, instruction, params, ACK, patient)
+        self._note({(dxl_id, ACK_PARAMS): None})
+        return self._ask(dxl_id, instruction, params, ACK_PARAMS, patient)
 
     def _ask(
         self, dxl_id: int, instruction: int, params: bytes, size: int, patient: bool
@@ -150,7 +188,7 @@ class Transceiver:
         `patient`: wait for a late answer, too, that of an earlier try at the same question included.
         """
         self._send(dxl_id, instruction, params)
-        self._expect(_STATUS_SIZE + size, self._delay_s([dxl_id]) + self._patience_s(patient))
+        self._expect(_STATUS_BYTES + size, self._delay_s([dxl_id]) + self._patience_s(patient))
         lost = Lost.SILENT
         while True:
             answer = self._receive()
@@ -166,7 +204,7 @@ class Transceiver:
                 return lost
 
     def read_group(
-        self, blocks: Mapping[int, Block], *, patient: bool = False
+        self, blocks: Mapping[int, TableBlock], *, patient: bool = False
     ) -> dict[int, StatusPacket | Loss]:
         """Read a block of each servo with one sync read, or one bulk read if the blocks differ.
 
@@ -185,7 +223,7 @@ class Transceiver:
                 awaited = len(waiting)
                 none_answered = len(waiting) == len(blocks)
                 delay = self._delay_s([nearest]) + self._patience_s(patient and none_answered)
-                self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
+                self._expect(_STATUS_BYTES + blocks[nearest][1], delay)
             elif self._handler.isPacketTimeout():
                 break
             answer = self._receive()
@@ -200,7 +238,7 @@ class Transceiver:
                     waiting.pop(answer.dxl_id, None)
         return found
 
-    def read_group_fast(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Loss]:
+    def read_group_fast(self, blocks: Mapping[int, TableBlock]) -> dict[int, StatusPacket | Loss]:
         """The same with a fast read: one answer, made by all servos in turn, with a CRC after each part."""
         self._note(queries(blocks, fast=True))
         self._send_group(blocks, Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
@@ -225,7 +263,7 @@ class Transceiver:
 
     def broadcast_ping(self, wanted: Sequence[int]) -> list[StatusPacket]:
         """One ping to all: the answers until all `wanted` are there, or the highest of them is overdue."""
-        self._note({(dxl_id, PING): None for dxl_id in wanted})
+        self._note({(dxl_id, PING_PARAMS): None for dxl_id in wanted})
         self._send(BROADCAST_ID, Instruction.PING, b"")
         found: list[StatusPacket] = []
         missing = set(wanted)
@@ -234,7 +272,7 @@ class Transceiver:
             if len(missing) < awaited:
                 awaited = len(missing)
                 slots = max(missing) + 1 - (found[-1].dxl_id if found else 0)
-                self._expect(_STATUS_SIZE + 3, max(slots, 1) * _PING_SLOT_S + LONGEST_RETURN_DELAY_S)
+                self._expect(_STATUS_BYTES + 3, max(slots, 1) * _PING_SLOT_S + LONGEST_RETURN_DELAY_S)
             elif self._handler.isPacketTimeout():
                 break
             answer = self._receive()
@@ -269,7 +307,7 @@ class Transceiver:
         if not self._heard:
             return
         self._heard = False
-        for _ in range(_SILENCE_LOOKS):
+        for _ in range(_MAX_SILENCE_CHECKS):
             self._clock.sleep(wire_time_s(_SILENT_BYTES, self._timing.baudrate))
             waiting = self._handler.getBytesAvailable()
             if not waiting:
@@ -277,7 +315,7 @@ class Transceiver:
             self._port.read(waiting)
             self._note_trouble()
 
-    def _send_group(self, blocks: Mapping[int, Block], sync: Instruction, bulk: Instruction) -> None:
+    def _send_group(self, blocks: Mapping[int, TableBlock], sync: Instruction, bulk: Instruction) -> None:
         if len(set(blocks.values())) == 1:
             address, size = next(iter(blocks.values()))
             self._send(BROADCAST_ID, sync, _words(address, size) + bytes(blocks))
@@ -292,9 +330,9 @@ class Transceiver:
             self._note_trouble()
         else:
             # an instruction that reached the servo damaged is as good as a damaged answer: nothing was done
-            if packet[_ERROR] & ~ALERT_BIT == StatusErrorCode.CRC_ERROR:
+            if packet[_ERROR_INDEX] & ~ALERT_BIT == StatusErrorCode.CRC_ERROR:
                 return Lost.DAMAGED
-            return StatusPacket(packet[_ID], packet[_ERROR], bytes(packet[_PARAMS:-2]))
+            return StatusPacket(packet[_ID_INDEX], packet[_ERROR_INDEX], bytes(packet[_PARAMS_INDEX:-2]))
         return Lost.SILENT if result == COMM_RX_TIMEOUT else Lost.DAMAGED
 
     def _expect(self, size: int, return_delay_s: float) -> None:
@@ -330,7 +368,7 @@ class Transceiver:
 
 def _fits(answer: StatusPacket, size: int) -> bool:
     """Whether it is an answer with `size` bytes, or a refusal, which has none; no servo refuses a ping."""
-    return len(answer.params) == (ACK if answer.error_number and size != PING else size)
+    return len(answer.params) == (ACK_PARAMS if answer.error_number and size != PING_PARAMS else size)
 
 
 def _words(*values: int) -> bytes:

@@ -10,14 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from palpate.drivers.dynamixel.emanual_tables import (
-    COMMON_ITEMS,
-    EXTERNAL_PORTS,
-    TableItem,
-    indirect_items,
-)
-
-__all__ = ["EXTENDED_FIRMWARE", "MODEL_NAMES", "X_SERIES", "XFamily", "XModel", "table_of"]
+from palpate.drivers.dynamixel.control_table import COMMON_ITEMS, EXTERNAL_PORTS, TableItem, indirect_items
 
 _Indirect = tuple[int, int, int, int, int]
 
@@ -90,7 +83,7 @@ _LARGE_RANGES = {
     "Velocity Limit": (0, 1023),
     "Goal Velocity": (-1023, 1023),
 }
-_NO_SLOPE = frozenset({"PWM Slope"})
+_ABSENT_PWM_SLOPE = frozenset({"PWM Slope"})
 
 _X330_5V = XFamily((3.7, 5.0, 6.0), 1.0e-3, _SMALL_INDIRECT, 46, _5V_DEFAULTS, _5V_RANGES)
 _X330_11V = XFamily(
@@ -104,12 +97,12 @@ _X430 = XFamily(
     45,
     {**_LARGE_DEFAULTS, **_12V_DEFAULTS},
     {**_LARGE_RANGES, **_12V_RANGES},
-    absent=_NO_SLOPE,
+    absent=_ABSENT_PWM_SLOPE,
     time_based_firmware=42,
     drive_mode_firmware=38,
 )
 _X540 = replace(_X430, more=EXTERNAL_PORTS, drive_mode_firmware=0)
-_XW = replace(_X430, absent=_NO_SLOPE | {"LED"}, drive_mode_firmware=0)
+_XW = replace(_X430, absent=_ABSENT_PWM_SLOPE | {"LED"}, drive_mode_firmware=0)
 _X430_24V = replace(
     _X430,
     supply_v=(24.0, 24.0, 24.0),
@@ -119,17 +112,17 @@ _X430_24V = replace(
 )
 _X540_24V = replace(_X430_24V, current_unit_a=2.69e-3, more=EXTERNAL_PORTS, drive_mode_firmware=0)
 
-_XL330 = {"Shutdown": 53, "Position P Gain": 400}
-_STIFF = {"Position P Gain": 900}
-_XC330_T = {"Velocity I Gain": 1200, "Velocity P Gain": 40, "Position P Gain": 900}
+_XL330_DEFAULTS = {"Shutdown": 53, "Position P Gain": 400}
+_STIFF_DEFAULTS = {"Position P Gain": 900}
+_XC330_T_DEFAULTS = {"Velocity I Gain": 1200, "Velocity P Gain": 40, "Position P Gain": 900}
 
 _MODELS = (
     XModel("XL330-M077", 1190, _X330_5V, 0.215, 1.47, 383, 1750, {
-        **_XL330, "Velocity Limit": 1620,
+        **_XL330_DEFAULTS, "Velocity Limit": 1620,
         "Velocity I Gain": 400, "Velocity P Gain": 40, "Position I Gain": 400,
     }),
     XModel("XL330-M288", 1200, _X330_5V, 0.52, 1.47, 103, 1750, {
-        **_XL330, "Velocity Limit": 445, "Velocity P Gain": 180,
+        **_XL330_DEFAULTS, "Velocity Limit": 445, "Velocity P Gain": 180,
     }),
     XModel("XC330-M181", 1230, _X330_5V, 0.60, 1.80, 129, 2352, {
         "Velocity Limit": 545, "Velocity I Gain": 1400, "Position D Gain": 500, "Position P Gain": 1200,
@@ -137,8 +130,8 @@ _MODELS = (
     XModel("XC330-M288", 1240, _X330_5V, 0.93, 1.80, 81, 2352, {
         "Velocity P Gain": 50, "Position D Gain": 500, "Position P Gain": 1100,
     }),
-    XModel("XC330-T181", 1210, _X330_11V, 0.76, 0.80, 104, 910, {**_XC330_T, "Velocity Limit": 510}),
-    XModel("XC330-T288", 1220, _X330_11V, 0.92, 0.80, 65, 910, {**_XC330_T, "Velocity Limit": 320}),
+    XModel("XC330-T181", 1210, _X330_11V, 0.76, 0.80, 104, 910, {**_XC330_T_DEFAULTS, "Velocity Limit": 510}),
+    XModel("XC330-T288", 1220, _X330_11V, 0.92, 0.80, 65, 910, {**_XC330_T_DEFAULTS, "Velocity Limit": 320}),
     # its motor as catalogues repeat it from the manual; N·m per A is that of an XC330-T288 times the ratio of
     # their gears, 323.04 : 288.35
     XModel("XM335-T323", 1710, _X335, 1.03, 0.80, 53, 910, {
@@ -147,15 +140,15 @@ _MODELS = (
     }),
     XModel("XM430-W210", 1030, _X430, 3.0, 2.3, 77, 1193, {"Velocity Limit": 330}),
     XModel("XM430-W350", 1020, _X430, 4.1, 2.3, 46, 1193, {"Velocity Limit": 200}, 350),
-    XModel("XH430-W210", 1010, _X430, 2.5, 1.3, 50, 648, {**_STIFF, "Velocity Limit": 210}, 360),
-    XModel("XH430-W350", 1000, _X430, 3.4, 1.3, 30, 648, {**_STIFF, "Velocity Limit": 130}, 280),
+    XModel("XH430-W210", 1010, _X430, 2.5, 1.3, 50, 648, {**_STIFF_DEFAULTS, "Velocity Limit": 210}, 360),
+    XModel("XH430-W350", 1000, _X430, 3.4, 1.3, 30, 648, {**_STIFF_DEFAULTS, "Velocity Limit": 130}, 280),
     # Velocity Limit is the no-load speed, as on other pages; the newest page at hand has the older default
     XModel("XH430-V210", 1050, _X430_24V, 2.6, 0.7, 52, 689, {"Velocity Limit": 230}, 380),
     XModel("XH430-V350", 1040, _X430_24V, 3.3, 0.7, 31, 689, {"Velocity Limit": 135}, 285),
-    XModel("XD430-T210", 1011, _X430, 2.5, 1.3, 50, 648, {**_STIFF, "Velocity Limit": 210}),
-    XModel("XD430-T350", 1001, _X430, 3.4, 1.3, 30, 648, {**_STIFF, "Velocity Limit": 130}),
-    XModel("XW430-T200", 1280, _XW, 2.3, 1.3, 53, 2047, {**_STIFF, "Velocity Limit": 235}),
-    XModel("XW430-T333", 1270, _XW, 3.1, 1.3, 31, 2047, {**_STIFF, "Velocity Limit": 139}),
+    XModel("XD430-T210", 1011, _X430, 2.5, 1.3, 50, 648, {**_STIFF_DEFAULTS, "Velocity Limit": 210}),
+    XModel("XD430-T350", 1001, _X430, 3.4, 1.3, 30, 648, {**_STIFF_DEFAULTS, "Velocity Limit": 130}),
+    XModel("XW430-T200", 1280, _XW, 2.3, 1.3, 53, 2047, {**_STIFF_DEFAULTS, "Velocity Limit": 235}),
+    XModel("XW430-T333", 1270, _XW, 3.1, 1.3, 31, 2047, {**_STIFF_DEFAULTS, "Velocity Limit": 139}),
     XModel("XM540-W150", 1130, _X540, 7.3, 4.4, 53, 2047, {"Velocity Limit": 230}),
     XModel("XM540-W270", 1120, _X540, 10.6, 4.4, 30, 2047, {"Velocity Limit": 128}),
     XModel("XH540-W150", 1110, _X540, 7.1, 4.9, 70, 2047, {"Velocity Limit": 300}),
@@ -189,16 +182,16 @@ def table_of(model_number: int, firmware: int) -> tuple[TableItem, ...]:
     """
     model = X_SERIES[model_number]
     family = model.family
-    defaults = {**family.defaults, **model.defaults, **_follow(model, firmware)}
+    defaults = {**family.defaults, **model.defaults, **_model_defaults(model, firmware)}
     ranges = {
         **family.ranges,
         "Drive Mode": (0, _drive_mode_bits(family, firmware)),
         "Current Limit": (0, model.current_limit),
         "Goal Current": (-model.current_limit, model.current_limit),
     }
-    absent = family.absent | _not_yet(family, firmware)
+    absent = family.absent | _items_of_newer_firmware(family, firmware)
     items = [
-        _changed(item, defaults.get(item.name, item.default), ranges.get(item.name, (item.low, item.high)))
+        _override(item, defaults.get(item.name, item.default), ranges.get(item.name, (item.low, item.high)))
         for item in (*COMMON_ITEMS, *family.more)
         if item.name not in absent
     ]
@@ -208,12 +201,12 @@ def table_of(model_number: int, firmware: int) -> tuple[TableItem, ...]:
     return tuple(sorted(items, key=lambda item: item.address))
 
 
-def _changed(item: TableItem, default: int, ends: tuple[int, int]) -> TableItem:
+def _override(item: TableItem, default: int, ends: tuple[int, int]) -> TableItem:
     low, high = ends
     return replace(item, default=default, low=low, high=high)
 
 
-def _follow(model: XModel, firmware: int) -> dict[str, int]:
+def _model_defaults(model: XModel, firmware: int) -> dict[str, int]:
     """Defaults that follow from the model itself and its firmware."""
     defaults = {
         "Model Number": model.number,
@@ -240,7 +233,7 @@ def _drive_mode_bits(family: XFamily, firmware: int) -> int:
     return bits
 
 
-def _not_yet(family: XFamily, firmware: int) -> set[str]:
+def _items_of_newer_firmware(family: XFamily, firmware: int) -> set[str]:
     absent: set[str] = set()
     if firmware < family.extended_firmware:
         absent |= {"Startup Configuration", "Backup Ready"}

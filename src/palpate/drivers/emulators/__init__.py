@@ -3,3 +3,85 @@
 At the far end of the data's way, where a real rig has hardware. Imported by rig's composition root and by
 tests alone; `docs/emulation.md` says what is modelled and what is not.
 """
+
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
+from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_pty, serve_tcp
+from palpate.drivers.emulators.mechanics import (
+    ArmTruth,
+    EmulatedStage,
+    FingerTruth,
+    JointCompliance,
+    JointTruth,
+)
+from palpate.drivers.emulators.part import (
+    GRAVITY_M_S2,
+    IN_PLACE,
+    Displacement,
+    FrictionSupport,
+    Part,
+    PointForce,
+    QuasiStaticPart,
+    StillPart,
+)
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.servo_chain import ServoChain
+from palpate.drivers.emulators.skin import Press, Skin
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
+from palpate.drivers.emulators.usb_adapter import (
+    AdapterTruth,
+    HubStalls,
+    PluggedPort,
+    PortIntruder,
+    UsbAdapter,
+)
+from palpate.drivers.emulators.wire_faults import (
+    BootingBoard,
+    FaultRates,
+    FaultyWire,
+    RatedFaultyWire,
+    WireRates,
+)
+
+__all__ = [
+    "GRAVITY_M_S2",
+    "IN_PLACE",
+    "LOOPBACK",
+    "AdapterTruth",
+    "ArmTruth",
+    "Bench",
+    "BootingBoard",
+    "DeviceServer",
+    "Displacement",
+    "EmulatedArray",
+    "EmulatedFinger",
+    "EmulatedServo",
+    "EmulatedStage",
+    "FaultRates",
+    "FaultyWire",
+    "FingerTruth",
+    "FrictionSupport",
+    "HubStalls",
+    "JointCompliance",
+    "JointTruth",
+    "Part",
+    "PartSection",
+    "PluggedPort",
+    "PointForce",
+    "PortIntruder",
+    "Press",
+    "QuasiStaticPart",
+    "RatedFaultyWire",
+    "SampledArray",
+    "ServoChain",
+    "Skin",
+    "StillPart",
+    "Taxels",
+    "TipLoad",
+    "UsbAdapter",
+    "WireRates",
+    "separation_mm",
+    "serve_pty",
+    "serve_tcp",
+]

@@ -1,8 +1,9 @@
-"""Emulated tactile array: forces on taxels in, bytes of the tactile protocol out.
+"""Emulated tactile array: forces on taxels in, bytes of the tactile protocol out; TARE and SELF_TEST.
 
-It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: the bench
-calls `sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in
-`taxels`; the zero that it takes off is in `array_zero`.
+It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: the bench calls
+`sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in `taxels`. It examines
+itself as arrays do that can switch a test signal in place of the skin: the counts must rise with it, and keep
+still.
 """
 
 from collections import deque
@@ -10,22 +11,22 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.base.geometry import Floats
-from palpate.drivers.emulators.array_self_test import examine
-from palpate.drivers.emulators.array_zero import Taring
+from palpate.base.geometry import Counts, Floats, Ints
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.codec import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.tactile.description import REALS_PER_TAXEL
 from palpate.drivers.tactile.messages import (
-    MAX_LISTED,
+    MAX_LISTED_TAXELS,
     MAX_TARE_SAMPLES,
     Ack,
-    Body,
+    BadTaxel,
     Describe,
     Frame,
     FrameFlag,
     Geometry,
     Hello,
     Message,
+    MessageBody,
     MessageType,
     Nack,
     NackReason,
@@ -36,15 +37,74 @@ from palpate.drivers.tactile.messages import (
     Start,
     Stop,
     Tare,
+    TaxelFault,
     TaxelPlaces,
 )
-from palpate.drivers.tactile.protocol import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.transport.wire import Emission
 
-__all__ = ["EmulatedArray"]
+_SELF_TEST_SAMPLES = 16
+_TEST_SIGNAL_SHARE = 0.75  # of the full scale
+_MIN_RISE_SHARE = 1 / 8  # of the largest count; far below the signal, whatever a taxel's gain
+_MAX_NOISE_SHARE = 1 / 32  # of the largest count, standard deviation
 
-_NOTHING = SelfTestResult(0)
-_TAXELS_A_MESSAGE = 64
+
+def run_self_test(taxels: Taxels) -> tuple[BadTaxel, ...]:
+    """Return the taxels that do not follow a test signal or do not keep still under it, row by row."""
+    d = taxels.description
+    nothing = np.zeros((d.rows, d.cols))
+    rest = np.stack([taxels.counts(nothing) for _ in range(_SELF_TEST_SAMPLES)])
+    test = np.stack(
+        [taxels.counts(nothing + _TEST_SIGNAL_SHARE * d.full_scale_n) for _ in range(_SELF_TEST_SAMPLES)]
+    )
+    stuck = test.mean(axis=0) - rest.mean(axis=0) < _MIN_RISE_SHARE * d.max_count
+    high = rest.mean(axis=0) > d.max_count / 2
+    kind = np.zeros((d.rows, d.cols), dtype=np.int64)
+    kind[test.std(axis=0) > _MAX_NOISE_SHARE * d.max_count] = TaxelFault.UNSTEADY
+    kind[stuck & high] = TaxelFault.STUCK_HIGH
+    kind[stuck & ~high] = TaxelFault.STUCK_LOW
+    return tuple(BadTaxel(int(i), int(j), TaxelFault(kind[i, j])) for i, j in np.argwhere(kind))
+
+
+class TareOffset:
+    """RAW, AVERAGING or TARED, as in the page's section 3."""
+
+    def __init__(self, max_count: int) -> None:
+        self._max_count = max_count
+        self._offset: Ints | None = None
+        self._samples: list[Counts] = []
+        self._wanted = 0
+        self._pedestal = 0
+
+    def forget(self) -> None:
+        """Go back to raw counts."""
+        self._offset = None
+        self._wanted = 0
+
+    def begin(self, samples: int, pedestal: int) -> None:
+        """Average the next `samples` samples, then take the mean off and add `pedestal` counts."""
+        self._samples, self._wanted, self._pedestal = [], samples, pedestal
+
+    def sent(self, raw: Counts) -> tuple[Counts, bool]:
+        """Take in one sample; return what the array sends of it, and whether that is tared."""
+        offset = self._offset
+        if self._wanted:
+            self._average(raw)
+        if offset is None:
+            return raw, False
+        counts = np.clip(raw - offset, 0, self._max_count)
+        return np.where(raw == self._max_count, raw, counts).astype("<u2"), True  # full ones stay full
+
+    def _average(self, raw: Counts) -> None:
+        self._samples.append(raw)
+        n = len(self._samples)
+        if n == self._wanted:
+            total: Ints = np.sum(self._samples, axis=0, dtype=np.int64)
+            self._offset = (2 * total + n) // (2 * n) - self._pedestal  # halves go up
+            self._samples, self._wanted = [], 0
+
+
+_NO_RESULT = SelfTestResult(0)
+_TAXELS_PER_MESSAGE = 64
 _REASONS = {
     FaultKind.VERSION: NackReason.BAD_VERSION,
     FaultKind.UNKNOWN_TYPE: NackReason.UNKNOWN_TYPE,
@@ -67,7 +127,7 @@ class EmulatedArray:
         advance: Callable[[float], None] | None = None,
         *,
         version: int = VERSION,
-        broken: SelfTestResult = _NOTHING,
+        broken: SelfTestResult = _NO_RESULT,
         self_test_s: float = 0.25,
     ) -> None:
         self.description = taxels.description
@@ -79,7 +139,7 @@ class EmulatedArray:
         d = self.description
         places = d.geometry or np.concatenate((d.positions_mm(), d.normals()), axis=-1)
         self._places = np.reshape(places, (d.taxels, REALS_PER_TAXEL))
-        self._zero = Taring(d.max_count)
+        self._zero = TareOffset(d.max_count)
         self.restart(0.0)
 
     def restart(self, now: float) -> None:
@@ -154,7 +214,7 @@ class EmulatedArray:
         if MessageType.is_request(fault.type_code):
             self._send(Nack(fault.request_id, reason), now)
 
-    def _obey(self, body: Body, now: float) -> None:
+    def _obey(self, body: MessageBody, now: float) -> None:
         match body:
             case Hello():
                 self._period_s = None
@@ -205,19 +265,21 @@ class EmulatedArray:
             self._send(Nack(body.request_id, NackReason.BAD_STATE), now)
             return
         self._busy_until_s = now + self._self_test_s
-        bad = examine(self.taxels)
-        result = self.broken | (SelfTestResult.TAXELS if bad else _NOTHING)
-        self._send(SelfTestReport(body.request_id, result, len(bad), bad[:MAX_LISTED]), self._busy_until_s)
+        bad = run_self_test(self.taxels)
+        result = self.broken | (SelfTestResult.TAXELS if bad else _NO_RESULT)
+        self._send(
+            SelfTestReport(body.request_id, result, len(bad), bad[:MAX_LISTED_TAXELS]), self._busy_until_s
+        )
 
     def _tell_places(self, body: Geometry, now: float) -> None:
-        places = self._places[body.first : body.first + _TAXELS_A_MESSAGE]
+        places = self._places[body.first : body.first + _TAXELS_PER_MESSAGE]
         if places.size:
             values = tuple(map(float, places.ravel()))
             self._send(TaxelPlaces(body.request_id, body.first, values), now)
         else:
             self._send(Nack(body.request_id, NackReason.BAD_PAYLOAD), now)
 
-    def _send(self, body: Body, now: float, flags: int = 0) -> None:
+    def _send(self, body: MessageBody, now: float, flags: int = 0) -> None:
         message = Message(self._sequence, round((now - self._born_s) * 1e6), body, flags)
         self._queue.append((now, encode(message, self._version)))
         self._sequence = (self._sequence + 1) % (1 << 32)

@@ -23,18 +23,28 @@ from palpate.drivers.emulators.mechanics import (
 from palpate.drivers.emulators.pad import FaceLoad, PadFace
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.emulators.skin import Load, Press, Skin
+from palpate.drivers.emulators.skin import Press, Shear, Skin, SkinLoad
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
-from palpate.drivers.emulators.tip_friction import Shear
-from palpate.drivers.emulators.tip_rows import rows_facing
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.description import Description
 from palpate.drivers.transport.wire import Device
 
-__all__ = ["Bench", "EmulatedFinger", "SampledArray"]
+
+def facing_row_shares(row_mm: Floats, z_mm: Floats) -> Floats:
+    """Share (m, rows) of each of m rays' force that rows at some heights (rows,) bear.
+
+    `z_mm` (m, 2): from which height to which what a ray meets stands. The rows in between bear it evenly; if
+    there are none, the nearest one does.
+    """
+    facing = (z_mm[:, :1] <= row_mm) & (row_mm <= z_mm[:, 1:])
+    nearest = np.argmin(np.abs(row_mm - z_mm.mean(axis=1)[:, None]), axis=1)
+    none = ~facing.any(axis=1)
+    facing[none, nearest[none]] = True
+    result: Floats = facing / facing.sum(axis=1, keepdims=True)
+    return result
 
 
 _STEP_S = 1e-3
-_MOST_STEPS = 64
+_MAX_STEPS = 64
 _ROUNDING_MM = 1e-9  # far above that of any place on a bench
 
 
@@ -89,7 +99,7 @@ class EmulatedFinger:
         self.outline = outline
         self._skin = self._skin_beside(outline)
         self.array = array
-        self.press: Load | None = None
+        self.press: SkinLoad | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
         self.weighs_taxels = False
         self._stage = stage
@@ -101,7 +111,7 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
         self._displacement = IN_PLACE
-        self._loads: dict[_Place, Press[Load] | None] = {}  # of this step
+        self._loads: dict[_Place, Press[SkinLoad] | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
         self._no_force_n.flags.writeable = False
 
@@ -209,7 +219,7 @@ class EmulatedFinger:
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
-    def _touch(self, outline: PartSection, displacement: Displacement) -> Load | None:
+    def _touch(self, outline: PartSection, displacement: Displacement) -> SkinLoad | None:
         # An outline that was further away than tip and part have moved since cannot have been reached.
         now_at = self.stepped_mm
         if now_at is self._seen_centre and displacement is self._displacement:
@@ -230,14 +240,14 @@ class EmulatedFinger:
         self._shear = found.shear
         return found.load
 
-    def _load(self, outline: PartSection, displacement: Displacement) -> Press[Load] | None:
+    def _load(self, outline: PartSection, displacement: Displacement) -> Press[SkinLoad] | None:
         """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
             self._loads[place] = self._pressed(outline, displacement)
         return self._loads[place]
 
-    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press[Load] | None:
+    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press[SkinLoad] | None:
         if isinstance(self._skin, PadFace):
             return self._skin.press(outline, self.stepped_mm, self._looks_rad, displacement)
         return self._skin.press(outline, self.stepped_mm, displacement, self._sheared)
@@ -247,7 +257,7 @@ class EmulatedFinger:
         """Where the middle of the array looks, in W."""
         return self._facing_rad + self.truth.array_heading_rad
 
-    def _taxels(self, touch: Load, outline: PartSection) -> Floats:
+    def _taxels(self, touch: SkinLoad, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel, column by column, shared by the rows below the top."""
         if isinstance(touch, TipLoad):
             return self._taxels_of_rays(touch, outline)
@@ -281,7 +291,7 @@ class EmulatedFinger:
             rows = below / max(int(below.sum()), 1)
             result: Floats = rows[:, None] * by_column
             return result
-        facing = rows_facing(self._row_mm, z_mm[on_array])
+        facing = facing_row_shares(self._row_mm, z_mm[on_array])
         found = np.zeros((d.rows, d.cols))
         np.add.at(found.T, slot[on_array], facing * on_skin[on_array, None])
         return found
@@ -366,7 +376,7 @@ class Bench:
         if self.supply is not None:
             return 0  # it follows what motors take in each step
         steps = min(servo.quiet_steps(_STEP_S) for servo in self._servos)
-        steps = min(steps, _MOST_STEPS)
+        steps = min(steps, _MAX_STEPS)
         for finger in self.fingers:
             steps = finger.free_steps(_STEP_S, steps, self.part.displacement)
         return steps

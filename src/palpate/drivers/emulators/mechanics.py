@@ -1,35 +1,128 @@
-"""What emulated servos move: slides, arms and a turning stage, with play, and forces back onto the shafts.
+"""Mechanics that emulated servos move: slides, arms, a turning stage; play, and forces back on the shafts.
 
 Between the emulated servos and the tips of the bench. Each kind of mechanics says where the tip really is. It
 is written from drawings of the mechanics, not from the host's kinematics, so that the two check each other.
-What the host does not know (the `…Truth` values) is drawn by whoever builds the bench and never leaves it.
+What the host does not know (the `…Truth` values) is drawn by whoever builds the rig.
+
+A gear and what it turns wind up elastically, quasi-statically and with a short lag. Friction holds the driven
+side somewhere within its play; a force on the tip that overcomes it pushes the driven side to its flank. Both
+are solved implicitly against the tip's stiffness, so that a step of any length is stable.
 """
 
 import cmath
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.drivers.emulators.joints import Joint, JointYield, Play
 from palpate.drivers.emulators.servo import EmulatedServo
 
-__all__ = [
-    "ArmMechanics",
-    "ArmTruth",
-    "EmulatedStage",
-    "FingerTruth",
-    "JointTruth",
-    "SlideMechanics",
-]
+_YIELD_LAG_S = 0.005  # until 63 % of what a constant force bends
+_DAMPING_N_S_PER_MM = 0.02  # of the driven side, while a force pushes it through its play
+_MIN_BEND_RAD = 1e-9  # less is none: a tip that stands still is not looked at again
+
+
+class Play:
+    """A coupling with play: the driven side follows once the play is used up."""
+
+    def __init__(self, half: float, at: float) -> None:
+        self._half = half
+        self.at = at
+
+    def follow_all(self, driving: Iterable[float]) -> None:
+        """`follow` the driving side through places in a row."""
+        at, half = self.at, self._half
+        for place in driving:
+            if place - at > half:
+                at = place - half
+            elif place - at < -half:
+                at = place + half
+        self.at = at
+
+    def follow(self, driving: float) -> float:
+        """Move on with the driving side."""
+        if driving - self.at > self._half:
+            self.at = driving - self._half
+        elif driving - self.at < -self._half:
+            self.at = driving + self._half
+        return self.at
+
+    def push_to(self, place: float, driving: float) -> None:
+        """Push the driven side towards a place, as far as the play lets it go."""
+        self.at = min(max(place, driving - self._half), driving + self._half)
+
+
+@dataclass(frozen=True)
+class JointCompliance:
+    """How a joint gives way to a force on the tip that it carries.
+
+    `rad_per_nmm`: elastic turn for a torque of 1 N mm. `play_holds_n`: up to this force on the tip, across
+    its lever, friction keeps the joint where it is within its play.
+    """
+
+    rad_per_nmm: float
+    play_holds_n: float
+
+
+class CompliantJoint:
+    """A joint that a servo drives and a tip's force turns; `yields` None: the force does not move it."""
+
+    def __init__(
+        self, play_rad: float, driving_rad: float, yields: JointCompliance | None, stiffness_n_per_mm: float
+    ) -> None:
+        """`stiffness_n_per_mm`: of the tip, which takes the force away as the joint gives way."""
+        self.yields = yields
+        self._play = Play(play_rad, driving_rad)
+        self._stiffness = stiffness_n_per_mm
+        self._bend_rad = 0.0
+
+    @property
+    def at(self) -> float:
+        """True angle."""
+        return self._play.at + self._bend_rad
+
+    def step(self, dt_s: float, driving_rad: float, push_n: float, lever_mm: float) -> None:
+        """Follow the servo's side, and give way to a force on the tip: `push_n`, positive counter-clockwise.
+
+        `lever_mm`: from the joint to the tip; the force is the component across it.
+        """
+        if self.yields is not None:
+            self._bend(dt_s, self.yields.rad_per_nmm, push_n, lever_mm)
+            beyond_n = max(abs(push_n) - self.yields.play_holds_n, 0.0)
+            if beyond_n and lever_mm > 0:
+                moved_mm = beyond_n * dt_s / (_DAMPING_N_S_PER_MM + self._stiffness * dt_s)
+                turned = moved_mm / lever_mm if push_n > 0 else -moved_mm / lever_mm
+                self._play.push_to(self._play.at + turned, driving_rad)
+        self._play.follow(driving_rad)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it only follows the servo's side until a force on the tip bends it."""
+        return self._bend_rad == 0.0
+
+    def follow_all(self, driving_rad: Iterable[float]) -> None:
+        """Follow the servo's side through angles in a row, as `step` does while straight and unloaded."""
+        self._play.follow_all(driving_rad)
+
+    def _bend(self, dt_s: float, rad_per_nmm: float, push_n: float, lever_mm: float) -> None:
+        # As it bends on, a tip in contact is pushed by its stiffness times that way less.
+        share = dt_s / _YIELD_LAG_S
+        stiffness = self._stiffness if push_n else 0.0
+        missing = rad_per_nmm * lever_mm * push_n - self._bend_rad
+        change = share * missing / (1 + share * (1 + stiffness * rad_per_nmm * lever_mm**2))
+        if abs(change) > _MIN_BEND_RAD:
+            self._bend_rad += change
+        elif push_n == 0.0:
+            self._bend_rad = 0.0
 
 
 _MM_PER_M = 1000.0
 _STOP_N_PER_MM = 2000.0  # a slide's hard stop is a stiff spring
 _STOP_N_S_PER_MM = 0.3  # and a damper, so that the slide does not bounce for long
-_LEAST_LEVER_MM = 1e-6
-_STOP_STEPS = 10  # of a step: the lightest motor swings faster on that spring than in milliseconds
+_MIN_LEVER_MM = 1e-6
+_STOP_SUBSTEPS = 10  # of a step: the lightest motor swings faster on that spring than in milliseconds
 
 
 @dataclass(frozen=True)
@@ -60,7 +153,7 @@ class FingerTruth:
     stiffness_n_per_mm: float
     array_heading_rad: float
     stops_mm: tuple[float, float] | None = None
-    aim_yield: JointYield | None = None
+    aim_yield: JointCompliance | None = None
     slide_yield_mm_per_n: float = 0.0
     cable_n: float = 0.0
     half_length_mm: float = 0.0
@@ -83,7 +176,7 @@ class JointTruth:
     gear_ratio: float
     zero_rad: float
     play_rad: float
-    yields: JointYield | None = None
+    yields: JointCompliance | None = None
 
 
 @dataclass(frozen=True)
@@ -122,12 +215,12 @@ class SlideMechanics:
         self._truth = truth
         self._aim = aim
         self._slide = slide
-        self._aim_joint = Joint(
+        self._aim_joint = CompliantJoint(
             truth.aim_play_rad, self._aim_drive(), truth.aim_yield, truth.stiffness_n_per_mm
         )
         self._slide_play = Play(truth.slide_play_mm, self._slide_drive())
-        self._slide_bend = Joint(
-            0.0, 0.0, JointYield(truth.slide_yield_mm_per_n, math.inf), truth.stiffness_n_per_mm
+        self._slide_bend = CompliantJoint(
+            0.0, 0.0, JointCompliance(truth.slide_yield_mm_per_n, math.inf), truth.stiffness_n_per_mm
         )
         self._stood = (math.nan, math.nan)
         self._centre = np.full(2, math.nan)
@@ -160,7 +253,7 @@ class SlideMechanics:
             push = float(force_n[0]) * math.cos(facing) + float(force_n[1]) * math.sin(facing)
             if self._aim_joint.yields is not None:
                 across = float(force_n[1]) * math.cos(facing) - float(force_n[0]) * math.sin(facing)
-        steps = 1 if self._reached_mm() is None else _STOP_STEPS
+        steps = 1 if self._reached_mm() is None else _STOP_SUBSTEPS
         for _ in range(steps):
             self._slide_on(dt_s / steps, push + self._truth.cable_n)
         if self._truth.slide_yield_mm_per_n:
@@ -235,7 +328,7 @@ class ArmMechanics:
         self._servos = (shoulder, elbow)
         self._truths = (truth.shoulder, truth.elbow)
         self._joints = tuple(
-            Joint(joint.play_rad, self._drive(k), joint.yields, truth.stiffness_n_per_mm)
+            CompliantJoint(joint.play_rad, self._drive(k), joint.yields, truth.stiffness_n_per_mm)
             for k, joint in enumerate(self._truths)
         )
 
@@ -265,7 +358,7 @@ class ArmMechanics:
         ):
             torque_nmm = (arm.conjugate() * force).imag
             servo.step(dt_s, torque_nmm / _MM_PER_M / truth.gear_ratio)
-            joint.step(dt_s, self._drive(k), torque_nmm / max(abs(arm), _LEAST_LEVER_MM), abs(arm))
+            joint.step(dt_s, self._drive(k), torque_nmm / max(abs(arm), _MIN_LEVER_MM), abs(arm))
 
     def reach_mm(self, dt_s: float, steps: int) -> float:
         """The furthest that `run` may move the tip; infinite where more than servos may move it."""

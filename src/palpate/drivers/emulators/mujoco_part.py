@@ -15,19 +15,16 @@ import mujoco
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.drivers.emulators.part import Displacement, TipForces
-from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
-
-__all__ = ["Body", "MujocoPart"]
+from palpate.drivers.emulators.part import GRAVITY_M_S2, Displacement, FrictionSupport, TipForces
 
 _STEP_S = 0.25e-3
-_FOOT_M = 1e-3  # radius of a foot: feet are small spheres
-_MM = 1e-3
+_FOOT_RADIUS_M = 1e-3  # radius of a foot: feet are small spheres
+_M_PER_MM = 1e-3
 _STILL_M_S = 1e-5
 _SETTLE_STEPS = 2000
-_LEVELLINGS = 4
+_LEVELLING_ROUNDS = 4
 _SAME_MM = 1e-7
-_FALLEN_RAD = 0.05
+_FALLEN_TILT_RAD = 0.05
 
 _MODEL = """
 <mujoco>
@@ -47,7 +44,7 @@ _MODEL = """
 
 
 @dataclass(frozen=True)
-class Body:
+class MassDistribution:
     """What of a part the table does not see: where its centre of mass is, and its size for its inertia."""
 
     centre_mm: tuple[float, float]
@@ -58,17 +55,19 @@ class Body:
 class MujocoPart:
     """A rigid body on feet, with loads as the support says, which balance about its centre of mass."""
 
-    def __init__(self, support: Support, body: Body) -> None:
+    def __init__(self, support: FrictionSupport, body: MassDistribution) -> None:
         self._centre = np.array(body.centre_mm)
         self._height_mm = body.height_mm
         self._model = mujoco.MjModel.from_xml_string(_xml(support, body))
         self._data = mujoco.MjData(self._model)
         self._stand()
-        for _ in range(_LEVELLINGS):
+        for _ in range(_LEVELLING_ROUNDS):
             stood = self._model.geom_pos.copy()
             self._level(support)
             self._stand()
-            if self.tilt_rad > _FALLEN_RAD:  # feet that bear next to nothing were made too short for the rest
+            if (
+                self.tilt_rad > _FALLEN_TILT_RAD
+            ):  # feet that bear next to nothing were made too short for the rest
                 self._model.geom_pos[:] = stood
                 self._stand()
                 break
@@ -105,7 +104,7 @@ class MujocoPart:
         mujoco.mj_resetData(self._model, self._data)
         mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
 
-    def _level(self, support: Support) -> None:
+    def _level(self, support: FrictionSupport) -> None:
         """Let feet that bear too little be longer: each is pressed in by about as much as it bears."""
         load, dent = np.zeros(len(support.share)), np.zeros(len(support.share))
         force = np.zeros(6)
@@ -126,7 +125,7 @@ class MujocoPart:
         middle = moved.place(self._centre)
         total = np.zeros(6)
         for force in tip_forces(moved):
-            arm = np.array([*(force.point_mm - middle), force.height_mm - self._height_mm]) * _MM
+            arm = np.array([*(force.point_mm - middle), force.height_mm - self._height_mm]) * _M_PER_MM
             push = np.array([*force.force_n, 0.0])
             total[:3] += push
             total[3:] += np.cross(arm, push)
@@ -139,15 +138,15 @@ class MujocoPart:
     def _pose(self) -> Floats:
         """Position of the centre of mass (mm) and turn about the vertical (rad), (3,)."""
         x, y, _, w, _, _, z = self._data.qpos
-        return np.array([x / _MM, y / _MM, 2 * math.atan2(z, w)])
+        return np.array([x / _M_PER_MM, y / _M_PER_MM, 2 * math.atan2(z, w)])
 
 
-def _xml(support: Support, body: Body) -> str:
-    height = body.height_mm * _MM
+def _xml(support: FrictionSupport, body: MassDistribution) -> str:
+    height = body.height_mm * _M_PER_MM
     feet = []
-    for x, y in (support.feet_mm - np.array(body.centre_mm)) * _MM:
-        feet.append(f'<geom type="sphere" size="{_FOOT_M}" pos="{x} {y} {_FOOT_M - height}"/>')
-    a, b, c = (np.array(body.extent_mm) * _MM) ** 2
+    for x, y in (support.feet_mm - np.array(body.centre_mm)) * _M_PER_MM:
+        feet.append(f'<geom type="sphere" size="{_FOOT_RADIUS_M}" pos="{x} {y} {_FOOT_RADIUS_M - height}"/>')
+    a, b, c = (np.array(body.extent_mm) * _M_PER_MM) ** 2
     inertia = np.array([b + c, a + c, a + b]) * support.mass_kg / 12
     return _MODEL.format(
         step=_STEP_S,

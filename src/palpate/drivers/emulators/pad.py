@@ -17,11 +17,9 @@ from palpate.drivers.emulators.part import Displacement
 from palpate.drivers.emulators.skin import Press
 from palpate.drivers.emulators.tip import PartSection
 
-__all__ = ["FaceLoad", "PadFace"]
-
-_APART_MM = 0.02  # of the places at which dents are taken; corners have their own
-_DEEP_MM = 2.0  # deeper than any dent
-_THICK_MM = 10.0  # what is further behind the face is no longer in its skin
+_DENT_SPACING_MM = 0.02  # of the places at which dents are taken; corners have their own
+_MAX_DENT_MM = 2.0  # deeper than any dent
+_SKIN_DEPTH_MM = 10.0  # what is further behind the face is no longer in its skin
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +64,7 @@ class PadFace:
     @property
     def radius_mm(self) -> float:
         """What is further from its middle does not touch it, however deep it may be dented."""
-        return math.hypot(self.half_mm, _DEEP_MM)
+        return math.hypot(self.half_mm, _MAX_DENT_MM)
 
     def press(
         self, outline: PartSection, centre_mm: Floats, facing_rad: float, displacement: Displacement
@@ -81,7 +79,7 @@ class PadFace:
         across, dent = seen.dents(self.half_mm)
         if not (dent > 0).any():
             return None
-        by_place = self.stiffness_n_per_mm * _shared(across, dent)
+        by_place = self.stiffness_n_per_mm * _share_load(across, dent)
         return Press(FaceLoad(-by_place.sum() * displacement.turned(ahead), across, by_place), None)
 
 
@@ -101,25 +99,25 @@ class _Seen:
         along, far_along = begin @ ahead, end @ ahead
         left = ahead[0] * begin[:, 1] - ahead[1] * begin[:, 0]
         far_left = ahead[0] * end[:, 1] - ahead[1] * end[:, 0]
-        near = (np.minimum(along, far_along) < 0) & (np.maximum(along, far_along) > -_THICK_MM)
+        near = (np.minimum(along, far_along) < 0) & (np.maximum(along, far_along) > -_SKIN_DEPTH_MM)
         near &= (np.minimum(left, far_left) <= half_mm) & (np.maximum(left, far_left) >= -half_mm)
         return cls(along[near], left[near], far_along[near], far_left[near])
 
     def dents(self, half_mm: float) -> tuple[Floats, Floats]:
         """Places across the face (m,), ascending, corners among them, and how far each is dented (m,)."""
         corners = np.concatenate([self.left, self.far_left])
-        grid = np.linspace(-half_mm, half_mm, math.ceil(2 * half_mm / _APART_MM) + 1)
+        grid = np.linspace(-half_mm, half_mm, math.ceil(2 * half_mm / _DENT_SPACING_MM) + 1)
         across = np.unique(np.concatenate([grid, corners[np.abs(corners) <= half_mm]]))
         width = self.far_left - self.left
         upright = width == 0
         share = (across[:, None] - self.left) / np.where(upright, 1.0, width)
         on = (share >= 0) & (share <= 1) & ~upright
         reach = -(self.ahead + share * (self.far_ahead - self.ahead))
-        dent = np.where(on & (reach < _THICK_MM), reach, 0.0).max(axis=1, initial=0.0)
+        dent = np.where(on & (reach < _SKIN_DEPTH_MM), reach, 0.0).max(axis=1, initial=0.0)
         return across, dent
 
 
-def _shared(across: Floats, dent: Floats) -> Floats:
+def _share_load(across: Floats, dent: Floats) -> Floats:
     """What each place (m,) bears, in mm of a flat wall's stiffness."""
     touched = dent > 0
     stretch = np.cumsum(np.diff(touched, prepend=False) & touched) - 1

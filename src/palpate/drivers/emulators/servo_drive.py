@@ -1,25 +1,24 @@
-"""The drive of an emulated servo: joins control table and shaft, units to rad, ticks to turns, modes to laws.
+"""Drive of an emulated servo: joins control table and shaft, units to rad, ticks to turns, modes to laws.
 
-Between `servo_unit` (reads, writes, protection) and `servo_motion` (mechanics). Units and resets are those of
-the e-Manual. Reverse Mode turns everything round that has a direction: ticks count from 2048 the other way.
+Between `servo_firmware` (reads, writes, protection) and `servo_motion` (mechanics). Units and resets are
+those of the e-Manual. Reverse Mode turns everything round that has a direction: ticks count from 2048 the
+other way.
 """
 
 import math
 from enum import IntEnum
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.emulators.control_laws import (
-    LOOP_S,
+from palpate.drivers.emulators.servo_motion import (
+    LOOP_PERIOD_S,
     Law,
     PositionTerms,
+    ShaftMotion,
     VelocityLaw,
     current_law,
     duty_law,
 )
-from palpate.drivers.emulators.servo_motion import ShaftMotion
 from palpate.drivers.emulators.servo_table import ControlTable
-
-__all__ = ["GAINS", "GOAL_OF_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
 
 POSITION_MODES = (
     OperatingMode.POSITION,
@@ -248,7 +247,7 @@ class ServoDrive:
         if mode == OperatingMode.VELOCITY:
             per_unit = 1.0 / _FULL_DUTY / _VELOCITY_UNIT
             self._velocity.p = table.get("Velocity P Gain") / 128 * per_unit
-            self._velocity.i = table.get("Velocity I Gain") / 65536 / LOOP_S * per_unit
+            self._velocity.i = table.get("Velocity I Gain") / 65536 / LOOP_PERIOD_S * per_unit
             return self._velocity
         return None
 
@@ -257,7 +256,7 @@ class ServoDrive:
         i, d = table.get("Position I Gain"), table.get("Position D Gain")
         if i == 0 and d == 0:
             return None
-        wanted = i / 65536 / LOOP_S * per_rad, d / 16 * LOOP_S * per_rad
+        wanted = i / 65536 / LOOP_PERIOD_S * per_rad, d / 16 * LOOP_PERIOD_S * per_rad
         if (self._extras.i, self._extras.d) != wanted:
             self._extras = PositionTerms(*wanted)
         return self._extras

@@ -1,20 +1,92 @@
-"""What turns an emulated servo's shaft: profile, position loop, motor and gear, one step at a time.
+"""Motion of an emulated servo's shaft: profile, control loops, motor and gear, one step at a time.
 
 A DC motor behind its gear, seen at the output shaft, with the firmware's position loop on the motor's voltage
-(PWM); `control_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no
-Profile Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
-
-Plain floats and slots: an emulated session takes tens of thousands of steps.
+(PWM), and the laws of Current, Velocity and PWM Control Mode. Each law gives the duty (−1…1) of the next
+step; `ShaftMotion` turns it into current and torque and keeps the limits. Gains convert as the e-Manual says
+("Velocity PI Gain", "Position PID Gain"). The velocity-based profile is the e-Manual's: no Profile Velocity
+is a step, no Profile Acceleration a rectangle, both a trapezoid.
 """
 
 import math
+from collections.abc import Callable
 
-from palpate.drivers.dynamixel.specifications import MotorConstants
-from palpate.drivers.emulators.control_laws import Law, PositionTerms
+from palpate.drivers.dynamixel.models import MotorConstants
 
-__all__ = ["ShaftMotion"]
+LOOP_PERIOD_S = 1e-3
+"""Period of the firmware's control loops in s; a guess."""
 
-_LONGEST_STEP_S = 1e-3  # the position loop is stiff; longer steps are split
+
+Law = Callable[[float, float, float, float, float], float]
+"""A control law: the duty of the next step, from its length (s), the velocity (rad/s), the duty at which no
+current flows, the current (A) at full duty and standstill, and the largest duty."""
+
+
+def _clamp(value: float, limit: float) -> float:
+    return limit if value > limit else -limit if value < -limit else value
+
+
+def current_law(goal_a: float) -> Law:
+    """Current Control Mode: the duty that lets `goal_a` flow, as far as there is voltage for it."""
+    return lambda _dt, _velocity, back_emf, drive_a, limit: _clamp(goal_a / drive_a + back_emf, limit)
+
+
+def duty_law(goal: float) -> Law:
+    """PWM Control Mode: the duty as it is asked for."""
+    return lambda _dt, _velocity, _back_emf, _drive_a, limit: _clamp(goal, limit)
+
+
+class VelocityLaw:
+    """Velocity Control Mode: a ramp towards the goal, and a PI loop that follows it.
+
+    `p` and `i`: duty per rad/s of error, and duty per rad/s and s. `reference_rad_s` is where the ramp is.
+    """
+
+    def __init__(self, p: float, i: float) -> None:
+        self.p = p
+        self.i = i
+        self.goal_rad_s = 0.0
+        self.reference_rad_s = 0.0
+        self._rate = math.inf
+        self._integral = 0.0
+
+    def go(self, goal_rad_s: float, rate_rad_s2: float) -> None:
+        """Ramp to a velocity from where the ramp is now; an infinite rate is a step."""
+        self.goal_rad_s = goal_rad_s
+        self._rate = rate_rad_s2
+
+    def stop(self) -> None:
+        """Want to stand still, at once."""
+        self.goal_rad_s = self.reference_rad_s = 0.0
+
+    def __call__(
+        self, dt: float, velocity: float, _back_emf: float, _drive_a: float, limit: float, /
+    ) -> float:
+        """Duty of the next step, as of any `Law`."""
+        self.reference_rad_s += _clamp(self.goal_rad_s - self.reference_rad_s, self._rate * dt)
+        error = self.reference_rad_s - velocity
+        integral = self._integral + self.i * error * dt
+        wanted = self.p * error + integral
+        held = _clamp(wanted, limit)
+        if wanted == held or (wanted - held) * error < 0.0:  # no windup while the limit holds
+            self._integral = integral
+        return held
+
+
+class PositionTerms:
+    """What I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
+
+    def __init__(self, i: float, d: float) -> None:
+        self.i = i
+        self.d = d
+        self._integral = 0.0
+
+    def duty(self, dt: float, error: float, error_rate: float, limit: float) -> float:
+        """Duty to add in a step of `dt` s, at an error in rad that changes by `error_rate` rad/s."""
+        self._integral = _clamp(self._integral + self.i * error * dt, limit)
+        return self._integral + self.d * error_rate
+
+
+_MAX_STEP_S = 1e-3  # the position loop is stiff; longer steps are split
 
 
 class ShaftMotion:
@@ -168,9 +240,9 @@ class ShaftMotion:
         if load_nm == self._rest_nm or (load_nm == 0.0 and self._stands(dt_s)):
             return  # friction has held the shaft against this torque, and nothing has changed since
         self._disturb()
-        while dt_s > _LONGEST_STEP_S * 1.001:
-            self._step(_LONGEST_STEP_S, load_nm)
-            dt_s -= _LONGEST_STEP_S
+        while dt_s > _MAX_STEP_S * 1.001:
+            self._step(_MAX_STEP_S, load_nm)
+            dt_s -= _MAX_STEP_S
         self._step(dt_s, load_nm)
 
     def reach_rad(self, dt_s: float, steps: int) -> float:

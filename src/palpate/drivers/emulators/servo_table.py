@@ -1,7 +1,7 @@
-"""An emulated servo's memory: its control table byte by byte, with the checks that its firmware makes.
+"""Memory of an emulated servo: its control table byte by byte, with the checks that its firmware makes.
 
-Which items there are comes from `dynamixel.emanual_tables`. `servo_unit` asks this memory whether an access
-is allowed by the table itself; what depends on the servo's state it judges on its own.
+Which items there are comes from `dynamixel.control_table`. `servo_firmware` asks this memory whether an
+access is allowed by the table itself; what depends on the servo's state it judges on its own.
 
 Indirect Data stands for the address that its Indirect Address names, for reading and writing, one step deep:
 an Indirect Address that names other Indirect Data gets that byte as it is stored.
@@ -10,10 +10,8 @@ an Indirect Address that names other Indirect Data gets that byte as it is store
 from collections.abc import Iterator, Mapping, Sequence
 from struct import Struct
 
-from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
+from palpate.drivers.dynamixel.control_table import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
-
-__all__ = ["ControlTable", "Refused"]
 
 _INDIRECT_ADDRESS = "Indirect Address "
 _INDIRECT_DATA = "Indirect Data "

@@ -1,7 +1,7 @@
-"""The taxels of an emulated array: forces in, counts out, whatever protocol carries them.
+"""Taxels of an emulated array: forces in, counts out, whatever protocol carries them.
 
-The sensor's faults are its own: gain and offset per
-taxel, drift, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
+The sensor's faults are its own: gain and offset per taxel, drift, crosstalk to the four neighbours, noise,
+saturation, quantisation, dead and hot taxels.
 """
 
 import math
@@ -10,11 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.base.geometry import Counts, Floats
-from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.description import Description
 
-__all__ = ["Taxels"]
-
-_BLOCK = 64  # samples for which noise is drawn at once
+_NOISE_BLOCK_SAMPLES = 64  # samples for which noise is drawn at once
 
 
 class Taxels:
@@ -46,8 +44,8 @@ class Taxels:
         self._gain_counts = gain * description.counts_per_n
         self._offset = np.full(shape, float(offset_counts))
         self._noise = _Noise(self._rng, shape, noise_counts)
-        self._spread_rows = _exchange(description.rows, crosstalk)
-        self._spread_cols = _exchange(description.cols, crosstalk)
+        self._spread_rows = _crosstalk_matrix(description.rows, crosstalk)
+        self._spread_cols = _crosstalk_matrix(description.cols, crosstalk)
         self._wander = None if drift_counts_per_s == 0 else self._wandering(drift_counts_per_s)
         self._dead = tuple(dead)
         self._hot = tuple(hot)
@@ -152,7 +150,7 @@ class _Noise:
     def go_on(self) -> None:
         """Go on to the next sample, whose noise is `block[index - 1]` then."""
         if self.index == len(self.block):
-            self.block = self._counts * self._rng.standard_normal((_BLOCK, *self._shape))
+            self.block = self._counts * self._rng.standard_normal((_NOISE_BLOCK_SAMPLES, *self._shape))
             self.index = 0
         self.index += 1
 
@@ -164,7 +162,7 @@ class _Noise:
         return np.concatenate((ahead, more))
 
 
-def _exchange(count: int, share: float) -> Floats:
+def _crosstalk_matrix(count: int, share: float) -> Floats:
     """Return the change that neighbours in a line of `count` work on each other, shape (count, count)."""
     matrix = np.zeros((count, count))
     for i in range(count - 1):

@@ -19,14 +19,11 @@ import numpy as np
 
 from palpate.base.geometry import Floats, Ints
 
-__all__ = ["PartSection", "SkinContact", "TipLoad", "separation_mm", "tip_load"]
-
-
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
 _STEP_RAD = 2 * math.pi / _RAYS
 _ANGLES: Floats = np.arange(_RAYS, dtype=np.float64) * _STEP_RAD
-_PARALLEL = 1e-12  # mm: a ray runs along an edge, or nearly
-_HIDDEN_MM = 0.03  # a point is hidden by what is nearer by more; rays miss corners by a little less
+_PARALLEL_MM = 1e-12  # mm: a ray runs along an edge, or nearly
+_OCCLUSION_MM = 0.03  # a point is hidden by what is nearer by more; rays miss corners by a little less
 _HEADINGS: Floats = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _HEADING_OF = tuple(map(tuple, _HEADINGS.tolist()))
 
@@ -210,7 +207,7 @@ class SkinContact:
         if not dent > 0 or distance == 0:
             return None
         ray = round(float(np.arctan2(-y, -x)) / _STEP_RAD) % _RAYS
-        if max(self._dent(ray), 0.0) >= dent + _HIDDEN_MM:
+        if max(self._dent(ray), 0.0) >= dent + _OCCLUSION_MM:
             return None  # what dents the skin further in that direction hides it
         share = weight * dent * _not_cancelled(dent, self.radius_mm) / distance
         return x * share, y * share, ray
@@ -225,8 +222,8 @@ class SkinContact:
         push = pushes[:, :2]
         of = _on_rays(looked, stretch, -1)[pushes[:, 2].astype(np.int64)].astype(np.int64)
         count = int(stretch.max()) + 1
-        force = _summed(of[of >= 0], push[of >= 0], count)
-        spread = _summed(stretch, share[:, None] * _HEADINGS[looked], count)
+        force = _sum_by_stretch(of[of >= 0], push[of >= 0], count)
+        spread = _sum_by_stretch(stretch, share[:, None] * _HEADINGS[looked], count)
         scale = np.hypot(force[:, 0], force[:, 1]) / np.maximum(np.hypot(spread[:, 0], spread[:, 1]), 1e-12)
         return _on_rays(looked, self.stiffness_n_per_mm * share * scale[stretch])
 
@@ -267,7 +264,7 @@ class SkinContact:
         nearest = math.inf
         for start_x, start_y, along_x, along_y, cross in self._seen:
             turn = x * along_y - y * along_x
-            if abs(turn) < _PARALLEL:
+            if abs(turn) < _PARALLEL_MM:
                 continue
             distance = cross / turn
             if 0 <= distance < nearest and 0 <= (start_x * y - start_y * x) / turn <= 1:
@@ -328,7 +325,7 @@ def _reaches(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats
     along = outline.along
     rel = outline.start - centre_mm
     turn = heading[:, None, 0] * along[None, :, 1] - heading[:, None, 1] * along[None, :, 0]
-    parallel = np.abs(turn) < _PARALLEL
+    parallel = np.abs(turn) < _PARALLEL_MM
     safe = np.where(parallel, 1.0, turn)
     distance = (rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]) / safe
     share = (rel[None, :, 0] * heading[:, None, 1] - rel[None, :, 1] * heading[:, None, 0]) / safe
@@ -357,7 +354,7 @@ def _shares(stretch: Ints, dent: Floats) -> Floats:
     return result
 
 
-def _summed(stretch: Ints, vector: Floats, count: int) -> Floats:
+def _sum_by_stretch(stretch: Ints, vector: Floats, count: int) -> Floats:
     """Sums (count, 2) of vectors (m, 2) over the stretches that they belong to (m,)."""
     return np.column_stack([np.bincount(stretch, vector[:, axis], count) for axis in (0, 1)])
 

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 import serial
 
-from palpate.drivers.transport.port import PortMissing
+from palpate.drivers.transport.ports import PortMissing
 from palpate.drivers.transport.wire import (
     BITS_PER_BYTE,
     Device,
@@ -26,18 +26,16 @@ from palpate.drivers.transport.wire import (
     wire_time_s,
 )
 
-__all__ = ["AdapterTruth", "Grab", "PluggedPort", "Stalls", "UsbAdapter"]
-
 _BUFFER_BYTES = 62
-_PROBES = (b"AT\r", b"ATE0\r", b"\x7e\x78\xf0\x7e")  # what ModemManager asks a port that may be a modem
-_PROBE_EVERY_S = 0.5
-_READ_SHARE = 0.5  # of what arrives, which the other program gets
+_MODEM_PROBES = (b"AT\r", b"ATE0\r", b"\x7e\x78\xf0\x7e")  # what ModemManager asks a port that may be a modem
+_PROBE_PERIOD_S = 0.5
+_STOLEN_SHARE = 0.5  # of what arrives, which the other program gets
 
-_Hand = Callable[[bytes, float], list[Emission]]
+_Deliver = Callable[[bytes, float], list[Emission]]
 
 
 @dataclass(frozen=True)
-class Stalls:
+class HubStalls:
     """A hub that passes nothing for `lo_s` to `hi_s`, on average once in `every_s`."""
 
     lo_s: float
@@ -46,7 +44,7 @@ class Stalls:
 
 
 @dataclass(frozen=True)
-class Grab:
+class PortIntruder:
     """Another program that has the port, too, for `seconds` after it was plugged in."""
 
     seconds: float
@@ -61,10 +59,10 @@ class AdapterTruth:
 
     latency_s: float = 1e-3
     echoes: bool = False
-    stalls: Stalls | None = None
+    stalls: HubStalls | None = None
     gone_s: tuple[float, float] | None = None
     renamed: bool = False
-    grab: Grab | None = None
+    grab: PortIntruder | None = None
 
 
 class UsbAdapter:
@@ -81,7 +79,7 @@ class UsbAdapter:
         self._wire: deque[tuple[float, bytes, float]] = deque()  # first bit, bytes, time of one
         self._free_s = -math.inf
         self._buffer = bytearray()
-        self._late: deque[tuple[float, bytes, _Hand]] = deque()
+        self._late: deque[tuple[float, bytes, _Deliver]] = deque()
         self._stalls = _Stalling(truth.stalls, self._rng)
         self._first_s: float | None = None
         self._probes = 0
@@ -134,7 +132,7 @@ class UsbAdapter:
         times += [] if own is None else [own]
         return min(times, default=None)
 
-    def _hand(self, data: bytes, now: float, hand: _Hand) -> None:
+    def _hand(self, data: bytes, now: float, hand: _Deliver) -> None:
         if self.truth.echoes:
             self._on_wire(now - wire_time_s(len(data), self.rate), data)
         self._take(hand(data, now))
@@ -147,10 +145,10 @@ class UsbAdapter:
         grab = self.truth.grab
         if grab is None or self._first_s is None:
             return
-        while (at := self._first_s + (self._probes + 0.2) * _PROBE_EVERY_S) <= now:
+        while (at := self._first_s + (self._probes + 0.2) * _PROBE_PERIOD_S) <= now:
             if at > self._first_s + grab.seconds:
                 return
-            self._take(self._device.feed(_PROBES[self._probes % len(_PROBES)], at))
+            self._take(self._device.feed(_MODEM_PROBES[self._probes % len(_MODEM_PROBES)], at))
             self._probes += 1
 
     def _take(self, emissions: list[Emission]) -> None:
@@ -210,7 +208,7 @@ class UsbAdapter:
     def _read_by_other(self, now: float) -> bool:
         grab = self.truth.grab
         held = grab is not None and self._first_s is not None and now < self._first_s + grab.seconds
-        return held and bool(self._rng.uniform() < _READ_SHARE)
+        return held and bool(self._rng.uniform() < _STOLEN_SHARE)
 
 
 class PluggedPort:
@@ -266,7 +264,7 @@ def _at_rate(device: RatedDevice, baudrate: int, data: bytes, now: float) -> lis
 class _Stalling:
     """When a hub stalls, drawn as time goes on."""
 
-    def __init__(self, stalls: Stalls | None, rng: np.random.Generator) -> None:
+    def __init__(self, stalls: HubStalls | None, rng: np.random.Generator) -> None:
         self._stalls, self._rng = stalls, rng
         self._spans: list[tuple[float, float]] = []
         self._until_s = 0.0

@@ -1,31 +1,59 @@
 """Tactile arrays: protocols, host drivers and contact extractor. Bytes in, contact patches out."""
 
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.contact import (
-    Baseline,
-    ContactExtractor,
-    ContactPatch,
-    Patches,
-    PatchFlag,
-    TipCalibration,
+from palpate.drivers.tactile.baseline import BOUND_SIGMAS, Baseline
+from palpate.drivers.tactile.columns import column_windows, windows_within
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.description import Corner, Description, Mounting, Shape
+from palpate.drivers.tactile.exchange import ArrayExchange
+from palpate.drivers.tactile.frames import (
+    ArrayCounters,
+    ArrayDriver,
+    ArrayLost,
+    ArraySilent,
+    FrameTimes,
+    TactileFrame,
 )
-from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
-from palpate.drivers.tactile.messages import Description, SelfTestReport, Shape
-from palpate.drivers.tactile.mounting import Mounting
+from palpate.drivers.tactile.messages import (
+    BadTaxel,
+    Describe,
+    Hello,
+    SelfTestReport,
+    SelfTestResult,
+    TaxelFault,
+)
+from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 
 __all__ = [
+    "BOUND_SIGMAS",
     "ArrayCounters",
     "ArrayDriver",
+    "ArrayExchange",
+    "ArrayLost",
+    "ArraySilent",
+    "BadTaxel",
     "Baseline",
     "ContactExtractor",
     "ContactPatch",
+    "Corner",
+    "Describe",
     "Description",
+    "FrameStream",
+    "FrameTimes",
+    "Hello",
     "Mounting",
     "PatchFlag",
     "Patches",
+    "Port",
     "SelfTestReport",
+    "SelfTestResult",
     "Shape",
+    "StreamedArray",
     "TactileArray",
     "TactileFrame",
+    "TaxelFault",
     "TipCalibration",
+    "column_windows",
+    "windows_within",
 ]

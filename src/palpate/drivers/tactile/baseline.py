@@ -1,18 +1,18 @@
 """Baseline: what an untouched array reads, with bounds, followed while it drifts.
 
-A taxel's zero wanders with temperature and wear, and a finger that comes
-to rest on a part very slowly looks the same at first. So the zero is not filtered, it is bounded: a taxel's
-zero is known to lie in an interval, which grows by the drift that the calibration allows and is cut with what
-the taxel reads, four standard deviations either way. Load only adds, so a zero is never above what its taxel
-reads. It is not below either, unless the taxel is touched: where reading and interval have nothing in common,
-it and its neighbours are held, and nothing cuts their intervals from below. A taxel is let go when it has
-come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per
-second, about drift · (interval + noise) / (r - drift) counts are taken for drift; one that grows no faster
-than the drift cannot be distinguished from it by counts alone. What was taken is given back when
-the taxel is let go.
+A taxel's zero wanders with temperature and wear, and a finger that comes to rest on a part very slowly looks
+the same at first. So the zero is not filtered, it is bounded: a taxel's zero is known to lie in an interval,
+which grows by the drift that the calibration allows and is cut with what the taxel reads, four standard
+deviations either side.
+
+A mean of many frames has little noise, but zeros have moved meanwhile; so means of the newest 1, 2, 4, …
+blocks of frames are all compared. Load only adds: any mean cuts an interval from above, and from below only
+one of blocks that nothing has touched.
 """
 
 import math
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,15 +20,126 @@ from scipy.ndimage import binary_dilation
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Counts, Floats, Ints
-from palpate.drivers.tactile.zero_intervals import SIGMAS, Block, ZeroBounds, ZeroIntervals
 
-__all__ = ["SIGMAS", "Baseline", "BaselineTracker", "SumsOfTaxels", "Zeros", "baseline_of"]
+BOUND_SIGMAS = 4.0
+_LIGHT_TOUCH_SIGMAS = (
+    2 * BOUND_SIGMAS
+)  # standard deviations: a touch that was never more is soon taken for drift
+_MAX_BLOCKS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class FrameBlock:
+    """What is read (n,) in the mean of some frames, which are of `time_s` in the mean."""
+
+    mean: Floats
+    frames: int
+    time_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class ZeroBounds:
+    """Zeros of n taxels or sums of taxels are from `lower` to `upper`, (n,).
+
+    `least` (n,): from there, if all that has been followed since the tare may have been touched.
+    """
+
+    lower: Floats
+    upper: Floats
+    least: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Mean:
+    """Mean (n,) of the newest blocks: within `within` (n,) of the zeros as they are at the newest one."""
+
+    value: Floats
+    within: Floats
+    blocks: int
+    frames: int
+
+
+class ZeroIntervals:
+    """Of n quantities: `lower` and `upper` (n,). Their blocks have the same times.
+
+    `noise` (n,): standard deviation in one frame; `drift_per_s` (n,): how fast a zero moves at most; `zero`
+    (n,): mean of `tared_frames` untouched ones. Those that are not `usable` (n,) never count as touched.
+    `least` (n,): lower bounds, whatever has touched since then.
+    """
+
+    def __init__(
+        self, zero: Floats, noise: Floats, drift_per_s: Floats, usable: Bools, tared_frames: int
+    ) -> None:
+        self._noise, self._drift, self._usable = noise, drift_per_s, usable
+        within = BOUND_SIGMAS * noise / math.sqrt(tared_frames)
+        self.lower, self.upper, self.least = zero - within, zero + within, zero - within
+        self._held = np.zeros(zero.shape, dtype=bool)
+        self._furthest = np.zeros_like(zero)
+        self._blocks: deque[FrameBlock] = deque(maxlen=_MAX_BLOCKS)
+        self._means: tuple[_Mean, ...] = ()
+        self._untouched: Ints = np.zeros(zero.shape, dtype=np.int64)  # so many of the newest blocks
+
+    def notice(self, block: FrameBlock, passed_s: float) -> Bools:
+        """Take a block, `passed_s` after the one before, and return what is touched (n,); then `cut`."""
+        if self._blocks and block.time_s < self._blocks[-1].time_s:  # an array that was restarted
+            self._blocks.clear()
+            self._untouched[:] = 0
+        self._blocks.append(block)
+        self._means = tuple(self._means_of_newest())
+        grown = self._drift * passed_s
+        self.lower, self.upper, self.least = self.lower - grown, self.upper + grown, self.least - grown
+        touched = np.zeros_like(self._held)
+        for mean in self._means:
+            touched |= (mean.value - mean.within > self.upper) & (self._untouched >= mean.blocks - 1)
+        away = np.abs(block.mean - (self.lower + self.upper) / 2)
+        back = away < np.maximum(0.5 * self._furthest, _LIGHT_TOUCH_SIGMAS * self._noise)
+        self._held = (touched & self._usable) | (self._held & ~back)
+        self._furthest = np.where(self._held, np.maximum(self._furthest, away), 0.0)
+        return self._held
+
+    def cut(self, near: Bools) -> None:
+        """Cut the intervals with the newest means, but from below not where a touch is `near` (n,)."""
+        self._untouched = np.where(near, 0, self._untouched + 1)
+        lower, upper = self.lower, self.upper
+        newest, least_noise = self._means[0], self._noise
+        for mean in self._means:
+            upper = np.minimum(upper, mean.value + mean.within)
+            usable = self._untouched >= mean.blocks
+            lower = np.where(usable, np.maximum(lower, mean.value - mean.within), lower)
+            noise = self._noise / math.sqrt(mean.frames)
+            least_noise = np.where(usable | (mean is newest), noise, least_noise)
+        # A zero that was thought to be higher had been mistaken: it begins anew.
+        mistaken = lower > upper
+        lower = np.where(mistaken, newest.value - newest.within, lower)
+        self._untouched[mistaken] = 0
+        spare = np.maximum(least_noise - (upper - lower) / 2, 0.0)
+        self.lower, self.upper = lower - spare, upper + spare
+        self.least = np.minimum(self.least, self.lower)
+
+    def after(self, passed_s: float) -> ZeroBounds:
+        """Bounds so long after the newest block."""
+        grown = self._drift * passed_s
+        return ZeroBounds(self.lower - grown, self.upper + grown, self.least - grown)
+
+    def _means_of_newest(self) -> Iterator[_Mean]:
+        """Means of the newest 1, 2, 4, … blocks."""
+        newest = self._blocks[-1].time_s
+        frames = np.cumsum([block.frames for block in reversed(self._blocks)])
+        ages = np.cumsum([block.frames * (newest - block.time_s) for block in reversed(self._blocks)])
+        sums = np.cumsum([block.frames * block.mean for block in reversed(self._blocks)], axis=0)
+        for blocks in (2**power for power in range(len(frames).bit_length())):
+            count = int(frames[blocks - 1])
+            within = (
+                BOUND_SIGMAS * self._noise / math.sqrt(count) + self._drift * float(ages[blocks - 1]) / count
+            )
+            yield _Mean(sums[blocks - 1] / count, within, blocks, count)
+
 
 _BLOCK_S = 0.1
-_MOST_FRAMES = 64  # of a block
-_AROUND = np.ones((3, 3), dtype=bool)
-_ENOUGH_FRAMES = 8  # to judge the noise
-_NEVER = 1e-6  # chance for a live taxel to read the same all the time
+_MAX_BLOCK_FRAMES = 64  # of a block
+_NEIGHBOURHOOD = np.ones((3, 3), dtype=bool)
+_MIN_NOISE_FRAMES = 8  # to judge the noise
+_STUCK_PROBABILITY = 1e-6  # chance for a live taxel to read the same all the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +178,10 @@ def baseline_of(counts: Counts, max_count: int, noise_counts: float, usable: Boo
     alive = mean < 0.95 * max_count
     if usable is not None:
         alive &= usable
-    enough = len(counts) >= _ENOUGH_FRAMES
-    if noise_counts > 0 and math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) < _NEVER:
+    enough = len(counts) >= _MIN_NOISE_FRAMES
+    if noise_counts > 0 and math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) < _STUCK_PROBABILITY:
         alive &= spread > 0
-    alive &= (values > 0).any(axis=0) | (np.median(mean) <= SIGMAS * max(noise_counts, 1.0))
+    alive &= (values > 0).any(axis=0) | (np.median(mean) <= BOUND_SIGMAS * max(noise_counts, 1.0))
     measured = float(np.sqrt((spread[alive] ** 2).mean())) if alive.any() else 0.0
     noise = max(measured, 0.3) if enough else max(measured, noise_counts)
     return Baseline(mean, noise * math.sqrt(1 + 1 / len(counts)), alive)
@@ -88,7 +199,7 @@ class _Piece:
 
 
 @dataclass(frozen=True, eq=False)
-class SumsOfTaxels:
+class TaxelSums:
     """Sums of taxels with `weights` (rows · cols, k), whose zeros move no faster than `drift_per_s` (k,)."""
 
     weights: Floats
@@ -109,11 +220,11 @@ class BaselineTracker:
         drift_counts_per_s: float,
         tared_s: float | None = None,
         tared_frames: int = 16,
-        sums: SumsOfTaxels | None = None,
+        sums: TaxelSums | None = None,
     ) -> None:
         self._shape = baseline.mean.shape
         size = baseline.mean.size
-        sums = SumsOfTaxels(np.zeros((size, 0)), np.zeros(0)) if sums is None else sums
+        sums = TaxelSums(np.zeros((size, 0)), np.zeros(0)) if sums is None else sums
         self._sums = sums.weights
         self._has: Bools = self._sums != 0
         zeros, usable = baseline.mean.ravel(), baseline.usable.ravel()
@@ -188,7 +299,7 @@ class BaselineTracker:
     def _size(self, time_s: Floats) -> int:
         """How many of these frames still belong to the block that is waiting."""
         first = self._waiting[0].begin_s if self._waiting else time_s[0]
-        most = _MOST_FRAMES - sum(piece.frames for piece in self._waiting)
+        most = _MAX_BLOCK_FRAMES - sum(piece.frames for piece in self._waiting)
         near = time_s[:most]
         others = np.flatnonzero((near < first) | (near >= first + _BLOCK_S))
         return int(others[0]) if len(others) else len(near)
@@ -205,10 +316,10 @@ class BaselineTracker:
         may_touch = any(piece.may_touch for piece in self._waiting)
         self._waiting = []
         passed_s, self._then = self._passed(now), now
-        held = self._taxels.notice(Block(mean, frames, now), passed_s)
-        held_sums = self._summed.notice(Block(mean @ self._sums, frames, now), passed_s)
+        held = self._taxels.notice(FrameBlock(mean, frames, now), passed_s)
+        held_sums = self._summed.notice(FrameBlock(mean @ self._sums, frames, now), passed_s)
         near = held | (self._has @ held_sums)
         if near.any():
-            near = binary_dilation(near.reshape(self._shape), structure=_AROUND).ravel()
+            near = binary_dilation(near.reshape(self._shape), structure=_NEIGHBOURHOOD).ravel()
         self._taxels.cut(near | may_touch)
         self._summed.cut((near @ self._has) | may_touch)

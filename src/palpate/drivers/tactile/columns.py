@@ -1,7 +1,7 @@
 """Column forces of a cylindrical tip and what is known of their errors. Counts in, sums along the tip out.
 
-All arrays begin with the
-frames: n is their number, r the rows, c the columns.
+All arrays begin with the frames: n is their number, r the rows, c the columns. Windows of neighbouring
+columns are what a light contact touches, wherever it is between columns.
 """
 
 import math
@@ -10,14 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.drivers.tactile.baseline import BOUND_SIGMAS
 from palpate.drivers.tactile.patches import TipCalibration
 
-__all__ = ["Columns", "Runs", "columns_of", "runs_of"]
-
-_TEMPLATE_ERROR = 0.01  # of the strongest column, what templates cannot resolve ...
+_TEMPLATE_ERROR_SHARE = 0.01  # of the strongest column, what templates cannot resolve ...
 _TEMPLATE_PITCH_RAD = math.radians(13.5)  # ... in columns this far apart
-_LEAST_COVERED = 0.3  # of the load: a column of which less can be seen is not seen
+_MIN_COVERED_SHARE = 0.3  # of the load: a column of which less can be seen is not seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +68,8 @@ def columns_of(
     noise_n = noise_counts * n_per_count
     share = _row_shares(taxel_n, usable, noise_counts * float(n_per_count.mean()))
     covered = np.einsum("nrc,nr->nc", usable.astype(float), share)
-    seen = covered > _LEAST_COVERED
-    rim = np.maximum(covered, _LEAST_COVERED)
+    seen = covered > _MIN_COVERED_SHARE
+    rim = np.maximum(covered, _MIN_COVERED_SHARE)
     scale = np.where(seen, 1 / rim, 0.0)
     force = taxel_n.sum(axis=1) * scale
     gain_variance = _gain_variance(share, usable, rim, calibration.spreads)
@@ -84,7 +82,7 @@ def columns_of(
         + (calibration.crosstalk_bound / math.sqrt(3) * _bend(force, calibration)) ** 2
         + 1e-12
     )
-    floor = np.full(len(counts), SIGMAS * math.sqrt((noise_n**2).sum(axis=0).max()))
+    floor = np.full(len(counts), BOUND_SIGMAS * math.sqrt((noise_n**2).sum(axis=0).max()))
     if drift_counts is not None:
         drift_n = (drift_counts * n_per_count * usable).sum(axis=1) * scale
         variance += (drift_n / 2) ** 2  # bounds of one sign: four standard deviations are twice of them
@@ -113,7 +111,7 @@ def _template_error(pitch_rad: float) -> float:
     The power is as small as it can be without emulated contacts outside, their gains being known.
     """
     finer = max(1.0, _TEMPLATE_PITCH_RAD / pitch_rad)
-    return _TEMPLATE_ERROR * math.pow(finer, 1.25)
+    return _TEMPLATE_ERROR_SHARE * math.pow(finer, 1.25)
 
 
 def runs_of(columns: Columns) -> Runs:
@@ -158,7 +156,7 @@ def _strongest(taxel_n: Floats, whole: Bools) -> Floats:
     return result
 
 
-def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
+def _fit_rows(taxel_n: Floats, usable: Floats) -> Floats:
     """Rows (n, r) of the product of a row and a column that comes nearest to the taxels that can be seen."""
     rows: Floats = taxel_n.sum(axis=2) / np.maximum(usable.sum(axis=2), 1)
     for _ in range(3):
@@ -177,10 +175,34 @@ def _row_shares(taxel_n: Floats, usable: Bools, noise_n: float) -> Floats:
     least = 10 * noise_n * np.sqrt(np.maximum(whole.sum(axis=1), 1))
     weak = (rows.max(axis=1) < least) | (_strongest(taxel_n, whole) < 0.5)
     if weak.any():
-        rows[weak] = _fitted_rows(taxel_n[weak], usable[weak].astype(float))
+        rows[weak] = _fit_rows(taxel_n[weak], usable[weak].astype(float))
     most = np.maximum(rows.max(axis=1, keepdims=True), 0.0)
     rows = np.where(rows > 0.1 * most, rows, 0.0)
     total = rows.sum(axis=1, keepdims=True)
     even = 1 / rows.shape[1]
     result: Floats = np.where(total > 0, rows / np.where(total > 0, total, 1.0), even)
     return result
+
+
+WINDOW_COLUMNS = 3
+"""A light contact's share of a cylinder."""
+
+
+def column_windows(weights: Floats) -> Floats:
+    """Matrix (rows · cols, windows) that takes counts (row by row) to their sums in each few columns.
+
+    `weights` (rows, cols): of each taxel, 0 for one that is left out.
+    """
+    rows, cols = weights.shape
+    width = min(WINDOW_COLUMNS, cols)
+    matrix = np.zeros((rows, cols, cols - width + 1))
+    for window in range(matrix.shape[2]):
+        matrix[:, window : window + width, window] = weights[:, window : window + width]
+    return matrix.reshape(rows * cols, -1)
+
+
+def windows_within(columns: Bools) -> tuple[Bools, Bools]:
+    """Windows (windows,) of which all columns are among some (cols,), and the columns (cols,) of these."""
+    width = min(WINDOW_COLUMNS, len(columns))
+    windows = np.asarray(np.lib.stride_tricks.sliding_window_view(columns, width).all(axis=1))
+    return windows, np.convolve(windows, np.ones(width)) > 0

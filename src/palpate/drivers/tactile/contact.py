@@ -1,4 +1,4 @@
-"""From tactile frames to where, how hard and under which normals the tip is touched. Frames in, patches out.
+"""Contact extractor: where, how hard and under which normals a tip is touched. Frames in, patches out.
 
 The bound rule. On a cylinder column forces are the baseline-free counts over nominal gain, summed along the
 tip. Each has an error made of the gain spread (shared out over the rows that carry the load), the noise, the
@@ -6,11 +6,11 @@ drift, the crosstalk's spread and what the templates cannot resolve. `extract`, 
 measured: the normal range is the hull of all directions from which some contact of `templates` (flat edge,
 vertex, edge that ends, notch of two edges) gives these columns with a misfit at most `MISFIT_SLACK` above the
 best one's: four standard deviations. `process`, for whole recordings, does the same for many frames at once
-(`slabs`), except where columns are missing: there the range is the patch and what may lie beyond. Taxels that
-cannot be trusted (dead, hot or saturated) are not looked at, and columns beyond the array's edge are unknown:
-both widen the range by themselves. If no single edge fits, the contact is probably in a notch: the range is
-the extent of the patch, which holds the normals of both edges, and the flag `WIDE` says so. Flat and free
-arrays: see `pads`.
+(`template_search`), except where columns are missing: there the range is the patch and what may lie beyond.
+Taxels that cannot be trusted (dead, hot or saturated) are not looked at, and columns beyond the array's edge
+are unknown: both widen the range by themselves. If no single edge fits, the contact is probably in a notch:
+the range is the extent of the patch, which holds the normals of both edges, and the flag `WIDE` says so. Flat
+and free arrays: see `pads`.
 """
 
 import math
@@ -21,22 +21,29 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Counts, Floats
-from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, SumsOfTaxels, baseline_of
-from palpate.drivers.tactile.column_windows import column_windows
+from palpate.drivers.tactile.baseline import (
+    BOUND_SIGMAS,
+    Baseline,
+    BaselineTracker,
+    TaxelSums,
+    ZeroBounds,
+    baseline_of,
+)
+from palpate.drivers.tactile.columns import column_windows
 from palpate.drivers.tactile.cylinder import CylinderTip
+from palpate.drivers.tactile.description import Description, Shape, TaxelSurface, surface_of
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.pads import pad_patches
-from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, concatenated
-from palpate.drivers.tactile.surface import TaxelSurface, surface_of
-from palpate.drivers.tactile.taxel_forces import TaxelForces
-from palpate.drivers.tactile.zero_intervals import ZeroBounds
+from palpate.drivers.tactile.pads import TaxelForces, pad_patches
+from palpate.drivers.tactile.patches import (
+    ContactPatch,
+    Patches,
+    TipCalibration,
+    concatenate_patches,
+)
 
-__all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
-
-_PIECE = 4096  # frames at once
+_FRAMES_AT_ONCE = 4096  # frames at once
 _MATCHED_SIGMAS = 6.0  # a matched sum above that is no noise: less than once in a day
-_SINGLE_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
+_SINGLE_TAXEL_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
 
 
 class ContactExtractor:
@@ -87,7 +94,7 @@ class ContactExtractor:
         self._window_noise = baseline.noise_counts * np.sqrt((self._window_gain**2).sum(axis=0))
         self._tracker = None
         if drift > 0:
-            sums = SumsOfTaxels(self._window_gain, self._window_drift(drift))
+            sums = TaxelSums(self._window_gain, self._window_drift(drift))
             self._tracker = BaselineTracker(baseline, drift, tared_s, self._tared_frames, sums)
         self._set_guard(tared_s)
 
@@ -118,7 +125,7 @@ class ContactExtractor:
             if self._cylinder is None:  # every taxel is judged by itself
                 taxels = tracker.taxels_at(at_s)
                 self._zeros_n = ZeroBounds(taxels.lower @ gain, taxels.upper @ gain, taxels.least @ gain)
-        self._guard_limit = (base + SIGMAS * self._baseline.noise_counts + self._guard_doubt).ravel()
+        self._guard_limit = (base + BOUND_SIGMAS * self._baseline.noise_counts + self._guard_doubt).ravel()
         zeros = self._zeros_n
         self._window_limits_n: dict[int, Floats] = {}
         self._zero_doubt_n = (
@@ -175,7 +182,7 @@ class ContactExtractor:
         gain = self._guard_gain.reshape(frame.counts.shape) * weights
         read = float(((frame.counts - self._guard_base) * gain).sum())
         noise = self._baseline.noise_counts * math.sqrt(float((gain**2).sum()))
-        return max(read, 0.0) + SIGMAS * noise
+        return max(read, 0.0) + BOUND_SIGMAS * noise
 
     def windows_n(self, readings: Floats, windows: Bools, frames: int = 1) -> float:
         """Largest force (N) of some windows of a cylinder's columns (windows,) that is above the noise.
@@ -189,7 +196,7 @@ class ContactExtractor:
 
         As read, and four standard deviations of its noise; what zeros may be off by comes on top.
         """
-        noise = SIGMAS * self.noise_share(frames) * self._window_noise
+        noise = BOUND_SIGMAS * self.noise_share(frames) * self._window_noise
         return max(float((readings - self._zeros_n.upper + noise)[windows].max()), 0.0)
 
     def steady_force_n(self, readings: Floats, frames: int) -> float:
@@ -242,13 +249,13 @@ class ContactExtractor:
             return 0.0
         # A zero may be as far below where it is thought to be as the limit allows it to be above.
         doubt = self._guard_doubt.ravel() + self._calibration.drift_counts_per_s * later_s
-        return float((SIGMAS * self._baseline.noise_counts + 2 * doubt) @ self._guard_gain)
+        return float((BOUND_SIGMAS * self._baseline.noise_counts + 2 * doubt) @ self._guard_gain)
 
     @property
     def least_force_n(self) -> float:
         """Least threshold (N) that `force_n` does not exceed untouched, by the noise that was tared."""
         if self._cylinder is None:
-            return _SINGLE_SIGMAS * self._baseline.noise_counts * float(self._guard_gain.max())
+            return _SINGLE_TAXEL_SIGMAS * self._baseline.noise_counts * float(self._guard_gain.max())
         return _MATCHED_SIGMAS * float(self._window_noise.max())
 
     def extract(self, frames: TactileFrame | Sequence[TactileFrame]) -> ContactPatch | None:
@@ -280,13 +287,13 @@ class ContactExtractor:
                 f"array of {d.rows} x {d.cols}; one time a frame, and frames of this array's size"
             )
         pieces = []
-        for begin in range(0, len(counts), _PIECE):
-            piece = counts[begin : begin + _PIECE]
-            zeros, doubt = self._zeros(piece, time_s[begin : begin + _PIECE])
+        for begin in range(0, len(counts), _FRAMES_AT_ONCE):
+            piece = counts[begin : begin + _FRAMES_AT_ONCE]
+            zeros, doubt = self._zeros(piece, time_s[begin : begin + _FRAMES_AT_ONCE])
             pieces.append(self._patches(piece - zeros, doubt, piece >= d.max_count, exact=False))
         if not pieces:
             pieces = [self._patches(np.zeros((0, d.rows, d.cols)), None, np.zeros((0, d.rows, d.cols), bool))]
-        return concatenated(pieces)
+        return concatenate_patches(pieces)
 
     def _zeros(self, counts: Counts, time_s: Floats) -> tuple[Floats, Floats | None]:
         if self._tracker is None:

@@ -1,6 +1,6 @@
 """Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
 
-Puts the steps together: `columns`, then `slabs` or `templates`, then `centroids`.
+Puts the steps together: `columns`, then `template_search` or `templates`, then `load_bounds`.
 """
 
 import math
@@ -10,25 +10,30 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.drivers.tactile.baseline import SIGMAS
-from palpate.drivers.tactile.centroids import Load, Unseen, centroids
+from palpate.drivers.tactile.baseline import BOUND_SIGMAS
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
-from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, nan_where_untouched
-from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.load_bounds import (
+    CellLoads,
+    UnseenLoads,
+    centroids,
+    load_beyond_edge,
+    log_concave_limit_n,
+)
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, mask_untouched
+from palpate.drivers.tactile.template_search import WINDOW_SIGMAS, ProfileBatch, TemplateSlabs
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
-from palpate.drivers.tactile.unobserved_load import load_beyond_edge, log_concave_limit_n
-
-__all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]
 
 MISFIT_SLACK = 16.0
 MISFIT_LIMIT = 20.0
-_SOFT_SHARE = 0.1  # of the strongest column, taken off before the centroid
-_LEAST_COLUMNS = 2
-_GAINS_SHARE = 0.4  # of the gains' spread: so much may a patch's force be off by, being shared out over it
-_LEAST_DEPTH = 0.012  # tip radii; softer contacts only on larger tips
-_BESIDE = 2  # columns on either side of a run that may belong to it
-_BEYOND_RAD = math.radians(60.0)  # how far a patch may go on beyond the array
+_SOFT_THRESHOLD_SHARE = 0.1  # of the strongest column, taken off before the centroid
+_MIN_COLUMNS = 2
+_GAIN_SPREAD_SHARE = (
+    0.4  # of the gains' spread: so much may a patch's force be off by, being shared out over it
+)
+_MIN_DEPTH_RADII = 0.012  # tip radii; softer contacts only on larger tips
+_SIDE_COLUMNS = 2  # columns on either side of a run that may belong to it
+_MAX_BEYOND_EDGE_RAD = math.radians(60.0)  # how far a patch may go on beyond the array
 
 
 class CylinderTip:
@@ -45,7 +50,7 @@ class CylinderTip:
         self._spreads = calibration.spreads
         self._columns = np.asarray(description.columns)
         self._heights = np.asarray(description.row_heights_mm)
-        if len(self._columns) < _LEAST_COLUMNS:
+        if len(self._columns) < _MIN_COLUMNS:
             raise InputError(
                 "tactile array: a cylinder of one column; a direction takes two: describe the "
                 "array as flat, or as free with the places of its taxels"
@@ -66,9 +71,9 @@ class CylinderTip:
             pitch_rad=self._pitch,
             radius_mm=d.tip_radius_mm,
             stiffness_n_per_mm=c.stiffness_n_per_mm,
-            stiffness_bound=min(0.9, c.stiffness_bound + _GAINS_SHARE * self._widest_spread()),
+            stiffness_bound=min(0.9, c.stiffness_bound + _GAIN_SPREAD_SHARE * self._widest_spread()),
             crosstalk=c.crosstalk,
-            least_depth=min(_LEAST_DEPTH, 2 * softest),
+            least_depth=min(_MIN_DEPTH_RADII, 2 * softest),
         )
 
     def _widest_spread(self) -> float:
@@ -86,8 +91,8 @@ class CylinderTip:
         _ = self._templates
 
     @cached_property
-    def _slabs(self) -> Slabs:
-        return Slabs(self._templates)
+    def _slabs(self) -> TemplateSlabs:
+        return TemplateSlabs(self._templates)
 
     def patches(
         self,
@@ -110,7 +115,7 @@ class CylinderTip:
         runs = runs_of(columns)
         place = np.arange(cols)
         span = (place >= runs.first[:, None]) & (place <= runs.last[:, None]) & runs.found[:, None]
-        beside = (_widened(span, _BESIDE) & ~_widened(runs.other, 1) & columns.seen) | span
+        beside = (_dilate(span, _SIDE_COLUMNS) & ~_dilate(runs.other, 1) & columns.seen) | span
         # Crosstalk and a patch's thin ends leave some of its load on columns that are not the patch's.
         force = np.where(beside, columns.force_n, 0.0).sum(axis=1)
         touched = runs.found & (force >= self._calibration.contact_force_n)
@@ -124,10 +129,10 @@ class CylinderTip:
         radius = self._description.tip_radius_mm
         across = np.minimum(radius * centroid_bound, 2 * radius)
         strongest = columns.taxel_n.max(axis=(1, 2), keepdims=True)
-        weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * strongest)
+        weakest = np.maximum(BOUND_SIGMAS * columns.noise_n, _SOFT_THRESHOLD_SHARE * strongest)
         loaded = (columns.taxel_n > weakest) & span[:, None, :]
 
-        return nan_where_untouched(
+        return mask_untouched(
             Patches(
                 touched=touched,
                 angle_rad=angle,
@@ -204,7 +209,7 @@ class CylinderTip:
             low[at[good]], high[at[good]] = found.low[good], found.high[good]
             narrow[at[good]] = True
             # Cut by the array's edge and not matched: anywhere that a patch can reach.
-            lost, far = cut & ~narrow, _BEYOND_RAD / self._pitch
+            lost, far = cut & ~narrow, _MAX_BEYOND_EDGE_RAD / self._pitch
             low = np.where(lost & (runs.first == 0), runs.first - far, low)
             high = np.where(lost & (runs.last == span.shape[1] - 1), runs.last + far, high)
         return (
@@ -224,7 +229,7 @@ class CylinderTip:
 
     def _variance(self, columns: Columns, runs: Runs, span: Bools) -> Floats:
         """Variance (n, c) of what belongs to the patch; infinite where another one is."""
-        result: Floats = np.where(_widened(runs.other, 1) & ~span, np.inf, columns.variance)
+        result: Floats = np.where(_dilate(runs.other, 1) & ~span, np.inf, columns.variance)
         return result
 
     def _centroid(self, columns: Columns, span: Bools, beside: Bools, flags: Ints) -> tuple[Floats, Floats]:
@@ -232,7 +237,7 @@ class CylinderTip:
         c, pitch = self._calibration, self._pitch
         total = np.maximum(np.where(span, columns.force_n, 0.0).sum(axis=1), 1e-12)
         error = np.where(columns.seen, np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
-        load = Load(
+        load = CellLoads(
             force_n=columns.force_n,
             noise_n=error,
             drift_n=np.zeros_like(error),
@@ -248,7 +253,7 @@ class CylinderTip:
         blind: Bools = span & np.where(saturated, suspect, ~columns.seen)
         return centroids(load, self._columns, pitch / 2, shift, self._unseen(blind, columns, error, span))
 
-    def _unseen(self, blind: Bools, columns: Columns, error_n: Floats, span: Bools) -> Unseen:
+    def _unseen(self, blind: Bools, columns: Columns, error_n: Floats, span: Bools) -> UnseenLoads:
         """Columns whose load is unknown, and what lies beyond the array's edges."""
         pitch, place = self._pitch, self._columns
         n = len(blind)
@@ -260,18 +265,18 @@ class CylinderTip:
         for edge, inner, way in ((0, 1, -1.0), (-1, -2, 1.0)):
             load, cells = _past_edge(columns.force_n, error_n**2, edge, inner, span[:, edge])
             near = np.full(n, place[edge] + way * pitch / 2)
-            far = place[edge] + way * np.minimum((cells + 0.5) * pitch, _BEYOND_RAD)
+            far = place[edge] + way * np.minimum((cells + 0.5) * pitch, _MAX_BEYOND_EDGE_RAD)
             most.append(load)
             low.append(np.minimum(near, far))
             high.append(np.maximum(near, far))
-        return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
+        return UnseenLoads(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
 
     def _height(self, columns: Columns, span: Bools) -> tuple[Floats, Floats]:
         """Centroid along the tip and its bound, mm: half a row, and the gain errors and noise of the rows."""
         z = self._heights
         patch = columns.taxel_n * span[:, None, :]
         rows = np.maximum(patch.sum(axis=2), 0.0)
-        rows = np.maximum(rows - _SOFT_SHARE * rows.max(axis=1, keepdims=True), 0.0)
+        rows = np.maximum(rows - _SOFT_THRESHOLD_SHARE * rows.max(axis=1, keepdims=True), 0.0)
         total = np.maximum(rows.sum(axis=1), 1e-12)
         centre = rows @ z / total
         arm = z[None, :] - centre[:, None]
@@ -282,7 +287,7 @@ class CylinderTip:
         lost = (~columns.usable & span[:, None, :]).sum(axis=(1, 2)) / np.maximum(width * len(z), 1)
         reach = np.abs(arm).max(axis=1) * lost
         half = 0.5 * float(np.diff(z).max()) if len(z) > 1 else 0.0
-        return centre, half + reach + SIGMAS * np.hypot(gain, noise) / total
+        return centre, half + reach + BOUND_SIGMAS * np.hypot(gain, noise) / total
 
     def _force_bound(
         self, columns: Columns, span: Bools, beside: Bools, doubt_counts: Floats | None
@@ -292,11 +297,13 @@ class CylinderTip:
         patch = columns.taxel_n * beside[:, None, :]
         force = np.where(beside, columns.force_n, 0.0)
         total = force.sum(axis=1)
-        doubt = np.where(columns.seen, SIGMAS * np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
-        likely = SIGMAS / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc,rc->n", patch, patch, spread**2))
+        doubt = np.where(
+            columns.seen, BOUND_SIGMAS * np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0
+        )
+        likely = BOUND_SIGMAS / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc,rc->n", patch, patch, spread**2))
         loaded = np.maximum(patch, 0.0)
         mean = np.einsum("nrc,rc->n", loaded, spread) / np.maximum(loaded.sum(axis=(1, 2)), 1e-12)
-        noise = SIGMAS * math.sqrt((columns.noise_n**2).sum())
+        noise = BOUND_SIGMAS * math.sqrt((columns.noise_n**2).sum())
         guessed = np.abs(total - patch.sum(axis=(1, 2)))
         bound: Floats = np.minimum(likely, mean * total) + noise + guessed
         low, high = np.maximum(force - doubt, 0.0), np.where(columns.seen, force + doubt, np.inf)
@@ -309,7 +316,7 @@ class CylinderTip:
 
 def _profiles(
     columns: Columns, span: Bools, beside: Bools, variance: Floats, missing: Floats, at: Ints
-) -> Profiles:
+) -> ProfileBatch:
     """What the slabs are asked about frames `at`."""
     force = np.where(beside, columns.force_n, 0.0)[at]
     whole = np.maximum(force.sum(axis=1), 1e-12)
@@ -323,7 +330,7 @@ def _profiles(
     pull = ends / (ends + whole[:, None]) * (np.stack([centroid, place[-1] - centroid], axis=1) + 2)
     centroid = centroid + (pull[:, 1] - pull[:, 0]) / 2
     window += pull.sum(axis=1) / 2
-    return Profiles(
+    return ProfileBatch(
         force_n=columns.force_n[at],
         variance=variance[at],
         total_n=np.where(span, columns.force_n, 0.0).sum(axis=1)[at],
@@ -337,13 +344,13 @@ def _past_edge(
     force_n: Floats, variance: Floats, edge: int, inner: int, loaded: Bools
 ) -> tuple[Floats, Floats]:
     """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: N, columns."""
-    outer = np.maximum(force_n[:, edge] + SIGMAS * np.sqrt(variance[:, edge]), 0.0)
-    least = force_n[:, inner] - SIGMAS * np.sqrt(variance[:, inner])
+    outer = np.maximum(force_n[:, edge] + BOUND_SIGMAS * np.sqrt(variance[:, edge]), 0.0)
+    least = force_n[:, inner] - BOUND_SIGMAS * np.sqrt(variance[:, inner])
     load, cells = load_beyond_edge(np.where(loaded, outer, 0.0), np.where(loaded, least, 1.0))
     return load, cells
 
 
-def _widened(mask: Bools, by: int) -> Bools:
+def _dilate(mask: Bools, by: int) -> Bools:
     """Columns within `by` of those in `mask`, (n, c)."""
     wide = mask.copy()
     for step in range(1, by + 1):

@@ -1,7 +1,9 @@
-"""Request and answer: asks an array until it answers, and passes its frames on.
+"""Request and answer: asks an array until it answers, notices when it restarts, and passes its frames on.
 
 Every question is asked under a number of its own, more than once if need be: question or answer may get lost,
-and every request of `docs/tactile-protocol.md` may be said twice without harm.
+and every request of `docs/tactile-protocol.md` may be said twice without harm. After a reset numbers and
+clock begin at 0 (section 1). A late copy of an old message has a number that is behind, too, but not a clock
+that has run no longer than the array was not heard.
 """
 
 from collections import Counter
@@ -11,23 +13,59 @@ from typing import TypeVar
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
+from palpate.drivers.tactile.codec import (
+    DELIMITER,
+    VERSION,
+    DecodeFault,
+    Decoder,
+    FaultKind,
+    encode,
+    pack_payload,
+)
 from palpate.drivers.tactile.messages import (
-    Body,
     Describe,
     DeviceAnswer,
     Frame,
     Message,
+    MessageBody,
     MessageType,
     Nack,
     Request,
 )
-from palpate.drivers.tactile.payloads import pack
-from palpate.drivers.tactile.protocol import DELIMITER, VERSION, DecodeFault, Decoder, FaultKind, encode
-from palpate.drivers.tactile.restarts import RestartWatch
 from palpate.drivers.tactile.stream import FrameStream, Port
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["ArrayExchange"]
+_CLOCK_MARGIN_S = 0.05
+_HALF_SEQUENCE_RANGE = 1 << 31
+
+
+class RestartWatch:
+    """Remembers the newest message of one array."""
+
+    def __init__(self) -> None:
+        self._last: Message | None = None
+        self._heard_s = 0.0
+
+    def note(self, message: Message, now: float) -> None:
+        """A message that is in order, or begins a new order, was read at `now` (s)."""
+        self._last, self._heard_s = message, now
+
+    def behind(self, message: Message) -> str:
+        """How a message that is not ahead of the newest one stands to it, for messages."""
+        last = self._last or message
+        return (
+            f"number {message.sequence} at {message.time_us * 1e-6:.6g} s of its clock, "
+            f"after number {last.sequence} at {last.time_us * 1e-6:.6g} s"
+        )
+
+    def is_restart(self, message: Message, now: float) -> bool:
+        """Whether a message that was read at `now` (s) shows a reset: number and clock are behind."""
+        last = self._last
+        if last is None or (message.sequence - last.sequence) % (1 << 32) < _HALF_SEQUENCE_RANGE:
+            return False
+        since_us = (now - self._heard_s + _CLOCK_MARGIN_S) * 1e6
+        return message.time_us < last.time_us and message.time_us <= since_us
+
 
 _Wanted = TypeVar("_Wanted", bound=DeviceAnswer)
 _OUT_OF_ORDER = (FaultKind.SEQUENCE_GAP, FaultKind.STALE)
@@ -120,9 +158,9 @@ class ArrayExchange:
                 elif isinstance(body, (wanted, Nack)):
                     found.append(body)
                 else:
-                    refused.append(_name(body))
+                    refused.append(_body_name(body))
             refused.extend(
-                _in_words(fault)
+                _describe_fault(fault)
                 for fault in self._unusable
                 if fault.request_id is None or fault.request_id in numbers
             )
@@ -138,7 +176,7 @@ class ArrayExchange:
             return found[0]
         if refused:
             raise DeviceError(
-                f"{self.stream.where} answers {_name(request)} with what cannot be used: "
+                f"{self.stream.where} answers {_body_name(request)} with what cannot be used: "
                 f"{refused[0]}; correct its firmware (docs/tactile-protocol.md, section 2)"
             )
         if self._other_version is not None:
@@ -181,11 +219,11 @@ class ArrayExchange:
             self._unusable.append(fault)
 
 
-def _name(body: Body) -> str:
-    return pack(body)[0].name
+def _body_name(body: MessageBody) -> str:
+    return pack_payload(body)[0].name
 
 
-def _in_words(fault: DecodeFault) -> str:
+def _describe_fault(fault: DecodeFault) -> str:
     code = fault.type_code
     if code not in tuple(MessageType):
         return f"type {code:#04x}, which version {VERSION} does not have"

@@ -1,13 +1,17 @@
-"""Frames of taxels, and `ArrayDriver`: the interface of every driver of a tactile array."""
+"""Frames of taxels, their numbers and times, and `ArrayDriver`: the interface of all drivers of arrays.
 
+`FrameTimes` is for devices that only stamp frames with a counter of 32 bits. Lost frames are estimated there:
+a step much longer than usual means that frames are missing. A device that pauses by itself looks the same.
+"""
+
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import NamedTuple, Protocol
 
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Counts
-from palpate.drivers.tactile.messages import Description
-
-__all__ = ["ArrayCounters", "ArrayDriver", "ArrayLost", "ArraySilent", "TactileFrame"]
+from palpate.drivers.tactile.description import Description
 
 
 class ArrayLost(DeviceError):
@@ -100,3 +104,63 @@ class ArrayDriver(Protocol):
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`."""
         ...
+
+
+_STAMP_RANGE = 1 << 32
+_REMEMBERED_STEPS = 16
+_MIN_STEPS = 4  # steps, before one may be called long
+_LONG_STEP_RATIO = 1.6  # of the usual step
+_MAX_STEP_S = 10.0  # no stream pauses for so long: the stamp is damaged, or the device has started anew
+
+
+@dataclass(frozen=True)
+class FrameTime:
+    """Where a frame belongs: its number, with a gap where frames seem to be missing, and its time."""
+
+    sequence: int
+    time_s: float
+
+
+class FrameTimes:
+    """Unwraps stamps of `tick_s` each and numbers frames; `lost` counts those that seem to be missing."""
+
+    def __init__(self, tick_s: float) -> None:
+        self.lost = 0
+        self._tick_s = tick_s
+        self._sequence = -1
+        self._last: int | None = None
+        self._ticks = 0
+        self._fresh = True
+        self._steps: deque[int] = deque(maxlen=_REMEMBERED_STEPS)
+
+    def restart(self) -> None:
+        """A new stream begins, maybe at another rate: no frame is missing between the old one and it."""
+        self._fresh = True
+        self._steps.clear()
+
+    def place(self, stamp: int) -> FrameTime | None:
+        """Number and time of the next frame; None if it is repeated or its time is impossible.
+
+        After an impossible one, times go on from it: if it was the damaged one, one more frame is
+        refused.
+        """
+        last, self._last = self._last, stamp
+        step = stamp if last is None else (stamp - last) % _STAMP_RANGE
+        missing = 0
+        if self._fresh:
+            self._fresh = False
+        elif step == 0 or step * self._tick_s > _MAX_STEP_S:
+            return None
+        else:
+            missing = self._missing(step)
+        self._ticks += step
+        self.lost += missing
+        self._sequence += 1 + missing
+        return FrameTime(self._sequence, self._ticks * self._tick_s)
+
+    def _missing(self, step: int) -> int:
+        usual = median(self._steps) if len(self._steps) >= _MIN_STEPS else None
+        if usual is not None and step > _LONG_STEP_RATIO * usual:
+            return round(step / usual) - 1
+        self._steps.append(step)
+        return 0

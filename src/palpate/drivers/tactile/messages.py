@@ -10,41 +10,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from palpate.base.geometry import Counts
-from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, Description, Shape
-
-__all__ = [
-    "MAX_LISTED",
-    "MAX_TARE_SAMPLES",
-    "MAX_TAXELS",
-    "Ack",
-    "BadTaxel",
-    "Body",
-    "Describe",
-    "Description",
-    "DeviceAnswer",
-    "Frame",
-    "FrameFlag",
-    "Geometry",
-    "Hello",
-    "Message",
-    "MessageType",
-    "Nack",
-    "NackReason",
-    "Rate",
-    "Request",
-    "SelfTest",
-    "SelfTestReport",
-    "SelfTestResult",
-    "Shape",
-    "Start",
-    "Stop",
-    "Tare",
-    "TaxelFault",
-    "TaxelPlaces",
-]
+from palpate.drivers.tactile.description import REALS_PER_TAXEL, Description
 
 _U2 = np.dtype("<u2")
-MAX_LISTED = 255  # taxels in one TAXELS or REPORT
+MAX_LISTED_TAXELS = 255  # taxels in one TAXELS or REPORT
 MAX_TARE_SAMPLES = 1024
 
 
@@ -234,7 +203,7 @@ class Frame(NamedTuple):
 
 Request: TypeAlias = Hello | Start | Stop | Rate | Tare | SelfTest | Geometry
 DeviceAnswer: TypeAlias = Describe | Ack | Nack | SelfTestReport | TaxelPlaces
-Body: TypeAlias = Request | DeviceAnswer | Frame
+MessageBody: TypeAlias = Request | DeviceAnswer | Frame
 
 
 class Message(NamedTuple):
@@ -242,5 +211,5 @@ class Message(NamedTuple):
 
     sequence: int
     time_us: int
-    body: Body
+    body: MessageBody
     flags: int = 0

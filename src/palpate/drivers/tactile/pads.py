@@ -1,40 +1,114 @@
 """Patches on flat and free arrays: connected taxels, wherever they are. Counts in, patches out.
 
-A flat pad cannot tell the
-object's normal: the range is the half circle in front of it. On a free array the contact's direction lies
-among those of the patch's taxels and half a step to their neighbours.
+A flat pad cannot tell the object's normal: the range is the half circle in front of it. On a free array the
+contact's direction lies among those of the patch's taxels and half a step to their neighbours. The centroid
+of a patch may be where nothing touches, as between two corners. So of each column it is asked whether what it
+shows could be crosstalk from its neighbours, with gains as far off as they may be, and noise. If not,
+something presses on it.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_filter
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
-from palpate.drivers.tactile.baseline import SIGMAS
-from palpate.drivers.tactile.centroids import Load, Unseen, centroids
+from palpate.drivers.tactile.baseline import BOUND_SIGMAS
+from palpate.drivers.tactile.description import TaxelSurface
+from palpate.drivers.tactile.load_bounds import (
+    CellLoads,
+    UnseenLoads,
+    centroids,
+    crosstalk_limit_n,
+    load_beyond_edge,
+    log_concave_limit_n,
+)
 from palpate.drivers.tactile.patches import (
     Patches,
     PatchFlag,
     TipCalibration,
-    nan_where_untouched,
-    scattered,
-    without_contact,
+    empty_patches,
+    mask_untouched,
+    scatter_patches,
 )
-from palpate.drivers.tactile.pressed_columns import loaded_places_mm, pressed_columns, pressed_places_mm
-from palpate.drivers.tactile.surface import TaxelSurface
-from palpate.drivers.tactile.taxel_forces import TaxelForces
-from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 
-__all__ = ["pad_patches"]
 
-_PATCH_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
-_BEYOND_STEPS = 5.0  # half steps between normals that a patch may go on for beyond an edge
+@dataclass(frozen=True, eq=False)
+class TaxelForces:
+    """What n frames say, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
+    deviation; `drift_n`: bound of what the zeros are off by; `full`: at the largest count. Full and dead
+    taxels are not usable.
+    """
+
+    force_n: Floats
+    noise_n: Floats
+    drift_n: Floats
+    usable: Bools
+    full: Bools
+
+    def frames(self, which: Ints) -> "TaxelForces":
+        """Some of the frames."""
+        return TaxelForces(**{f.name: getattr(self, f.name)[which] for f in fields(TaxelForces)})
+
+    @property
+    def doubt_n(self) -> Floats:
+        """Less than this may be nothing."""
+        result: Floats = BOUND_SIGMAS * self.noise_n + self.drift_n
+        return result
+
+
+def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
+    """Which columns (n, c) something certainly presses on, in n frames.
+
+    None beside a taxel that cannot be read: what it bears its neighbours may show.
+    """
+    force, doubt = _sums(taxels)
+    spread = float(calibration.spreads.max())
+    share = calibration.crosstalk + calibration.crosstalk_bound
+    # A column keeps what its two neighbours do not take of its force.
+    most = np.maximum(force + doubt, 0.0) / (1 - spread) / max(1 - 2 * share, 1e-9)
+    most = np.where(taxels.usable.all(axis=1), most, np.inf)
+    beside = np.zeros_like(most)
+    beside[:, 1:] += most[:, :-1]
+    beside[:, :-1] += most[:, 1:]
+    result: Bools = (force - doubt) / (1 + spread) > share * beside
+    return result
+
+
+def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floats:
+    """Ranges (n, 2, 2) of places across the array, [first, last] and [from, to]: in each something presses.
+
+    `pressed` (n, c): as `pressed_columns`; `column_mm` (c,) ascending: their middles, each `half_mm` wide to
+    either side. The ranges are equal if a single column is certainly pressed, and nan where none is.
+    """
+    first, last = np.argmax(pressed, axis=1), len(column_mm) - 1 - np.argmax(pressed[:, ::-1], axis=1)
+    middle = column_mm[np.column_stack([first, last])]
+    found: Floats = middle[..., None] + np.array([-half_mm, half_mm])
+    some: Bools = np.any(pressed, axis=1)
+    return np.where(some[:, None, None], found, np.nan)
+
+
+def loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:
+    """The range (n, 2) across the array outside of which columns show nothing; nan where none does."""
+    force, doubt = _sums(taxels)
+    loaded: Bools = np.logical_or(force > doubt, ~taxels.usable.all(axis=1))
+    result: Floats = pressed_places_mm(loaded, column_mm, half_mm)[:, [0, 1], [0, 1]]
+    return result
+
+
+def _sums(taxels: TaxelForces) -> tuple[Floats, Floats]:
+    """Force and doubt of each column, both (n, c) N."""
+    doubt = BOUND_SIGMAS * np.sqrt((taxels.noise_n**2).sum(axis=1)) + taxels.drift_n.sum(axis=1)
+    return taxels.force_n.sum(axis=1), doubt
+
+
+_MIN_TAXEL_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
+_MAX_STEPS_BEYOND_EDGE = 5.0  # half steps between normals that a patch may go on for beyond an edge
 _FLAT_RAD = math.radians(1.0)
-_IN_FRAME = np.zeros((3, 3, 3), dtype=bool)
-_IN_FRAME[1] = True
+_FRAME_NEIGHBOURS = np.zeros((3, 3, 3), dtype=bool)
+_FRAME_NEIGHBOURS[1] = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +129,8 @@ def pad_patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCali
     # Most frames of a recording show nothing at all.
     some = np.flatnonzero((taxels.force_n > taxels.doubt_n).any(axis=(1, 2)))
     if not len(some):
-        return without_contact(len(taxels.force_n))
-    return scattered(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
+        return empty_patches(len(taxels.force_n))
+    return scatter_patches(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
 
 
 def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> Patches:
@@ -74,7 +148,7 @@ def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibra
     force_bound = _force_bound(taxels, found, hidden, calibration)
     force_bound[(full & found.around).any(axis=1)] = np.inf
     nothing = np.full(n, np.nan)
-    return nan_where_untouched(
+    return mask_untouched(
         Patches(
             touched=touched,
             angle_rad=angle,
@@ -112,9 +186,9 @@ def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalib
     """Connected cells above the noise; ones that cannot be seen join what is beside them."""
     taxel_n = taxels.force_n
     n = len(taxel_n)
-    limit = np.maximum(taxels.doubt_n, _PATCH_SHARE * taxel_n.max(axis=(1, 2), keepdims=True))
+    limit = np.maximum(taxels.doubt_n, _MIN_TAXEL_SHARE * taxel_n.max(axis=(1, 2), keepdims=True))
     active = (taxel_n > limit) | ~taxels.usable
-    labels, count = label(active, structure=_IN_FRAME)
+    labels, count = label(active, structure=_FRAME_NEIGHBOURS)
     flat = labels.reshape(n, -1)
     force = np.bincount(flat.ravel(), taxel_n.ravel(), count + 1)
     frame = np.zeros(count + 1, dtype=np.int64)
@@ -128,8 +202,10 @@ def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalib
     others = loaded[flat] & ~cells & (flat > 0)
     shape = taxel_n.shape
     weak = _shown_together(taxels) & ~others.reshape(shape)
-    reached = binary_propagation(cells.reshape(shape), structure=_IN_FRAME, mask=weak | cells.reshape(shape))
-    around = binary_dilation(reached, structure=_IN_FRAME).reshape(n, -1) & ~others
+    reached = binary_propagation(
+        cells.reshape(shape), structure=_FRAME_NEIGHBOURS, mask=weak | cells.reshape(shape)
+    )
+    around = binary_dilation(reached, structure=_FRAME_NEIGHBOURS).reshape(n, -1) & ~others
     return _Patch(cells, around, others, _cut(taxels, cells, surface, calibration))
 
 
@@ -157,7 +233,7 @@ def _shown_together(taxels: TaxelForces) -> Bools:
     mean = uniform_filter(taxels.force_n, (3, 3), axes=(1, 2), mode="constant")
     noise = uniform_filter(taxels.noise_n, (3, 3), axes=(1, 2), mode="constant") / 3
     drift = uniform_filter(taxels.drift_n, (3, 3), axes=(1, 2), mode="constant")
-    result: Bools = mean > SIGMAS * noise + drift
+    result: Bools = mean > BOUND_SIGMAS * noise + drift
     return result
 
 
@@ -178,7 +254,7 @@ def _position(
     n = len(hidden)
     force = taxels.force_n.reshape(n, -1)
     total = np.maximum(np.where(found.cells, force, 0.0).sum(axis=1), 1e-12)
-    load = Load(
+    load = CellLoads(
         force_n=force,
         noise_n=taxels.noise_n.reshape(n, -1),
         drift_n=taxels.drift_n.reshape(n, -1),
@@ -203,7 +279,7 @@ def _position(
 
 def _unseen(
     found: _Patch, hidden: Floats, surface: TaxelSurface, axis: int, beyond_sides: list[tuple[Floats, Floats]]
-) -> Unseen:
+) -> UnseenLoads:
     """Load on cells that cannot be seen, and beyond the array's four sides, along one axis."""
     place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
     n = len(hidden)
@@ -223,7 +299,7 @@ def _unseen(
         most.append(load)
         low.append(np.where(hit, first - half + down, 0.0))
         high.append(np.where(hit, last + half + up, 0.0))
-    return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
+    return UnseenLoads(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
 
 
 def _beyond_sides(
@@ -236,7 +312,7 @@ def _beyond_sides(
 
     def line(at: Bools) -> tuple[Floats, Floats]:
         load = np.where(at, np.maximum(force, 0.0), 0.0)
-        doubt = SIGMAS * np.sqrt(np.where(at, noise**2 + (spread * load) ** 2 / 3, 0.0).sum(axis=1))
+        doubt = BOUND_SIGMAS * np.sqrt(np.where(at, noise**2 + (spread * load) ** 2 / 3, 0.0).sum(axis=1))
         return np.where(at, force, 0.0).sum(axis=1), doubt + np.where(at, drift, 0.0).sum(axis=1)
 
     sides = []
@@ -264,7 +340,7 @@ def _directions(force: Floats, found: _Patch, surface: TaxelSurface) -> tuple[Fl
         return middle, np.full(n, math.pi / 2), np.zeros(n)
     step = surface.turn_rad / 2
     cut = found.cut.any(axis=0)
-    margin = np.where(cut, _BEYOND_STEPS * step, step)
+    margin = np.where(cut, _MAX_STEPS_BEYOND_EDGE * step, step)
     upright = (found.cells & np.isnan(surface.azimuth_rad)).any(axis=1)
     half = np.where(upright, math.pi, np.minimum((high - low) / 2 + margin, math.pi))
     return middle + (low + high) / 2, half, high - low + 2 * step
@@ -293,8 +369,8 @@ def _force_bound(taxels: TaxelForces, found: _Patch, hidden: Floats, calibration
     noise_n, drift_n = taxels.noise_n.reshape(n, -1), taxels.drift_n.reshape(n, -1)
     patch = np.where(found.around, np.maximum(force, 0.0), 0.0)
     wrong = patch * (spread / (1 - spread))
-    gains = np.minimum(SIGMAS / math.sqrt(3) * np.sqrt((wrong**2).sum(axis=1)), wrong.sum(axis=1))
-    noise = SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
+    gains = np.minimum(BOUND_SIGMAS / math.sqrt(3) * np.sqrt((wrong**2).sum(axis=1)), wrong.sum(axis=1))
+    noise = BOUND_SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
     drift = np.where(found.around, drift_n, 0.0).sum(axis=1)
     bound: Floats = gains + noise + drift + hidden.sum(axis=1)
     return bound

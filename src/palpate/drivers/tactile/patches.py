@@ -1,4 +1,4 @@
-"""What the contact extractor says: one touched place, or one for each frame of a recording.
+"""Contact patches: what the contact extractor returns, for one frame or for each frame of a recording.
 
 The values between `contact` and those who use it. Tip frame throughout: z along the tip's axis, upwards, 0 at
 the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from above.
@@ -13,17 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints
-
-__all__ = [
-    "ContactPatch",
-    "PatchFlag",
-    "Patches",
-    "TipCalibration",
-    "concatenated",
-    "nan_where_untouched",
-    "scattered",
-    "without_contact",
-]
 
 
 class PatchFlag(enum.Enum):
@@ -152,7 +141,7 @@ class Patches:
         return ContactPatch(**said)
 
 
-def nan_where_untouched(patches: Patches) -> Patches:
+def mask_untouched(patches: Patches) -> Patches:
     """The same with nan, and no flags, in frames without contact."""
     touched = patches.touched
     values = {f.name: getattr(patches, f.name) for f in fields(Patches)}
@@ -164,15 +153,15 @@ def nan_where_untouched(patches: Patches) -> Patches:
     return Patches(**(masked | {"touched": touched, "flags": flags}))
 
 
-def scattered(patches: Patches, rows: Ints, count: int) -> Patches:
+def scatter_patches(patches: Patches, rows: Ints, count: int) -> Patches:
     """The same as rows of `count` frames, of which the others are not touched."""
-    out = without_contact(count)
+    out = empty_patches(count)
     for f in fields(Patches):
         getattr(out, f.name)[rows] = getattr(patches, f.name)
     return out
 
 
-def without_contact(count: int) -> Patches:
+def empty_patches(count: int) -> Patches:
     """`count` frames in which nothing is touched."""
     nothing = {f.name: np.full(count, np.nan) for f in fields(Patches)}
     sides = {name: np.full((count, 3), np.nan) for name in ("position_mm", "position_bound_mm")}
@@ -182,6 +171,6 @@ def without_contact(count: int) -> Patches:
     )
 
 
-def concatenated(pieces: Sequence[Patches]) -> Patches:
+def concatenate_patches(pieces: Sequence[Patches]) -> Patches:
     """One after the other."""
     return Patches(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Patches)})

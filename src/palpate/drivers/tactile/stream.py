@@ -1,9 +1,11 @@
 """Frame stream: a port read frame by frame, with the waiting that every driver of a tactile array does.
 
 The port is pyserial's; waiting is done by reading with a time-out, so that an emulated port can let virtual
-time pass. Nothing here blocks longer than its stated limit on the clock it was given.
+time pass. Nothing here blocks longer than its stated limit on the clock it was given. `StreamedArray` is the
+base of drivers: what each does alike with the stream of its frames.
 """
 
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,23 +15,22 @@ import serial
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.frames import ArrayCounters, ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["FrameStream", "Port"]
-
 _POLL_S = 0.005
-_BREATH_S = 0.001  # between two looks at a port that always has more
-_CHUNK = 64  # bytes of a frame that are worth looking at; far fewer than a frame has
+_BUSY_PAUSE_S = 0.001  # between two looks at a port that always has more
+_MIN_CHUNK_BYTES = 64  # bytes of a frame that are worth looking at; far fewer than a frame has
 _MAX_WAITING_FRAMES = 4096
-_READ = 4096  # bytes: what a terminal's buffer holds; what is read ahead of the limit comes late
-_SPARE_PIECES = 64  # beyond what the rate brings: decoding so many takes a fraction of a millisecond
-_SPARE_BYTES = 1024  # where every byte may be as much work as a piece
+_MAX_READ_BYTES = 4096  # bytes: what a terminal's buffer holds; what is read ahead of the limit comes late
+_MAX_EXTRA_PIECES = 64  # beyond what the rate brings: decoding so many takes a fraction of a millisecond
+_MAX_EXTRA_BYTES = 1024  # where every byte may be as much work as a piece
 _PIECE_BYTES = 256  # of a long piece that are as much work as a short one
-_SURPLUS = 2.0  # times the rate that is read without complaint
-_AT_ONCE = 1024  # pieces between two looks at what came of them
-_BABBLES_S = 0.25
-_SENSELESS = 5  # frames in a row
+_MAX_RATE_RATIO = 2.0  # times the rate that is read without complaint
+_PIECES_PER_BATCH = 1024  # pieces between two looks at what came of them
+_MAX_BABBLE_S = 0.25
+_MAX_SENSELESS_FRAMES = 5  # frames in a row
 
 
 class Port(Protocol):
@@ -57,7 +58,7 @@ class Port(Protocol):
 
 
 @dataclass(frozen=True)
-class _Behind:
+class _Backlog:
     """When the port first had more than might be taken, and what had been taken by then."""
 
     since_s: float
@@ -93,9 +94,9 @@ class FrameStream:
         self._frames: deque[TactileFrame] = deque()
         self._unread = b""
         self._has_all = False  # that waited when the port was asked last
-        self._rate_hz, self._frame_bytes = 0.0, _SPARE_BYTES
+        self._rate_hz, self._frame_bytes = 0.0, _MAX_EXTRA_BYTES
         self._looked_s = clock.now()
-        self._behind: _Behind | None = None
+        self._behind: _Backlog | None = None
         self._refused = 0
         self._refusal = ""
         self._has_restarted = False
@@ -165,7 +166,9 @@ class FrameStream:
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         self.drain(self._is_half_full)
-        self.wait_until(lambda: bool(self._frames) or self._refused >= _SENSELESS, timeout_s, _CHUNK)
+        self.wait_until(
+            lambda: bool(self._frames) or self._refused >= _MAX_SENSELESS_FRAMES, timeout_s, _MIN_CHUNK_BYTES
+        )
         self._judge()
         if not self._frames:
             but, cause = (
@@ -202,7 +205,7 @@ class FrameStream:
         """
         left = self._allowance()
         while left > 0 and not done() and self._fetch():
-            head, work = self._cut(min(left, _AT_ONCE))
+            head, work = self._cut(min(left, _PIECES_PER_BATCH))
             left -= work
             self._since_frame += len(head)
             self.bytes += len(head)
@@ -212,16 +215,16 @@ class FrameStream:
         if left > 0:
             self._behind = None
         elif self._behind is None:  # since when the port has had more than may be taken
-            self._behind = _Behind(self._looked_s, self.received, self.bytes)
+            self._behind = _Backlog(self._looked_s, self.received, self.bytes)
 
     def _allowance(self) -> int:
         """How much work one call may do: twice what the rate brings, and a little."""
         before, self._looked_s = self._looked_s, self._clock.now()
-        frames = _SURPLUS * self._rate_hz * (self._looked_s - before)
+        frames = _MAX_RATE_RATIO * self._rate_hz * (self._looked_s - before)
         if self._mark is None:
-            return _SPARE_BYTES + int(frames * self._frame_bytes)
+            return _MAX_EXTRA_BYTES + int(frames * self._frame_bytes)
         a_frame = 2 + self._frame_bytes // _PIECE_BYTES  # a mark may come before a frame, too
-        return _SPARE_PIECES + int(frames * a_frame)
+        return _MAX_EXTRA_PIECES + int(frames * a_frame)
 
     def _work(self, data: bytes) -> int:
         return len(data) if self._mark is None else 1 + data.count(self._mark) + len(data) // _PIECE_BYTES
@@ -243,15 +246,15 @@ class FrameStream:
         """Whether there is something to take, read now if need be."""
         try:
             if not self._unread and (waiting := self._port.in_waiting):
-                self._unread = self._port.read(min(waiting, _READ))
-                self._has_all = waiting <= _READ
+                self._unread = self._port.read(min(waiting, _MAX_READ_BYTES))
+                self._has_all = waiting <= _MAX_READ_BYTES
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         return bool(self._unread)
 
     def _judge(self) -> None:
         """Raise DeviceError if nothing but senseless frames, or more than can be frames, keeps coming."""
-        if self._refused >= _SENSELESS:
+        if self._refused >= _MAX_SENSELESS_FRAMES:
             count, self._refused = self._refused, 0
             if self._has_restarted:
                 raise self.has_restarted(self._refusal)
@@ -260,9 +263,9 @@ class FrameStream:
                 "check its firmware and its supply"
             )
         behind = self._behind
-        if behind is None or (spent_s := self._looked_s - behind.since_s) < _BABBLES_S:
+        if behind is None or (spent_s := self._looked_s - behind.since_s) < _MAX_BABBLE_S:
             return
-        if self.received - behind.frames <= _SURPLUS * (self._rate_hz * spent_s + 1):
+        if self.received - behind.frames <= _MAX_RATE_RATIO * (self._rate_hz * spent_s + 1):
             self._behind = None
             rate = (self.bytes - behind.bytes + len(self._unread)) / spent_s
             raise DeviceError(
@@ -285,7 +288,7 @@ class FrameStream:
         if done():
             return
         if self._unread:
-            self._clock.sleep(min(step, _BREATH_S))
+            self._clock.sleep(min(step, _BUSY_PAUSE_S))
         elif self.bytes == had and self._clock.now() <= before:
             self._clock.sleep(step)  # a port that returns at once must not turn waiting into a spin
 
@@ -303,3 +306,64 @@ class FrameStream:
 
     def _gone(self, problem: Exception) -> DeviceError:
         return ArrayLost(self._name, f"{self.where} is gone ({problem}); check its cable and open it again")
+
+
+class StreamedArray(ABC):
+    """An `ArrayDriver` but for `connect`, `start` and `stop`, which talk to the array.
+
+    `connect` sets `_description`, None as long as it does not know. Frames are pushed to `_stream`, and those
+    that make no sense given to `_refuse`.
+    """
+
+    def __init__(self, stream: FrameStream, clock: Clock) -> None:
+        self._stream = stream
+        self._clock = clock
+        self._description: Description | None = None
+        self._misshapen = 0
+
+    @property
+    @abstractmethod
+    def _lost_and_faults(self) -> tuple[int, int]:
+        """How many frames never came, and how many stretches of the stream were no message."""
+
+    @property
+    def description(self) -> Description:
+        """What the array said of itself; raises DeviceError before `connect`."""
+        if self._description is None:
+            raise DeviceError(f"{self._stream.where} has not been asked what it is; call connect() first")
+        return self._description
+
+    @property
+    def counters(self) -> ArrayCounters:
+        """Frames taken and everything that did not become a frame."""
+        lost, faults = self._lost_and_faults
+        return ArrayCounters(self._stream.received, lost, faults, self._misshapen, self._stream.dropped)
+
+    @property
+    def silence(self) -> str:
+        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        return self._stream.silence
+
+    def frames(self) -> list[TactileFrame]:
+        """Return every frame that has arrived, oldest first, without waiting.
+
+        Takes a bounded time, whatever arrives; raises DeviceError if it makes no sense for long.
+        """
+        return self._stream.frames()
+
+    def wait_frame(self, timeout_s: float) -> TactileFrame:
+        """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
+        return self._stream.wait_frame(timeout_s)
+
+    def _check_rate(self, rate_hz: float) -> None:
+        """Raise DeviceError for a rate that the array cannot do."""
+        limit = self.description.max_rate_hz
+        if not 0 < rate_hz <= limit:
+            raise DeviceError(
+                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
+            )
+
+    def _refuse(self, reason: str) -> None:
+        """Count a frame that makes no sense."""
+        self._misshapen += 1
+        self._stream.refuse(reason)

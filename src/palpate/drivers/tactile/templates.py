@@ -1,4 +1,4 @@
-"""Which contact normals can explain a row of column forces? The bound behind `contact.ContactExtractor`.
+"""Templates of column forces: which contact normals can explain a row of them. The bound behind `contact`.
 
 A cylindrical tip is taken as an elastic foundation: pressure in direction a is proportional to the depth
 max(0, r - rho(a)), where rho is the distance from the tip's axis to the object along a. An object that is
@@ -21,27 +21,25 @@ from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Singles
 
-__all__ = ["MARGIN_COLUMNS", "ColumnProfile", "Match", "TemplateSet", "template_set"]
-
 _REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
-_LEAST_REACH, _MOST_REACH = 3, 20  # columns
+_MIN_REACH_COLUMNS, _MAX_REACH_COLUMNS = 3, 20  # columns
 _STEPS_PER_COLUMN = 11
 MARGIN_COLUMNS = 0.75 / _STEPS_PER_COLUMN
 """What lies between one template and the next: to be added to a range on either side."""
-_GRID_STEP = math.radians(0.2)
-_PIECE = 768
+_GRID_STEP_RAD = math.radians(0.2)
+_TEMPLATES_AT_ONCE = 768
 _GRID_COUNT = 750  # samples on either side: 150°
-_DEEPEST = 0.29  # penetration in tip radii
+_MAX_DEPTH_RADII = 0.29  # penetration in tip radii
 _DEPTHS_PER_E_FOLD = 6.6
-_RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
-_SHARPEST = math.radians(155.0)  # vertices down to 25°
-_ENDS = tuple(math.radians(a) for a in (3.0, 6.0, 10.0, 14.0, 19.0, 24.0, 30.0))
-_END_FALLS = tuple(math.radians(a) for a in (25.0, 60.0))
-_NOTCH_TURNS = tuple(
+_RECEDE_RAD = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
+_MAX_RECEDE_RAD = math.radians(155.0)  # vertices down to 25°
+_END_RAD = tuple(math.radians(a) for a in (3.0, 6.0, 10.0, 14.0, 19.0, 24.0, 30.0))
+_END_FALL_RAD = tuple(math.radians(a) for a in (25.0, 60.0))
+_NOTCH_TURN_RAD = tuple(
     math.radians(a) for a in (3.0, 6.0, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 75.0, 90.0, 120.0)
 )
 _NOTCH_SHARES = (1.0, 0.7, 0.45, 0.2)
-_REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agree
+_REFERENCE_DEPTH_RADII = 0.1  # tip radii at which linear and foundation stiffness agree
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class ColumnProfile:
 
 
 @dataclass(frozen=True)
-class Match:
+class TemplateMatch:
     """Directions that explain a profile, relative to column 0's centre, and how well the best one does."""
 
     low_rad: float
@@ -92,22 +90,22 @@ class TemplateSet:
         least_depth: float,
     ) -> None:
         self._pitch = pitch_rad
-        self._reach = min(max(math.ceil(_REACH_RAD / pitch_rad), _LEAST_REACH), _MOST_REACH)
+        self._reach = min(max(math.ceil(_REACH_RAD / pitch_rad), _MIN_REACH_COLUMNS), _MAX_REACH_COLUMNS)
         reach = self._reach
-        steps = round(math.log(_DEEPEST / least_depth) * _DEPTHS_PER_E_FOLD)
-        levels = np.geomspace(least_depth, _DEEPEST, steps + 1)
+        steps = round(math.log(_MAX_DEPTH_RADII / least_depth) * _DEPTHS_PER_E_FOLD)
+        levels = np.geomspace(least_depth, _MAX_DEPTH_RADII, steps + 1)
         depth_step = float(levels[1] / levels[0]) ** 0.25  # a quarter of the way from one depth to the next
-        grid: Floats = np.arange(-_GRID_COUNT, _GRID_COUNT + 1, dtype=np.float64) * np.float64(_GRID_STEP)
+        grid: Floats = np.arange(-_GRID_COUNT, _GRID_COUNT + 1, dtype=np.float64) * np.float64(_GRID_STEP_RAD)
         self._offsets = ((np.arange(_STEPS_PER_COLUMN) + 0.5) / _STEPS_PER_COLUMN - 0.5) * pitch_rad
         edges = (np.arange(2 * reach + 2) - reach - 0.5) * pitch_rad - self._offsets[:, None]
-        place = edges / _GRID_STEP + _GRID_COUNT + 0.5  # the running sum stands between the samples
+        place = edges / _GRID_STEP_RAD + _GRID_COUNT + 0.5  # the running sum stands between the samples
         left = np.clip(place.astype(int), 0, len(grid) - 1)
         share = np.clip(place - left, 0.0, 1.0)
         drawn = _Shapes(grid)
         parts: list[tuple[Singles, Floats, Floats, Floats]] = []
         for depth in levels.tolist():  # one after the other: all at once would take 300 MB, and longer
             shapes, other = drawn.at(depth)
-            cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
+            cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP_RAD, ((0, 0), (1, 0)))
             cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
             cells = _smear(cells / cells.sum(axis=2, keepdims=True), crosstalk)
             by_window = cells.reshape(-1, 2 * reach + 1).astype(np.float32)
@@ -119,8 +117,8 @@ class TemplateSet:
         self.angle_columns: Floats = self._angles / pitch_rad
         self.one_edge: Bools = np.repeat(others == 0, _STEPS_PER_COLUMN)
         linear = stiffness_n_per_mm * radius_mm * depths
-        flat = _flat(_Turned(grid), _REFERENCE_DEPTH).sum() * _GRID_STEP
-        founded = whole / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
+        flat = _flat(_RotatedDirection(grid), _REFERENCE_DEPTH_RADII).sum() * _GRID_STEP_RAD
+        founded = whole / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH_RADII
         lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / depth_step
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
             1 + stiffness_bound
@@ -128,7 +126,7 @@ class TemplateSet:
         self.least_n: Floats = np.repeat(lowest, _STEPS_PER_COLUMN)
         self.most_n: Floats = np.repeat(highest, _STEPS_PER_COLUMN)
 
-    def match(self, profile: ColumnProfile, slack: float) -> Match | None:
+    def match(self, profile: ColumnProfile, slack: float) -> TemplateMatch | None:
         """Return the hull of directions whose misfit is within `slack` of the best, if any is possible.
 
         Misfit is the sum of squared errors over their variances, the amplitude being free.
@@ -148,7 +146,7 @@ class TemplateSet:
         where, which = np.nonzero(misfits <= best + slack)
         angles = centres[where] * self._pitch + self._angles[keep[which]]
         margin = MARGIN_COLUMNS * self._pitch  # half a step, and what lies between the shapes
-        return Match(
+        return TemplateMatch(
             low_rad=float(angles.min()) - margin,
             high_rad=float(angles.max()) + margin,
             misfit=best,
@@ -182,11 +180,11 @@ def _product(table: Singles, windows: Floats) -> Floats:
     In pieces too small for the linear algebra library to start threads, which cost six times what they save.
     """
     right = windows.T.astype(np.float32)
-    pieces = [table[i : i + _PIECE] @ right for i in range(0, len(table), _PIECE)]
+    pieces = [table[i : i + _TEMPLATES_AT_ONCE] @ right for i in range(0, len(table), _TEMPLATES_AT_ONCE)]
     return np.concatenate(pieces).T.astype(np.float64)
 
 
-class _Turned:
+class _RotatedDirection:
     """Angles (n,) turned by some angles, and their cosines; each is worked out once."""
 
     def __init__(self, angle: Floats) -> None:
@@ -201,7 +199,7 @@ class _Turned:
         return self._known[turn]
 
 
-def _flat(angle: _Turned, depth: float, normal: float = 0.0) -> Floats:
+def _flat(angle: _RotatedDirection, depth: float, normal: float = 0.0) -> Floats:
     """Depth (tip radii) of a flat edge whose normal is at `normal`."""
     near, cosine = angle.by(-normal)
     return np.where(near, np.maximum(0.0, 1 - (1 - depth) / cosine), 0.0)
@@ -214,17 +212,17 @@ def _kinds(depth: float) -> list[tuple[tuple[float, float], tuple[float, float]]
     beyond the dent are none.
     """
     width = math.acos(1 - depth)
-    fine = [(fall, end) for end in _ENDS if end < width for fall in _END_FALLS]
-    ends = [(_END_FALLS[-1], end) for end in _ENDS if end < width]
+    fine = [(fall, end) for end in _END_RAD if end < width for fall in _END_FALL_RAD]
+    ends = [(_END_FALL_RAD[-1], end) for end in _END_RAD if end < width]
     few = ends[1::2]
-    faces = [(recede, 0.0) for recede in _RECEDE]
+    faces = [(recede, 0.0) for recede in _RECEDE_RAD]
     flat, slants = faces[0], faces[1:]
     pairs = [*product(faces, faces), *product(ends, ends), *product([flat], fine), *product(fine, [flat])]
     pairs += [*product(slants, few), *product(few, slants)]
-    return [pair for pair in pairs if pair[0][0] + pair[1][0] <= _SHARPEST]
+    return [pair for pair in pairs if pair[0][0] + pair[1][0] <= _MAX_RECEDE_RAD]
 
 
-def _side(angle: _Turned, depth: float, recede: float, end: float) -> Floats:
+def _side(angle: _RotatedDirection, depth: float, recede: float, end: float) -> Floats:
     """Depth on one side (angle >= 0) of the closest direction.
 
     The surface is flat from the closest point to `end`, and recedes by `recede` from there.
@@ -244,7 +242,7 @@ class _Shapes:
 
     def __init__(self, grid: Floats) -> None:
         self._tip = int(np.abs(grid).argmin())
-        self._all_round, self._one_side = _Turned(grid), _Turned(grid[self._tip :])
+        self._all_round, self._one_side = _RotatedDirection(grid), _RotatedDirection(grid[self._tip :])
 
     def at(self, depth: float) -> tuple[Floats, Floats]:
         """Profiles (n, grid) of contacts of a penetration, and the penetration (n,) of a second edge."""
@@ -258,7 +256,7 @@ class _Shapes:
             shape[self._tip] = depth
             shapes.append(shape)
         first = _flat(self._all_round, depth)
-        notches = [(turn, share) for turn in _NOTCH_TURNS for share in _NOTCH_SHARES]
+        notches = [(turn, share) for turn in _NOTCH_TURN_RAD for share in _NOTCH_SHARES]
         shapes += [
             np.maximum(first, _flat(self._all_round, share * depth, side))
             for turn, share in notches

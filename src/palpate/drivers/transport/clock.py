@@ -1,13 +1,11 @@
-"""Time as a value that is passed in. Beneath everything in `drivers`; nothing below `rig` reads another.
+"""Clocks: time as a value that is passed in. Nothing below `rig` reads another.
 
-A `VirtualClock` moves only when somebody waits on it: the mock transport advances it by wire time, by
-device latency and by polling, so an emulated session is deterministic and runs faster than real time.
+A `VirtualClock` moves only when somebody waits on it: the mock transport advances it by wire time, by device
+latency and by polling, so an emulated session is deterministic and runs faster than real time.
 """
 
 import time
 from typing import Protocol
-
-__all__ = ["Clock", "MonotonicClock", "VirtualClock"]
 
 
 class Clock(Protocol):

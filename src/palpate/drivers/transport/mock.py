@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.port import PortMissing
+from palpate.drivers.transport.ports import PortMissing
 from palpate.drivers.transport.wire import (
     BITS_PER_BYTE,
     AdaptedDevice,
@@ -24,10 +24,8 @@ from palpate.drivers.transport.wire import (
     wire_time_s,
 )
 
-__all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
-
 MOCK_SCHEME = "mock"
-_AT_ONCE_S = 1e-9  # for a byte of a packet that an adapter hands over
+_BURST_BYTE_S = 1e-9  # for a byte of a packet that an adapter hands over
 _ROUNDING_BYTES = 1e-3  # of one byte's wire time; far above the clock's rounding, far below a byte
 
 _HUBS: "weakref.WeakValueDictionary[str, MockHub]" = weakref.WeakValueDictionary()
@@ -145,7 +143,7 @@ class MockWire:
     def _enqueue(self, emissions: list[Emission], baudrate: int) -> None:
         byte_s = BITS_PER_BYTE / baudrate
         if self._adapted is not None:
-            baudrate, byte_s = self._adapted.arrival_rate, _AT_ONCE_S
+            baudrate, byte_s = self._adapted.arrival_rate, _BURST_BYTE_S
         for instant, data in emissions:
             if not data:
                 continue

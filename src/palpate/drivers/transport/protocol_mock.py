@@ -1,7 +1,7 @@
 """pyserial's handler of `mock://HUB/NAME`: a serial port on a `MockWire`.
 
-pyserial imports this module by its name when `serial_for_url` meets the scheme; see `port.open_port`.
-Time on this port is the wire's virtual clock: writing and waiting move it, nothing else does.
+pyserial imports this module by its name when `serial_for_url` meets the scheme; see `ports.open_port`. Time
+on this port is the wire's virtual clock: writing and waiting move it, nothing else does.
 """
 
 from typing import TYPE_CHECKING
@@ -13,8 +13,6 @@ from palpate.drivers.transport.mock import MockWire, wire_for_url
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
-
-__all__ = ["Serial"]
 
 POLL_S = 1e-3
 """Most that an empty non-blocking read moves the clock, so that a busy-wait on virtual time ends."""

@@ -1,6 +1,6 @@
 """pyserial's handler of `socket://HOST:PORT`, corrected where a serial port is expected to be otherwise.
 
-pyserial imports this module by its name, before its own, once `port.open_port` has added this package.
+pyserial imports this module by its name, before its own, once `ports.open_port` has added this package.
 Corrected:
 
 - `in_waiting` says how many bytes there are, not whether there are any, and notices that the other end is
@@ -25,10 +25,8 @@ from urllib.parse import urlsplit
 from serial import PortNotOpenError, SerialException
 from serial.urlhandler import protocol_socket
 
-__all__ = ["Serial"]
-
 _REFUSAL_S = 0.05  # whoever serves one client at a time hangs up on another one within this time
-_MOST = 65536
+_MAX_READ_BYTES = 65536
 
 
 class Serial(protocol_socket.Serial):
@@ -85,7 +83,7 @@ class Serial(protocol_socket.Serial):
 
     def _waiting(self, link: socket.socket) -> int:
         try:
-            count = len(link.recv(_MOST, socket.MSG_PEEK))
+            count = len(link.recv(_MAX_READ_BYTES, socket.MSG_PEEK))
         except BlockingIOError:
             return 0
         except OSError as error:

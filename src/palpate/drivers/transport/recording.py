@@ -1,6 +1,6 @@
 """The recording of a run: what the host asked of clock and ports, call by call, and what came of it.
 
-`record` writes it, the session log keeps it, `replay` reads it. A call is a letter, for ports the port's
+`recorder` writes it, the session log keeps it, `replay` reads it. A call is a letter, for ports the port's
 number in the order of opening, and what came of it if that is not the usual thing:
 
     t4000000  the clock, 4,000,000 ns after its last reading     .     the clock, as at its last reading
@@ -21,29 +21,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-__all__ = [
-    "CALLS",
-    "Call",
-    "Direction",
-    "Entry",
-    "ErrorRaised",
-    "Instants",
-    "PortBytes",
-    "PortOpened",
-    "RecordedEvent",
-    "SessionEvent",
-    "calls_in",
-    "in_words",
-    "port_call",
-]
-
-_ONE = r"t(?:-?[0-9]{1,18})(?:~-?[0-9]{1,19})?|[.z]|[cdfmnopqrsw][0-9]{1,6}(?::[0-9]{1,9})?"
-CALLS = re.compile(f"(?:{_ONE})*")
+_CALL_PATTERN = r"t(?:-?[0-9]{1,18})(?:~-?[0-9]{1,19})?|[.z]|[cdfmnopqrsw][0-9]{1,6}(?::[0-9]{1,9})?"
+CALLS = re.compile(f"(?:{_CALL_PATTERN})*")
 """Matches a whole text of calls, and nothing else."""
 
 _CALL = re.compile(r"([a-z.])(-?[0-9]*)(?:([:~])(-?[0-9]+))?")
-_NS = 1e9
-_BITS = 1 << 64
+_NS_PER_S = 1e9
+_DOUBLES = 1 << 64
 
 _WORDS = {
     "t": "reads the clock",
@@ -65,7 +49,7 @@ _WORDS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class RecordedCall:
     """One call: its letter, the port's number (or the clock's ns), and what stands behind : or ~."""
 
     letter: str
@@ -85,14 +69,14 @@ def port_call(letter: str, port: int) -> str:
     return f"{letter}{port}"
 
 
-def calls_in(text: str) -> Iterator[Call]:
+def parse_calls(text: str) -> Iterator[RecordedCall]:
     """The calls of a text that `CALLS` matches."""
     for match in _CALL.finditer(text):
         letter, number, _, value = match.groups()
-        yield Call(letter, int(number) if number else 0, int(value) if value else 0)
+        yield RecordedCall(letter, int(number) if number else 0, int(value) if value else 0)
 
 
-def in_words(key: str, port: str) -> str:
+def describe_call(key: str, port: str) -> str:
     """What a call with this key does, with the name of its port: "reads from mock://bus"."""
     return _WORDS.get(key[:1], "does something else").format(f"port {port}")
 
@@ -112,19 +96,19 @@ class Instants:
         """The text of the next reading."""
         if instant == self._last:
             return "."
-        ns = round(instant * _NS)
+        ns = round(instant * _NS_PER_S)
         text = f"t{ns - self._ns}"
-        if instant != (nearest := ns / _NS):
+        if instant != (nearest := ns / _NS_PER_S):
             text += f"~{_bits(instant) - _bits(nearest)}"
         self._ns, self._last = ns, instant
         return text
 
-    def instant(self, call: Call) -> float:
+    def instant(self, call: RecordedCall) -> float:
         """The next reading from its text; ValueError if there is no such double."""
         if call.letter == ".":
             return self._last
         self._ns += call.number
-        self._last = _double(_bits(self._ns / _NS) + call.value)
+        self._last = _double(_bits(self._ns / _NS_PER_S) + call.value)
         if not math.isfinite(self._last):
             raise ValueError("a clock reading is not finite")
         return self._last
@@ -136,7 +120,7 @@ def _bits(value: float) -> int:
 
 
 def _double(bits: int) -> float:
-    found: float = struct.unpack(">d", (bits % _BITS).to_bytes(8, "big"))[0]
+    found: float = struct.unpack(">d", (bits % _DOUBLES).to_bytes(8, "big"))[0]
     return found
 
 
@@ -187,7 +171,7 @@ RecordedEvent = PortOpened | PortBytes | ErrorRaised | SessionEvent
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class RecordEntry:
     """One line of the recording: the calls since the line before, then what the line is about."""
 
     line: int

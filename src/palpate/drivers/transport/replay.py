@@ -1,38 +1,39 @@
-"""A clock and ports that give back what was recorded, and compare what the host does with it.
+"""Replay: a clock and ports that give back what was recorded, and compare what the host does; playback.
 
-The other end of `record`: a `Replayer` goes through the entries of a session log and lets the host's code run
-as then. Every call must be the recorded one, and every byte sent the recorded byte. The first difference is
-an error, and so is every call after it.
+The other end of `recorder`: a `Replayer` goes through the entries of a session log and lets the host's code
+run as then. Every call must be the recorded one, and every byte sent the recorded byte. The first difference
+is an error, and so is every call after it. A `PlaybackPort` serves a host that does something else: it
+answers the first questions with what followed them in the recording, and then plays by time.
 """
 
+from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import PalpateError
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.port_calls import CalledPort
+from palpate.drivers.transport.recorder import CalledPort
 from palpate.drivers.transport.recording import (
-    Call,
     Direction,
-    Entry,
     ErrorRaised,
     Instants,
     PortBytes,
     PortOpened,
+    RecordedCall,
     RecordedEvent,
+    RecordEntry,
     SessionEvent,
-    calls_in,
-    in_words,
+    describe_call,
+    parse_calls,
     port_call,
 )
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
-
-__all__ = ["RecordEnded", "ReplayDiffers", "Replayer"]
 
 _BYTES_SHOWN = 24
 
@@ -48,12 +49,12 @@ class RecordEnded(PalpateError):
 class Replayer:
     """Goes through a recording together with the host's code. For one thread."""
 
-    def __init__(self, entries: Sequence[Entry], describe: Callable[[str, bytes], str]) -> None:
+    def __init__(self, entries: Sequence[RecordEntry], describe: Callable[[str, bytes], str]) -> None:
         """`entries` in order; `describe(port, data)` says what bytes on a port mean, "" if unknown."""
         self._entries = entries
         self._describe = describe
         self._at = 0
-        self._calls: deque[Call] = deque()
+        self._calls: deque[RecordedCall] = deque()
         self._names: dict[int, str] = {}
         self._failed: PalpateError | None = None
         self.interrupt: BaseException | None = None
@@ -81,24 +82,24 @@ class Replayer:
         self._names[what.number] = port
         return ReplayPort(self, what, baudrate)
 
-    def call(self, letters: str, port: int = 0) -> Call:
+    def call(self, letters: str, port: int = 0) -> RecordedCall:
         """Let the host make a call, one of `letters`; raises what it raised then."""
         key = letters[0] if letters[0] in "tz" else port_call(letters[0], port)
-        doing = in_words(key, self._names.get(port, ""))
+        doing = describe_call(key, self._names.get(port, ""))
         self._raise_if_due(key)
         return self._take(key, doing)
 
-    def _take(self, key: str, doing: str) -> Call:
+    def _take(self, key: str, doing: str) -> RecordedCall:
         """The recorded call under way, which must be the one with this key."""
         what = self._next(doing)
-        if not isinstance(what, Call) or what.key != key:
+        if not isinstance(what, RecordedCall) or what.key != key:
             self._differ(doing)
         return self._calls.popleft()
 
     def read(self, port: PortOpened, size: int) -> bytes:
         """What a read gave."""
         key = port_call("r", port.number)
-        doing = in_words(key, port.port)
+        doing = describe_call(key, port.port)
         self._raise_if_due(key)
         what = self._next(doing)
         if isinstance(what, PortBytes) and what.port == port.port and what.direction is Direction.RECEIVED:
@@ -175,7 +176,7 @@ class Replayer:
                 self.interrupt = what.error
             raise what.error
 
-    def _next(self, doing: str) -> Call | RecordedEvent:
+    def _next(self, doing: str) -> RecordedCall | RecordedEvent:
         if self._failed is not None:
             raise self._failed
         if self._calls:
@@ -192,7 +193,7 @@ class Replayer:
 
     def _load(self) -> None:
         if self._at < len(self._entries):
-            self._calls.extend(calls_in(self._entries[self._at].calls))
+            self._calls.extend(parse_calls(self._entries[self._at].calls))
 
     def _differ(self, doing: str) -> NoReturn:
         recorded = self._recorded_in_words(self._next(doing))
@@ -207,15 +208,15 @@ class Replayer:
             f"recorded {self._shown(port, recorded, first)}",
         )
 
-    def _fail(self, entry: Entry, problem: str) -> NoReturn:
+    def _fail(self, entry: RecordEntry, problem: str) -> NoReturn:
         self._failed = ReplayDiffers(f"line {entry.line}, {entry.t_s:.6f} s: {problem}")
         raise self._failed
 
-    def _recorded_in_words(self, what: Call | RecordedEvent) -> str:
+    def _recorded_in_words(self, what: RecordedCall | RecordedEvent) -> str:
         match what:
-            case Call():
+            case RecordedCall():
                 name = self._names.get(what.number, "") if what.key not in ("t", "z") else ""
-                return in_words(what.key, name)
+                return describe_call(what.key, name)
             case PortOpened(port=port):
                 return f"opens port {port}"
             case PortBytes(direction=Direction.SENT):
@@ -278,3 +279,83 @@ class ReplayPort(CalledPort):
             self._replayer.close(self._opened)
             return 0
         return self._replayer.call(letter, self._opened.number).value
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedBytes:
+    """Bytes that passed the port at `t_s` on the recording's clock."""
+
+    t_s: float
+    direction: Direction
+    data: bytes
+
+
+class PlaybackPort:
+    """As much of a pyserial port as drivers use; what is written to it goes nowhere.
+
+    Until `play` is called, each write releases what was received between the recorded write of the same
+    number and the next one: answers come as they came, whenever they are asked for. After it, bytes are
+    there from their recorded instant on.
+    """
+
+    def __init__(self, name: str, pieces: Sequence[RecordedBytes], clock: Clock) -> None:
+        """`pieces` in order, on a clock that stands for the recording's."""
+        self.port: str | None = name
+        self.timeout: float | None = 0.0
+        self._pieces = list(pieces)
+        self._times_s = [piece.t_s for piece in pieces]
+        self._clock = clock
+        self._at = 0
+        self._ready = bytearray()
+        self._playing = False
+        self.writes = 0
+
+    @property
+    def ended(self) -> bool:
+        """Whether the recording has nothing more for this port."""
+        return self._at >= len(self._pieces) and not self._ready
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read without waiting; also brings `writes`, those gone by, up to date."""
+        if self._playing:
+            self._pass(bisect_right(self._times_s, self._clock.now()))
+        return len(self._ready)
+
+    def extend(self, pieces: Sequence[RecordedBytes]) -> None:
+        """Add what was recorded since, in order."""
+        self._pieces += pieces
+        self._times_s += [piece.t_s for piece in pieces]
+
+    def play(self) -> None:
+        """Give the rest by the clock."""
+        self._playing = True
+
+    def read(self, size: int = 1, /) -> bytes:
+        """Read up to `size` bytes; if there are none, let `timeout` pass on the clock once."""
+        if not self.in_waiting and self.timeout:
+            self._clock.sleep(self.timeout)
+        data = bytes(self._ready[: min(size, self.in_waiting)])
+        del self._ready[: len(data)]
+        return data
+
+    def write(self, data: bytes, /) -> int:
+        """Take bytes as a port would."""
+        if not self._playing:
+            self._pass(self._next_write(self._at) + 1)
+            self._pass(self._next_write(self._at))
+        return len(data)
+
+    def _next_write(self, at: int) -> int:
+        pieces = range(at, len(self._pieces))
+        sent = (k for k in pieces if self._pieces[k].direction is Direction.SENT)
+        return next(sent, len(self._pieces))
+
+    def _pass(self, end: int) -> None:
+        """Let everything before piece `end` go by."""
+        for piece in self._pieces[self._at : end]:
+            if piece.direction is Direction.RECEIVED:
+                self._ready += piece.data
+            else:
+                self.writes += 1
+        self._at = max(self._at, min(end, len(self._pieces)))

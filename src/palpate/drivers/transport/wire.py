@@ -1,4 +1,4 @@
-"""The seam between a wire and what hangs on it. Every transport (in process, pty) drives devices through it.
+"""Interface between a wire and the devices on it: every transport (in process, pty) drives them through it.
 
 A device is a transport-free core: it is fed the bytes that reached it and the time at which they did, and
 answers with bytes and the times at which it starts to send them. It never blocks, sleeps or reads a clock.
@@ -8,16 +8,6 @@ whose members have rates of their own is a `RatedDevice`.
 """
 
 from typing import Protocol, runtime_checkable
-
-__all__ = [
-    "BITS_PER_BYTE",
-    "AdaptedDevice",
-    "Device",
-    "Emission",
-    "OpenedDevice",
-    "RatedDevice",
-    "wire_time_s",
-]
 
 BITS_PER_BYTE = 10  # 8 data bits, one start bit, one stop bit
 

@@ -1,4 +1,4 @@
-/* Groups of cells: connected components of boxes in (x, y, θ), as `palpate.recognizer.grouping` has them. */
+/* Groups of cells: connected components of boxes in (x, y, θ), as `palpate.recognizer.connected_components` has them. */
 
 #include "calls.h"
 #include "groups.h"

@@ -1,5 +1,5 @@
 /* Sweep: where straight approaches must stop and may stop, over all configurations of a cell. The same as
-   `palpate.recognizer.sweep`, `rays` and `swept_edges` work out with whole arrays. */
+   `palpate.recognizer.constraints`, `rays` and `swept_edges` work out with whole arrays. */
 
 #include "calls.h"
 #include "sweep.h"

@@ -1,7 +1,8 @@
 """CAD import: makes object models of the parts of a CAD file.
 
-What `tolerance_mm` allows is shared out: to curves that become edges, to states that are nearly the same, and
-to cross sections that stand for many. What they came to is added up and written as the object's tolerance.
+What `tolerance_mm` allows is shared out: to curves that become edges, to states that are nearly the same,
+and to cross sections that stand for many. What they came to is added up and written as the object's
+tolerance.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,31 +14,37 @@ from typing import TypeVar
 import numpy as np
 import shapely
 
+from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
-from palpate.base.files import confined
-from palpate.cad.as_drawn import volume_mm3
-from palpate.cad.orbits import NEGLIGIBLE
-from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
-from palpate.cad.revolution import as_revolved
-from palpate.cad.rotational_symmetry import with_symmetry
-from palpate.cad.values import Drawing, DrawingFile, Solid
-from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
+from palpate.cad.parts import Drawing, DrawingFile, Solid
+from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler_file_advice
+from palpate.cad.revolution import solid_of_revolution
+from palpate.cad.solid_symmetries import NEGLIGIBLE_SHARE, with_symmetry
+from palpate.cad.stable_states import volume_mm3
+from palpate.config.catalogue_results import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
 from palpate.config.objects_tables import ObjectText, SectionText, StateText
-from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
-from palpate.rig.catalogue.objects_text import Height, bound_mm, edges_of, frame_out, polygons_text, rounded
-from palpate.rig.catalogue.round_drawings import RoundDrawing, round_drawing
-
-__all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_file"]
+from palpate.rig.catalogue.import_states import (
+    Height,
+    ImportedStates,
+    Shares,
+    bound_mm,
+    edge_count,
+    frame_out,
+    import_states,
+    polygons_text,
+    round_coordinate,
+)
+from palpate.rig.catalogue.round_outlines import RoundDrawing, round_drawing
 
 Report = Callable[[str], None]
 _Part = TypeVar("_Part")
 
 _CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.04, 0.3  # the last one of what the others leave
 _ROUND_SHARE = 0.03  # of the tolerance, for the curves of a drawing that is round
-_LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
+_TOLERATED_LOSS, _MAX_LOSS = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
-_SHOWN = 12  # parts in a message
+_MAX_NAMES_SHOWN = 12  # parts in a message
 
 
 class LossError(InputError):
@@ -99,20 +106,22 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     if options.layers:
         raise InputError(f"layers are for DXF files; {path} holds solids")
     curve = _CURVE_SHARE * options.tolerance_mm
-    solids = confined(path, simpler(path), read_solids, path, options.units, curve)
+    solids = read_confined(path, simpler_file_advice(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
-    for drawn, name in _wanted(path, solids, _names([solid.name for solid in solids], options), options):
-        solid = as_revolved(drawn, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm)) or drawn
+    for drawn, name in _select_parts(
+        path, solids, _part_names([solid.name for solid in solids], options), options
+    ):
+        solid = solid_of_revolution(drawn, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm)) or drawn
         shares = _shares(solid, options)
         if solid.symmetry is None and not options.as_is:
-            solid = with_symmetry(solid, NEGLIGIBLE * shares.merged_mm)
+            solid = with_symmetry(solid, NEGLIGIBLE_SHARE * shares.merged_mm)
         imported = import_states(solid, shares, partial(_report_of, report, name))
         objects.append(_solid_object(solid, name, imported, options))
         lost = sum(item.probability for item in imported.left_out)
-        if lost > _MOST_LOST and not options.accept_loss:
+        if lost > _MAX_LOSS and not options.accept_loss:
             raise LossError(f"{path}: {_loss(name, lost)}; accept the loss to import it without them")
         warnings += [f'object "{name}": {text}' for text in imported.warnings]
-        warnings += [_loss(name, lost)] if lost > _LITTLE_LOST else []
+        warnings += [_loss(name, lost)] if lost > _TOLERATED_LOSS else []
     return Imported(tuple(objects), tuple(warnings))
 
 
@@ -139,7 +148,7 @@ def _shares(solid: Solid, options: ImportOptions) -> Shares:
     )
 
 
-def _names(found: Sequence[str], options: ImportOptions) -> list[str]:
+def _part_names(found: Sequence[str], options: ImportOptions) -> list[str]:
     """A name for each part, all different: those in the file, or the one asked for with numbers."""
     if options.name is not None:
         found = [options.name] if len(found) == 1 else [f"{options.name}-{k + 1}" for k in range(len(found))]
@@ -153,15 +162,15 @@ def _names(found: Sequence[str], options: ImportOptions) -> list[str]:
     return names
 
 
-def _wanted(
+def _select_parts(
     path: Path, parts: Sequence[_Part], names: Sequence[str], options: ImportOptions
 ) -> list[tuple[_Part, str]]:
     """Parts and their names: all, or those that are asked for. Raises InputError for one that is missing."""
     numbers = {str(k): name for k, name in enumerate(names, 1)}
     asked = [name if name in names else numbers.get(name) for name in options.parts]
     if None in asked:
-        there = ", ".join(f'{number} "{name}"' for number, name in [*numbers.items()][:_SHOWN])
-        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        there = ", ".join(f'{number} "{name}"' for number, name in [*numbers.items()][:_MAX_NAMES_SHOWN])
+        more = f" and {len(names) - _MAX_NAMES_SHOWN} more" if len(names) > _MAX_NAMES_SHOWN else ""
         raise InputError(f'{path}: has no part "{options.parts[asked.index(None)]}"; it has {there}{more}')
     pairs = zip(parts, names, strict=True)
     return [(part, name) for part, name in pairs if not asked or name in asked]
@@ -199,8 +208,8 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
             f"{path} is a drawing, which says nothing of heights: give the thickness of the part"
         )
     found = _read_drawings(path, options, options.tolerance_mm)
-    names = _names([drawing.name for drawing in found.drawings], options)
-    pairs = _wanted(path, found.drawings, names, options)
+    names = _part_names([drawing.name for drawing in found.drawings], options)
+    pairs = _select_parts(path, found.drawings, names, options)
     rest = (f"{path}: left out of the drawing: {', '.join(found.left_out)}",) if found.left_out else ()
     circles = _circles(path, pairs, options)
     objects = (_flat_object(drawing, name, circles.get(name), thickness, options) for drawing, name in pairs)
@@ -209,7 +218,7 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
 
 def _read_drawings(path: Path, options: ImportOptions, curve_mm: float) -> DrawingFile:
     asked = path, options.units, curve_mm, options.layers
-    return confined(path, simpler(path), read_drawings, *asked)
+    return read_confined(path, simpler_file_advice(path), read_drawings, *asked)
 
 
 def _circles(
@@ -231,7 +240,7 @@ def _flat_object(
 ) -> ImportedObject:
     """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
     area = shapely.Polygon(drawing.region.outer, drawing.region.holes)
-    height = rounded(thickness_mm)
+    height = round_coordinate(thickness_mm)
     if circles is None:
         x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
         polygons, off = polygons_text((drawing.region,), (x, y)), drawing.off_mm
@@ -245,7 +254,7 @@ def _flat_object(
         height=height,
         heights=None,
         sections=1,
-        edges=(edges_of(section),) * 2,
+        edges=(edge_count(section),) * 2,
         merged=1,
         section_tolerance=0.0,
         merged_tolerance=0.0,

@@ -14,21 +14,20 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from palpate.base.errors import InputError, PalpateError
-from palpate.base.files import read_bytes
-from palpate.base.files.limits import CAD_BYTES
+from palpate.base.file_io import CAD_BYTES, read_bytes
 from palpate.base.optional_imports import MissingPackageError
-from palpate.cad.part_size import GIVE_NO_UNITS
-from palpate.cad.readers import SUFFIXES, is_drawing
+from palpate.cad.parts import GIVE_NO_UNITS
+from palpate.cad.readers import CAD_SUFFIXES, is_drawing
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, RefusedText, SourceText
 from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, LossError, import_file
-from palpate.rig.catalogue.processes import in_processes
-
-__all__ = ["Catalogued", "FileOutcome", "files_in", "import_files", "source_of"]
+from palpate.rig.workers import in_processes
 
 Report = Callable[[str], None]
 
 _ADVICE = "divide it"
-_EDITION = 1  # to be raised when the same file becomes another object: what was kept is then read again
+_REQUEST_EDITION = (
+    1  # to be raised when the same file becomes another object: what was kept is then read again
+)
 
 
 @dataclass(frozen=True)
@@ -70,9 +69,9 @@ def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
         if not path.is_dir():
             found[path] = None
             continue
-        inside = sorted(item for item in path.iterdir() if item.suffix.lower() in SUFFIXES)
+        inside = sorted(item for item in path.iterdir() if item.suffix.lower() in CAD_SUFFIXES)
         if not inside:
-            raise InputError(f"{path}: holds no CAD file ({', '.join(sorted(SUFFIXES))})")
+            raise InputError(f"{path}: holds no CAD file ({', '.join(sorted(CAD_SUFFIXES))})")
         found |= dict.fromkeys(inside)
     stems: dict[str, Path] = {}
     for path in found:
@@ -85,7 +84,7 @@ def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
 def source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
     """Where an object of a file comes from, as the objects file `target` has it. Raises InputError."""
     content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
-    asked = json.dumps([_EDITION, asdict(options)], sort_keys=True)
+    asked = json.dumps([_REQUEST_EDITION, asdict(options)], sort_keys=True)
     return SourceText(
         file=Path(os.path.relpath(path, target.parent)).as_posix(),
         sha256=content,
@@ -117,7 +116,7 @@ def import_files(
     outcomes |= {path: found for path, source in sources.items() if (found := _known(before, path, source))}
     changed = [path for path in paths if path not in outcomes]
     text = before
-    for path, outcome in _all_imported(changed, options, report):
+    for path, outcome in _import_all(changed, options, report):
         outcomes[path] = outcome
         text, _ = _with_all(before, paths, outcomes, sources)
         if text.objects:
@@ -140,7 +139,7 @@ def _one(
         found = import_file(path, options, report)
     except LossError as error:
         return Catalogued(before, (FileOutcome(path, failure=str(error), is_loss=True),), ())
-    objects, named = _exchanged(before.objects, found.objects, source, path.stem, whole=False)
+    objects, named = _exchange_objects(before.objects, found.objects, source, path.stem, whole=False)
     text = _text(objects, before.refused or [])
     return Catalogued(text, (FileOutcome(path, named, warnings=found.warnings),), ())
 
@@ -167,7 +166,7 @@ def _with_all(
         if outcome is None:
             continue
         if outcome.objects:
-            objects, new = _exchanged(objects, outcome.objects, sources[path], path.stem)
+            objects, new = _exchange_objects(objects, outcome.objects, sources[path], path.stem)
             outcome = replace(outcome, objects=new)
         elif outcome.is_final:
             why = (outcome.failure or "").removeprefix(f"{path}: ")
@@ -206,7 +205,7 @@ def _from(objects: Sequence[ObjectText], file: str) -> Iterator[ObjectText]:
     return (item for item in objects if item.source is not None and item.source.file == file)
 
 
-def _exchanged(
+def _exchange_objects(
     objects: Sequence[ObjectText],
     new: Sequence[ImportedObject],
     source: SourceText,
@@ -249,14 +248,14 @@ def _free_name(name: str, stem: str, taken: set[str]) -> str:
     return f"{stem}-{number}"
 
 
-def _all_imported(
+def _import_all(
     paths: Sequence[Path], options: ImportOptions, report: Report
 ) -> Iterator[tuple[Path, FileOutcome]]:
     """Every file in a process of its own, as many at once as there are cores, as they come."""
     if not paths:
         return
     report(f"0 of {len(paths)} files")
-    work = in_processes(_imported, [(path, _for_file(path, options)) for path in paths])
+    work = in_processes(_import_one, [(path, _for_file(path, options)) for path in paths])
     for done, (index, outcome) in enumerate(work, 1):
         report(f"{done} of {len(paths)} files")
         yield paths[index], outcome
@@ -269,7 +268,7 @@ def _for_file(path: Path, options: ImportOptions) -> ImportOptions:
     return options if path.suffix.lower() == ".dxf" else replace(options, layers=())
 
 
-def _imported(path: Path, options: ImportOptions) -> FileOutcome:
+def _import_one(path: Path, options: ImportOptions) -> FileOutcome:
     """One file; units are those that are asked for only where it states none."""
     begin = time.monotonic()
     try:

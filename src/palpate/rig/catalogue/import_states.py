@@ -1,10 +1,11 @@
-"""Stable states of an imported solid, with their cross sections.
+"""Stable states of an imported solid, with their cross sections as an objects file has them.
 
-Stable states that are the same but for a turn about the vertical become one.
+Stable states that are the same but for a turn about the vertical become one. Coordinates have six decimals,
+bounds are rounded outward.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing import parent_process
@@ -14,41 +15,151 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.cad.as_drawn import as_drawn
-from palpate.cad.merging import MergedState, merge_states
-from palpate.cad.resting_surface import RestingSurface, surface_of
-from palpate.cad.sections import sections_of
-from palpate.cad.silhouette import silhouette
-from palpate.cad.slicing import regions_of, slice_surface
-from palpate.cad.stable import LeftOut, stable_states
-from palpate.cad.values import CrossSection, Solid, StableState
-from palpate.config.import_result import ImportedStateOut, LeftOutOut
-from palpate.config.objects_tables import StateText
-from palpate.rig.catalogue.objects_text import (
-    NEGLIGIBLE_MM,
-    Height,
-    bound_mm,
-    edges_of,
-    ends_mm,
-    frame_out,
-    ranges_known,
-    ranges_near,
-    rounded,
-    rounded_up,
-    sections_text,
-    share,
-    side_text,
+from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.cad.resting_surface import (
+    RestingSurface,
+    regions_of,
+    resting_surface_of,
+    silhouette,
+    slice_surface,
 )
-from palpate.rig.catalogue.processes import in_processes
-from palpate.rig.catalogue.round_sections import RoundSections, round_sections
+from palpate.cad.sections import sections_of
+from palpate.cad.stable_states import LeftOut, stable_states, state_as_drawn
+from palpate.cad.state_merging import MergedState, merge_states
+from palpate.config.catalogue_results import FrameOut, ImportedStateOut, OmittedStatesOut
+from palpate.config.objects_tables import PolygonText, SectionText, StateText, outline_edges
+from palpate.config.outline_checks import MIN_EDGE_MM
+from palpate.config.result_model import DECIMALS
+from palpate.rig.catalogue.round_outlines import RoundSections, round_sections
+from palpate.rig.workers import in_processes
 
-__all__ = ["ImportedState", "ImportedStates", "Shares", "import_states"]
+NEGLIGIBLE_MM = 1e-5
+"""What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
+
+Height = float | tuple[float, float]
+"""A height that is wanted, mm; two: all from one to the other."""
+
+_NEIGHBOURHOOD_MM = 0.5
+_MAX_RINGS = 64
+_SUMMING_SLACK = 1e-9  # a sixth, six times added, is less than 1
+_BOUND_STEPS = 10_000  # to a millimetre
+
+
+def ends_mm(height_mm: Height) -> tuple[float, float]:
+    """Of a height that is wanted: from which to which."""
+    return height_mm if isinstance(height_mm, tuple) else (height_mm, height_mm)
+
+
+def ranges_near(heights_mm: Iterable[Height], top_mm: float) -> list[tuple[float, float]]:
+    """Ranges of height, ascending and apart, within 0.5 mm of the given ones and on the part.
+
+    A part that is lower than all of them gets its uppermost millimetre: a state has some section.
+    """
+    ranges: list[tuple[float, float]] = []
+    for begin, end in sorted(map(ends_mm, heights_mm)):
+        low, high = max(begin - _NEIGHBOURHOOD_MM, 0.0), min(end + _NEIGHBOURHOOD_MM, top_mm)
+        if low >= high:
+            continue
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = ranges[-1][0], max(high, ranges[-1][1])
+        else:
+            ranges.append((low, high))
+    return ranges or [(max(top_mm - 2 * _NEIGHBOURHOOD_MM, 0.0), top_mm)]
+
+
+def ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
+    """Ranges of height (mm) that sections cover, ascending and apart, as the file has them."""
+    ranges: list[tuple[float, float]] = []
+    for section in sections:
+        low, high = (round_coordinate(end) for end in section.z_mm)
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = ranges[-1][0], high
+        else:
+            ranges.append((low, high))
+    return ranges
+
+
+def sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:
+    """Cross sections as they stand in a file, from the table up."""
+    return [
+        SectionText(
+            z=(round_coordinate(section.z_mm[0]), round_coordinate(section.z_mm[1])),
+            polygons=polygons_text(section.regions),
+        )
+        for section in sorted(sections, key=lambda item: item.z_mm)
+    ]
+
+
+def polygons_text(
+    regions: Sequence[Region], origin_mm: tuple[float, float] = (0.0, 0.0)
+) -> list[PolygonText]:
+    """Regions as they stand in a file, seen from another origin."""
+    origin = np.array(origin_mm)
+    return [_polygon_text(region, origin) for region in regions]
+
+
+def side_text(rings: Sequence[Floats]) -> list[list[tuple[float, float]]] | None:
+    """Rings of a picture, to a hundredth of a millimetre; the longest of very many."""
+    longest = sorted(rings, key=len, reverse=True)[:_MAX_RINGS]
+    return [[(round(x, 2) + 0.0, round(z, 2) + 0.0) for x, z in ring.tolist()] for ring in longest] or None
+
+
+def edge_count(section: SectionText) -> int:
+    """How many edges a section has, those of holes included."""
+    return sum(
+        outline_edges(ring) for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)
+    )
+
+
+def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:
+    """How a state lies to its file: `rotation` (3, 3), `offset_mm` (3,)."""
+    rows = [(float(a), float(b), float(c)) for a, b, c in rotation]
+    x, y, z = (float(value) for value in offset_mm)
+    return FrameOut(rotation=tuple(rows), offset=(x, y, z))
+
+
+def round_coordinate(value: float) -> float:
+    """A number of the file."""
+    return round(float(value), DECIMALS) + 0.0
+
+
+def round_up(value: float) -> float:
+    """A bound of the file, upward."""
+    scale: int = 10**DECIMALS
+    return math.ceil(value * scale) / scale
+
+
+def round_probability(value: float) -> float:
+    """A probability, downward: all states' together must not come to more than 1."""
+    scale: int = 10**DECIMALS
+    return math.floor((value + _SUMMING_SLACK) * scale) / scale
+
+
+def bound_mm(parts_mm: Iterable[float]) -> float:
+    """The sum of bounds, upward to a tenth of a micrometre, but for what is nothing but rounding."""
+    beyond = max(math.fsum(parts_mm) - NEGLIGIBLE_MM, 0.0)
+    return math.ceil(beyond * _BOUND_STEPS) / _BOUND_STEPS
+
+
+def _polygon_text(region: Region, origin: Floats) -> PolygonText:
+    outer = _ring_text(region.outer - origin)
+    if not region.holes:
+        return PolygonText(outer=outer)
+    return PolygonText(outer=outer, holes=[_ring_text(hole - origin) for hole in region.holes])
+
+
+def _ring_text(ring: Floats) -> list[tuple[float, float]]:
+    points = np.round(ring, DECIMALS) + 0.0
+    # Where rounding makes two points one, one is left.
+    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1.5 * MIN_EDGE_MM
+    return [(x, y) for x, y in points[apart].tolist()]
+
 
 Report = Callable[[str], None]
 
-_JUST_MM = 0.002  # about a height: fingers' are taken to be exact
-_TOP_PARTS = 20
-_MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes half as many at 0.1 mm
+_HEIGHT_TOLERANCE_MM = 0.002  # about a height: fingers' are taken to be exact
+_TOP_DIVISIONS = 20
+_MAX_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes half as many at 0.1 mm
 
 
 @dataclass(frozen=True)
@@ -83,7 +194,7 @@ class ImportedStates:
     """Every state of a solid that is written, and what is left out."""
 
     states: tuple[ImportedState, ...]
-    left_out: tuple[LeftOutOut, ...] = ()
+    left_out: tuple[OmittedStatesOut, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -103,11 +214,11 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
             "give a smaller least probability, or import it as it is, without stable states"
         )
     report(f"sections of {len(kept)} states")
-    states = _all_sectioned(solid, kept, shares, report)
+    states = _section_all(solid, kept, shares, report)
     return ImportedStates(tuple(states), _left_out([*unstable, *out]))
 
 
-def _all_sectioned(
+def _section_all(
     solid: Solid, kept: Sequence[MergedState], shares: Shares, report: Report
 ) -> list[ImportedState]:
     """All states, in parallel processes; an interruption does not wait for those that have been begun.
@@ -115,22 +226,22 @@ def _all_sectioned(
     One after the other where there is one only, and where files are imported in parallel.
     """
     if len(kept) == 1 or parent_process() is not None:
-        return [_sectioned(solid, item, shares) for item in kept]
+        return [_section_state(solid, item, shares) for item in kept]
     found: dict[int, ImportedState] = {}
-    for index, state in in_processes(_sectioned, [(solid, item, shares) for item in kept]):
+    for index, state in in_processes(_section_state, [(solid, item, shares) for item in kept]):
         found[index] = state
         report(f"sections of {len(kept)} states, {len(found)} done")
     return [found[index] for index in range(len(kept))]
 
 
-def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
+def _section_state(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
     """One state, in a process of its own: large parts take seconds for each."""
     return _imported_state(item.state, _sections(solid, item.state, shares), solid, shares, item)
 
 
 def _as_it_lies(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
     """The only state of a solid that is not dropped."""
-    state = as_drawn(solid)
+    state = state_as_drawn(solid)
     warnings = (
         () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
     )
@@ -152,7 +263,7 @@ class _Slices:
     def of(self, state: StableState, heights_mm: Floats) -> list[shapely.Geometry]:
         """What is solid at each of the heights; empty above the part."""
         if self._last is None or self._last[0] is not state:
-            self._last = state, surface_of(self._solid, state)
+            self._last = state, resting_surface_of(self._solid, state)
         surface = self._last[1]
         return [_region(surface, float(height)) for height in heights_mm]
 
@@ -170,14 +281,14 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     """
     near, top = shares.heights_mm, _top_mm(solid, state)
     if near is None:
-        return sections_of(solid, state, shares.sections_mm, None, _MOST_SECTIONS)
+        return sections_of(solid, state, shares.sections_mm, None, _MAX_SECTIONS)
     found = _between(solid, state, shares, ranges_near(near, top))
     for height in dict.fromkeys(end for each in near for end in ends_mm(each)):
         if height < top:
             found = _with_height(found, height, solid, state, shares)
     if any(section.regions for section in found):
         return found
-    parts = top * np.linspace(1.0, 0.0, _TOP_PARTS + 1)
+    parts = top * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)
     for end, begin in pairwise(parts.tolist()):
         some = _between(solid, state, shares, [(begin, end)])
         if any(section.regions for section in some):
@@ -193,7 +304,7 @@ def _with_height(
     high = min((s.z_mm[0] for s in found if s.z_mm[1] >= height_mm), default=math.inf)
     if low >= height_mm or high <= height_mm:
         return found
-    just = [(max(low, height_mm - _JUST_MM), min(high, height_mm + _JUST_MM))]
+    just = [(max(low, height_mm - _HEIGHT_TOLERANCE_MM), min(high, height_mm + _HEIGHT_TOLERANCE_MM))]
     some = _between(solid, state, shares, just)
     return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
 
@@ -203,7 +314,7 @@ def _between(
 ) -> tuple[CrossSection, ...]:
     """Sections in ranges of height; none if none can be given."""
     try:
-        return sections_of(solid, state, shares.sections_mm, ranges_mm, _MOST_SECTIONS)
+        return sections_of(solid, state, shares.sections_mm, ranges_mm, _MAX_SECTIONS)
     except InputError:
         return ()
 
@@ -220,21 +331,21 @@ def _imported_state(
     found: MergedState | None = None,
 ) -> ImportedState:
     """A state as text of the file and as result; `found`: None for a part that rests as drawn."""
-    probability = None if found is None else share(state.probability)
+    probability = None if found is None else round_probability(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
     circles = round_sections(solid, state, sections, shares.sections_mm)
     if circles is None:
         some = sections_text([section for section in sections if section.regions])
     else:
         some = list(circles.sections)
-    top = rounded(_top_mm(solid, state))
+    top = round_coordinate(_top_mm(solid, state))
     known = ranges_known(sections)
     everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
     heights = None if everywhere else known
     # Faces that are level but for rounding end where their sections do.
     height = some[-1].z[1] if everywhere else max(top, *(section.z[1] for section in some))
-    tipping = rounded(state.tipping_angle_rad) or None
-    counts = [edges_of(section) for section in some]
+    tipping = round_coordinate(state.tipping_angle_rad) or None
+    counts = [edge_count(section) for section in some]
     text = StateText(
         name=state.name,
         probability=probability,
@@ -270,16 +381,16 @@ def _normal_bound_rad(
     if shares.deviation_mm > 0 or solid.off_mm > NEGLIGIBLE_MM or (found is not None and found.count > 2):
         return None
     apart = 0.0 if found is None else found.apart_mm
-    return rounded_up(circles.turn_rad + math.asin(min(apart / circles.least_radius_mm, 1.0)))
+    return round_up(circles.turn_rad + math.asin(min(apart / circles.least_radius_mm, 1.0)))
 
 
-def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:
+def _left_out(items: Sequence[LeftOut]) -> tuple[OmittedStatesOut, ...]:
     """Those of one reason together, the most frequent first."""
     groups: dict[str, list[LeftOut]] = {}
     for item in items:
         groups.setdefault(item.reason.partition(":")[0], []).append(item)
     result = [
-        LeftOutOut(reason=reason, states=len(some), probability=sum(item.probability for item in some))
+        OmittedStatesOut(reason=reason, states=len(some), probability=sum(item.probability for item in some))
         for reason, some in groups.items()
     ]
     return tuple(sorted(result, key=lambda item: -item.probability))

@@ -2,7 +2,7 @@
 
 What is prepared is the same, bit for bit, whether it was made now or kept. It is kept under a digest of all
 that it depends on: the states' outlines and tolerances, the finger, the code that prepares, its libraries.
-An object that was changed or added costs its own preparation only: what was kept of others is used again.
+An object that was changed or added costs its own preparation only: what was kept of others is used.
 """
 
 import hashlib
@@ -15,36 +15,41 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from palpate.base.files.cache import Cache, user_cache
-from palpate.base.files.code_digest import code_digest
+from palpate.base.array_cache import Cache, code_digest, user_cache
 from palpate.base.geometry import Ints, ObjectModel
-from palpate.recognizer.ball_section import is_exact
-from palpate.recognizer.catalogue import FACET_ERROR_MM, Catalogue, prepare_states
-from palpate.recognizer.contact import Finger
-from palpate.recognizer.edges import CatalogueState
-from palpate.recognizer.finger_preparation import FingerPreparation, prepare_finger
-from palpate.recognizer.flat_arrays import Arrays, NamedArrays
-from palpate.recognizer.prepared_states import DIGEST_BYTES, PreparedStates, state_digest
-from palpate.rig.catalogue.processes import in_processes
+from palpate.recognizer import (
+    DIGEST_BYTES,
+    FACET_ERROR_MM,
+    Arrays,
+    Catalogue,
+    CatalogueState,
+    Finger,
+    FingerPreparation,
+    NamedArrays,
+    PreparedStates,
+    is_exact,
+    prepare_finger,
+    prepare_states,
+    state_digest,
+)
+from palpate.rig.workers import in_processes
 
-__all__ = ["prepared_catalogue"]
-
-_FEW_VERTICES = 2000  # of a catalogue that is prepared in hardly more time than it takes to look for it
-_ALONE_S = 1.0  # after which the rest is prepared on all cores
+_SERIAL_VERTICES = 2000  # of a catalogue that is prepared in hardly more time than it takes to look for it
+_SERIAL_S = 1.0  # after which the rest is prepared on all cores
 _CHUNK_VERTICES = 2000  # of states that are prepared at once
 _CODE = "palpate.recognizer", "palpate.base.geometry"
-_LOOKED_THROUGH = 3  # files of other catalogues, for states that are the same
+_MAX_OTHER_FILES = 3  # files of other catalogues, for states that are the same
 
 _T = TypeVar("_T")
 
 
-def prepared_catalogue(
+def prepare_catalogue(
     objects: Sequence[ObjectModel],
     fingers: Iterable[Finger],
     progress: Callable[[str], None] = lambda _: None,
     cache: Cache | None = None,
     *,
-    alone_s: float = _ALONE_S,
+    alone_s: float = _SERIAL_S,
     workers: int | None = None,
 ) -> Catalogue:
     """A catalogue of objects that is prepared for some fingers; for others it will be when they come.
@@ -52,22 +57,22 @@ def prepared_catalogue(
     `progress` is told how far that is. `cache`: None for the user's own. `alone_s`: after so long other
     processes help, so many `workers`, None: on all cores. Raises InputError for objects that are wrong.
     """
-    if sum(map(_vertices, objects)) < _FEW_VERTICES:
+    if sum(map(_vertices, objects)) < _SERIAL_VERTICES:
         return Catalogue(objects)
     cache = user_cache() if cache is None else cache
     single = [replace(item, states=(state,)) for item in objects for state in item.states]
     digests = [state_digest(item, item.states[0]) for item in single]
     keeper = _Keeper(cache, digests, progress, alone_s, workers)
-    states = _prepared_states(single, keeper).states(objects)
+    states = _prepare_states(single, keeper).states(objects)
     catalogue = Catalogue(objects, states=states)
     wanted = sorted({finger.face_point for finger in fingers})
     for number, finger in enumerate(wanted, 1):
         what = "" if len(wanted) == 1 else f" (finger {number} of {len(wanted)})"
-        catalogue.take(finger, _prepared_finger(states, finger, replace(keeper, what=what)))
+        catalogue.take(finger, _prepare_for_finger(states, finger, replace(keeper, what=what)))
     return catalogue
 
 
-def _prepared_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> PreparedStates:
+def _prepare_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> PreparedStates:
     """States of objects that have one each."""
 
     def make(chosen: Sequence[int]) -> Iterator[PreparedStates]:
@@ -77,7 +82,7 @@ def _prepared_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> Prepar
     return keeper.prepared(_Kind("states", PreparedStates.from_arrays, PreparedStates.joined, make))
 
 
-def _prepared_finger(
+def _prepare_for_finger(
     states: Sequence[CatalogueState], finger: Finger, keeper: "_Keeper"
 ) -> FingerPreparation:
     exact = all(is_exact(state, finger) for state in states)
@@ -156,7 +161,7 @@ class _Keeper:
         What is the same of several states is prepared once.
         """
         missing, row, parts = set(self.digests), dict[bytes, int](), list[_P]()
-        for arrays in self.cache.newest(name, _LOOKED_THROUGH):
+        for arrays in self.cache.newest(name, _MAX_OTHER_FILES):
             found = self._load(kind, arrays)
             if found is None or missing.isdisjoint(found[1]):
                 continue

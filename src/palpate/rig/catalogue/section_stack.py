@@ -1,4 +1,4 @@
-"""Sections of a state by height, and at which heights they are known.
+"""Sections of a state by height, at which heights they are known, and their rotational symmetry.
 
 Regions are Shapely's, mm, in the object's own frame.
 """
@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 import shapely
 
-from palpate.base.geometry import Section, State
+from palpate.base.geometry import Floats, Polygon, Section, State
 from palpate.config import ObjectsFile
-
-__all__ = ["Level", "Range", "StateSections", "joined_ranges", "region_within", "state_sections", "steps_mm"]
+from palpate.recognizer import SYMMETRY_TOLERANCE_MM, centroid, rotational_symmetry
 
 Range = tuple[float, float]
 
@@ -96,7 +96,7 @@ def region_within(state: State, span_mm: Range) -> shapely.Geometry:
     return shapely.union_all([_region(section) for section in state.sections_within(span_mm)])
 
 
-def steps_mm(states: Sequence[StateSections], half_length_mm: float) -> list[float]:
+def level_bounds_mm(states: Sequence[StateSections], half_length_mm: float) -> list[float]:
     """Heights, ascending, at which what a tip of some length meets of some state begins or ends."""
     own = sorted({step for item in states for step in item.steps_mm})
     if not half_length_mm:
@@ -105,7 +105,7 @@ def steps_mm(states: Sequence[StateSections], half_length_mm: float) -> list[flo
     return sorted({half_length_mm, *(end for end in ends if end >= half_length_mm)})
 
 
-def joined_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:
+def join_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:
     """Ranges in ascending order, with those that touch joined."""
     joined: list[Range] = []
     for low, high in sorted(ranges):
@@ -127,3 +127,39 @@ def _edge_count(section: Section) -> int:
 
 def _same(first: shapely.Geometry, second: shapely.Geometry) -> bool:
     return bool(shapely.equals_exact(first, second, _SAME_PLACES_MM, normalize=True))
+
+
+@dataclass(frozen=True, eq=False)
+class SectionSymmetry:
+    """It looks the same after each nth of a turn, n = `order`, about its centre of area (2,), mm."""
+
+    order: int
+    centre_mm: Floats
+
+
+def symmetry_of_region(region: shapely.Geometry) -> SectionSymmetry:
+    """SectionSymmetry of one section."""
+    return _symmetry([(0.0, 1.0, region)])
+
+
+def symmetry_of_state(state: StateSections) -> SectionSymmetry:
+    """SectionSymmetry of all sections of a state together."""
+    return _symmetry([(*level.z_mm, level.region) for level in state.levels])
+
+
+def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> SectionSymmetry:
+    state = State("", tuple(Section((low, high), _polygons(region)) for low, high, region in parts))
+    centre = centroid(state)
+    return SectionSymmetry(rotational_symmetry(state, centre, SYMMETRY_TOLERANCE_MM).order, centre)
+
+
+def _polygons(region: shapely.Geometry) -> tuple[Polygon, ...]:
+    return tuple(
+        Polygon(_open(part.exterior), tuple(_open(hole) for hole in part.interiors))
+        for part in shapely.get_parts(region)
+    )
+
+
+def _open(ring: shapely.LinearRing) -> Floats:
+    points: Floats = np.array(ring.coords)[:-1]
+    return points

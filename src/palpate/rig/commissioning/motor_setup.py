@@ -10,22 +10,21 @@ from typing import Protocol
 
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile
+from palpate.config.commissioning_results import FoundServoOut, SettingChangeOut, SetupOutcome, SetupServoOut
 from palpate.config.rig_tables import BUS_BAUDRATES
-from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
-from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
-from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.servo_setup import (
+from palpate.drivers.dynamixel import (
+    Bus,
+    FoundServo,
     ItemChange,
+    Model,
     ServoPort,
     apply_changes,
     find_changes,
     only_servo,
+    scan,
     setup_items,
 )
-from palpate.rig.servo_settings import servo_settings
-
-__all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
+from palpate.rig.fingers import servo_settings
 
 
 class OperatorReply(Enum):
@@ -84,8 +83,8 @@ class MotorSetup:
             outcome=self.outcome,
             found=None
             if at is None or firmware is None
-            else FoundOut(id=at.dxl_id, baudrate_bps=at.baudrate, firmware=firmware),
-            written=tuple(map(ChangeOut.of, self.written)),
+            else FoundServoOut(id=at.dxl_id, baudrate_bps=at.baudrate, firmware=firmware),
+            written=tuple(map(SettingChangeOut.of, self.written)),
             problem=self.problem,
         )
 

@@ -2,8 +2,8 @@
 
 First each finger finds the part by a light touch; then each pushes through what is known of its middle. A
 part under one push that does not accelerate takes no more than F = μ m g from it, wherever and however
-obliquely it is pushed: off its middle it turns under less. So every force that was certainly there is a lower
-bound of F, also while the part slides, and the greatest of them is the best one.
+obliquely it is pushed: off its middle it turns under less. So every force that was certainly there is a
+lower bound of F, also while the part slides, and the greatest of them is the best one.
 """
 
 import math
@@ -14,48 +14,50 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config import RigFile
-from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
-from palpate.drivers.tactile.contact import ContactPatch
-from palpate.recognizer import FingerApproach
-from palpate.recognizer.rays import approach_lines, offset_from_lines
-from palpate.rig.identification.exploration import exploring_grip, outside_fast
-from palpate.rig.identification.unswept_space import Disc, places_left, sweeping_grip
-from palpate.rig.motion.contact_from_touch import Touch, may_touch_two_edges
-from palpate.rig.motion.contact_load import TouchStage
+from palpate.config.diagnosis_results import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.drivers.tactile import ContactPatch
+from palpate.recognizer import FingerApproach, approach_lines, offset_from_lines
+from palpate.rig.identification.exploration import (
+    InscribedDisc,
+    exploring_grip,
+    fast_to_workspace,
+    sweeping_grip,
+    unswept_places,
+)
+from palpate.rig.motion.creep import SlipPush, SlipPusher
 from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.slip_push import SlipPush, SlipPusher
+from palpate.rig.motion.load_meter import TouchStage
+from palpate.rig.motion.touch import Touch, may_touch_two_edges
 from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 
-__all__ = ["certain_force_n", "check_hold", "gentle", "quietest_force_n", "rounded_down", "with_hold"]
-
-_SEARCH_MM_S = 8.0
-_TOUCH_MM_S = 2.0
-_CONTACT_N = 0.05
+_MAX_SEARCH_MM_S = 8.0
+_MAX_TOUCH_MM_S = 2.0
+_MIN_CONTACT_N = 0.05
 _NOISE_MARGIN = 1.5  # times the least threshold that noise lets arrays have
-_LARGEST_N = 3.0
-_LARGEST_SHARE = 0.5  # of max_force_n
-_AIMS = 81
-_SMALLEST_MM = 10.0  # radius of a disc that the part has room for: a smaller one may be missed
+_MAX_PUSH_N = 3.0
+_MAX_PUSH_SHARE = 0.5  # of max_force_n
+_AIM_COUNT = 81
+_MIN_DISC_RADIUS_MM = 10.0  # radius of a disc that the part has room for: a smaller one may be missed
 _READ_S = 0.02  # between two looks at the servos while nothing is touched
 
 
-def gentle(rig: RigFile, quietest_n: float) -> RigFile:
+def with_light_touch(rig: RigFile, quietest_n: float) -> RigFile:
     """The rig with lighter touches; `quietest_n`: as `quietest_force_n` gave it."""
     closing = rig.closing
-    contact_n = min(closing.contact_force_n, max(_CONTACT_N, _NOISE_MARGIN * quietest_n))
+    contact_n = min(closing.contact_force_n, max(_MIN_CONTACT_N, _NOISE_MARGIN * quietest_n))
     light = closing.model_copy(
         update={
-            "search_speed_mm_s": min(closing.search_mm_s, _SEARCH_MM_S),
-            "touch_speed_mm_s": min(closing.touch_speed_mm_s, _TOUCH_MM_S),
+            "search_speed_mm_s": min(closing.search_mm_s, _MAX_SEARCH_MM_S),
+            "touch_speed_mm_s": min(closing.touch_speed_mm_s, _MAX_TOUCH_MM_S),
             "contact_force_n": contact_n,
         }
     )
     return rig.model_copy(update={"closing": light})
 
 
-def quietest_force_n(hand: Hand) -> float:
+def least_threshold_n(hand: Hand) -> float:
     """Tare all arrays; the least threshold (N) that the noise of none of them exceeds. Nothing moves.
 
     The hand must be prepared.
@@ -82,18 +84,18 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
                 f"finger {spec.name}: its tip is a ball, which may push parts down or up as well as aside, "
                 "so that what they hold is not known; measure it with cylinders, or with a spring balance"
             )
-    reach = reach_of(hand.rig, aims=_AIMS)
+    reach = reach_of(hand.rig, aims=_AIM_COUNT)
     tell("looking for the part")
-    touches = _located(hand, reach)
+    touches = _locate_part(hand, reach)
     moved_mm = sum(_slide_mm(hand.rig, touch, TouchStage.QUICK) for touch in touches)
-    largest_n = min(_LARGEST_N, _LARGEST_SHARE * hand.rig.closing.max_force_n)
+    largest_n = min(_MAX_PUSH_N, _MAX_PUSH_SHARE * hand.rig.closing.max_force_n)
     fingers = []
     for index, finger in enumerate(hand.fingers):
         tell(f"pushing with finger {finger.name}")
         pusher = SlipPusher(largest_n)
-        touch = _touch(hand, _nearest(reach, index, _middle(touches)), pusher.push_until_slip)
+        touch = _touch(hand, _nearest(reach, index, _part_middle(touches)), pusher.push_until_slip)
         touches.append(touch)
-        fingers += [_pushed(hand.rig, push, touch) for push in pusher.pushes[-1:]]
+        fingers += [_push_result(hand.rig, push, touch) for push in pusher.pushes[-1:]]
     certain = [item.holds_n for item in fingers if item.holds_n is not None]
     slid = [item.holds_n for item in fingers if item.holds_n is not None and item.slid]
     if not certain:
@@ -102,8 +104,8 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
             "so that fingers do not meet it in a notch, and check again"
         )
     return HoldCheckOut(
-        part_holds_n=rounded_down(max(certain)),
-        least_n=rounded_down(min(slid or certain)),
+        part_holds_n=round_down(max(certain)),
+        least_n=round_down(min(slid or certain)),
         slid=bool(slid),
         largest_n=largest_n,
         moved_mm=moved_mm + sum(item.moved_mm for item in fingers),
@@ -136,21 +138,21 @@ def with_hold(out: CheckOut, found: HoldCheckOut, rig: RigFile) -> CheckOut:
     return out.model_copy(update={"hold": found, "warnings": warnings})
 
 
-def _located(hand: Hand, reach: Reach) -> list[Touch]:
+def _locate_part(hand: Hand, reach: Reach) -> list[Touch]:
     """Light touches until the part is found, and one of each other finger; InputError if it is not found."""
     touches: list[Touch] = []
     while not _has_met(touches):
-        approach = _searching(reach, touches, hand.rig)
+        approach = _next_search(reach, touches, hand.rig)
         if approach is None:
             raise InputError(
-                f"no part was found that is {2 * _SMALLEST_MM:g} mm wide and bears a touch of "
+                f"no part was found that is {2 * _MIN_DISC_RADIUS_MM:g} mm wide and bears a touch of "
                 f"{hand.rig.closing.contact_force_n:.2g} N: put one near the middle, or a heavier one"
             )
         touches.append(_touch(hand, approach, None))
     first = touches[-1].finger_index
     for index in range(len(hand.fingers)):
         if index != first:
-            touches.append(_touch(hand, _nearest(reach, index, _middle(touches)), None))
+            touches.append(_touch(hand, _nearest(reach, index, _part_middle(touches)), None))
     return touches
 
 
@@ -158,20 +160,22 @@ def _has_met(touches: Sequence[Touch]) -> bool:
     return any(touch.contact.touched for touch in touches)
 
 
-def _searching(reach: Reach, misses: Sequence[Touch], rig: RigFile) -> FingerApproach | None:
+def _next_search(reach: Reach, misses: Sequence[Touch], rig: RigFile) -> FingerApproach | None:
     """The next way on which to look for the part, by fingers in turns; None once it is nowhere."""
     contacts = [touch.contact for touch in misses]
     if len(misses) < len(rig.fingers):
         grip = exploring_grip(reach, contacts)
     else:
-        discs = {finger.span_mm: Disc(_SMALLEST_MM, frozenset((0,))) for finger in rig.fingers}
-        left = places_left(contacts, discs, rig.workspace.radius_mm)
+        discs = {
+            finger.span_mm: InscribedDisc(_MIN_DISC_RADIUS_MM, frozenset((0,))) for finger in rig.fingers
+        }
+        left = unswept_places(contacts, discs, rig.workspace.radius_mm)
         grip = sweeping_grip(reach, contacts, left, discs)
     own = [item for item in grip if item.finger_index == len(misses) % len(rig.fingers)]
     return next(iter(own or grip), None)
 
 
-def _middle(touches: Sequence[Touch]) -> Floats:
+def _part_middle(touches: Sequence[Touch]) -> Floats:
     """Mean (2,) of where the part was touched."""
     points = []
     for contact in (touch.contact for touch in touches):
@@ -192,12 +196,12 @@ def _nearest(reach: Reach, finger_index: int, target: Floats) -> FingerApproach:
 
 def _touch(hand: Hand, approach: FingerApproach, measure: Measure | None) -> Touch:
     """One finger's touch, slow from where the part may be."""
-    way = outside_fast(approach, hand.rig.workspace.radius_mm)
+    way = fast_to_workspace(approach, hand.rig.workspace.radius_mm)
     (touch,) = carry_out_grip(hand, [way], lambda _: None, measure)
     return touch
 
 
-def _pushed(rig: RigFile, push: SlipPush, touch: Touch) -> FingerHoldOut:
+def _push_result(rig: RigFile, push: SlipPush, touch: Touch) -> FingerHoldOut:
     """What came of a finger's push, which ended its touch."""
     moved_mm = _slide_mm(rig, touch, TouchStage.QUICK)
     if push.slid:
@@ -218,7 +222,7 @@ def _slide_mm(rig: RigFile, touch: Touch, stage: TouchStage) -> float:
     return sum(max(load.travel_mm - load.peak_force_n / stiffness, 0.0) for load in loads)
 
 
-def rounded_down(value: float) -> float:
+def round_down(value: float) -> float:
     """A positive force, rounded down to two significant digits."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / step * (1 + 1e-12)) * step:.2g}")

@@ -1,38 +1,33 @@
 """Check of a whole rig without moving it.
 
-Each device is checked by itself, so that a silent one hides no other; then
-all servos are read over and over, as a run does.
+Each device is checked by itself, so that a silent one hides no other; then all servos are read over and
+over, as a run does.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 
-from palpate.base.errors import DeviceError, InputError, counted
+from palpate.base.errors import DeviceError, InputError, quantity
 from palpate.config import RigFile
-from palpate.config.check_result import (
+from palpate.config.diagnosis_results import (
     AdapterCheckOut,
     BusCountsOut,
+    BusLoopOut,
     CheckOut,
-    LoopOut,
     ServoCheckOut,
     TouchForceOut,
 )
-from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.specifications import supply_warnings
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.transport.adapter import latency_timer_s
+from palpate.drivers.dynamixel import Bus, ServoState, supply_warnings
+from palpate.drivers.transport import latency_timer_s
 from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
-from palpate.rig.diagnostics.array_check import check_array
-from palpate.rig.diagnostics.bus_selection import BusEndpoint
-from palpate.rig.diagnostics.latency_timer import timer_warnings
-from palpate.rig.diagnostics.servo_check import check_loop, check_servo, rate_in_run_hz
-from palpate.rig.servo_settings import FingerSettings, ServoSettings, finger_settings, servo_settings
-from palpate.rig.wiring import start_problem
+from palpate.rig.diagnostics.array_examination import check_array
+from palpate.rig.diagnostics.host_ports import timer_warnings
+from palpate.rig.diagnostics.servo_bus import BusEndpoint
+from palpate.rig.diagnostics.servo_examination import check_loop, check_servo, rate_in_run_hz
+from palpate.rig.fingers import FingerSettings, ServoSettings, finger_settings, servo_settings, start_problem
 
-__all__ = ["check_rig", "loop_warnings"]
-
-_AT_ONCE = 2  # corners that a pad's face may meet
-_SLOW = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
+_CORNERS_AT_ONCE = 2  # corners that a pad's face may meet
+_BUSY_FACTOR = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
 
 
 def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lambda _: None) -> CheckOut:
@@ -48,7 +43,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
             now(f"servo {item.servo.dxl_id} ({item.owner})")
             found.append(check_servo(bus, item))
         now("reading all servos")
-        loop, states, problems = _loop(bus, place, rig, servos, found)
+        loop, states, problems = _read_loop(bus, place, rig, servos, found)
         counts = BusCountsOut(**bus.counts.as_dict())
     arrays = []
     for spec in rig.fingers:
@@ -61,7 +56,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         latency_timer_ms=None if timer is None else timer * 1e3,
     )
     problems += [
-        *(_about(item, text) for item in found for text in item.problems),
+        *(_with_name(item, text) for item in found for text in item.problems),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.problems),
     ]
     touch_force = TouchForceOut(
@@ -95,13 +90,13 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
     )
 
 
-def _loop(
+def _read_loop(
     bus: Bus,
     place: BusEndpoint,
     rig: RigFile,
     servos: Sequence[ServoSettings],
     found: Sequence[ServoCheckOut],
-) -> tuple[LoopOut | None, Mapping[int, ServoState], list[str]]:
+) -> tuple[BusLoopOut | None, Mapping[int, ServoState], list[str]]:
     """The loop over all servos that can be read, where they stood, and why there is none."""
     able = [out.answers and not out.hardware_error for out in found]
     there = [item for item, is_able in zip(servos, able, strict=True) if is_able]
@@ -117,7 +112,7 @@ def _loop(
     return loop, states, []
 
 
-def _about(servo: ServoCheckOut, text: str) -> str:
+def _with_name(servo: ServoCheckOut, text: str) -> str:
     """What is said of a servo, with its name unless that is in the text already."""
     return (
         f"{servo.owner}: {text}" if text.startswith("servo ") else f"servo {servo.id} ({servo.owner}): {text}"
@@ -133,19 +128,19 @@ def _servo_warnings(found: Sequence[ServoCheckOut]) -> list[str]:
     warnings = []
     for text, servos in of_text.items():
         names = ", ".join(f"{item.id} ({item.owner})" for item in servos)
-        alone = _about(servos[0], text)
+        alone = _with_name(servos[0], text)
         warnings.append(alone if len(servos) == 1 else f"servos {names}: {text}")
     return warnings
 
 
 def loop_warnings(
-    loop: LoopOut | None, wanted_hz: float, found: Sequence[ServoCheckOut], timer_s: float
+    loop: BusLoopOut | None, wanted_hz: float, found: Sequence[ServoCheckOut], timer_s: float
 ) -> list[str]:
     """Whether all servos are read too seldom, or much more slowly than wire and adapter need."""
     if loop is None:
         return []
     warnings = []
-    if loop.p99_ms > _SLOW * (loop.wire_ms + timer_s * 1e3):
+    if loop.p99_ms > _BUSY_FACTOR * (loop.wire_ms + timer_s * 1e3):
         warnings.append(
             f"one in a hundred reads of all servos takes more than {loop.p99_ms:.1f} ms, the wire alone "
             f"{loop.wire_ms:.1f} ms: a busy computer delays this program or served devices, and what comes "
@@ -162,7 +157,7 @@ def loop_warnings(
 
 def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> list[str]:
     if counts.stale:
-        came = counted(counts.stale, "answer", "answers")
+        came = quantity(counts.stale, "answer", "answers")
         return [
             f"{came} of {counts.instructions} came late or twice; close what keeps the computer busy, or "
             "shorten the adapter's latency timer"
@@ -170,7 +165,7 @@ def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> lis
     silent = counts.silent if all(item.answers for item in found) else 0
     if not (counts.damaged or silent):
         return []
-    answers = counted(counts.damaged + silent, "answer", "answers")
+    answers = quantity(counts.damaged + silent, "answer", "answers")
     return [
         f"{answers} of {counts.instructions} were damaged or lost; check cable, plugs, supply and termination"
     ]
@@ -202,12 +197,12 @@ def _stop_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
             f"{most:g} N, and would end the run; {remedy}"
         ]
     pads = [finger.name for finger in rig.fingers if finger.tip.is_pad]
-    if not pads or _AT_ONCE * quick_n <= most:
+    if not pads or _CORNERS_AT_ONCE * quick_n <= most:
         return []
     return [
         f"{'pad' if len(pads) == 1 else 'pads'} {', '.join(pads)}: a face may meet two corners at once, each "
-        f"with {quick_n:.2g} N when it finds a part; {_AT_ONCE * quick_n:.2g} N is above max_force_n = "
-        f"{most:g} N, and would end the run; {remedy}"
+        f"with {quick_n:.2g} N when it finds a part; {_CORNERS_AT_ONCE * quick_n:.2g} N is above "
+        f"max_force_n = {most:g} N, and would end the run; {remedy}"
     ]
 
 

@@ -1,7 +1,7 @@
-"""The emulated rig: what a rig file's `[emulation]` table turns into. Called by the composition root only.
+"""Emulated rig: what a rig file's `[emulation]` table turns into. Called by the composition root only.
 
-Builds the emulated servos, arrays and mechanics with their hidden truth, and puts them on `mock://` wires in
-virtual time or hands them out to be served on real ports.
+Builds the emulated servos, arrays, adapters and mechanics with their hidden truth, and puts them on
+`mock://` wires in virtual time or hands them out to be served on real ports.
 """
 
 import hashlib
@@ -13,40 +13,101 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
+from palpate.config.emulation import AdapterConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
-from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
-from palpate.drivers.emulators.booting import BootingBoard
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
-from palpate.drivers.emulators.mechanics import EmulatedStage
-from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.usb_adapter import PluggedPort
-from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.wire import Device
+from palpate.drivers.dynamixel import BAUD_RATES
+from palpate.drivers.emulators import (
+    AdapterTruth,
+    Bench,
+    BootingBoard,
+    EmulatedFinger,
+    EmulatedServo,
+    EmulatedStage,
+    FaultRates,
+    FaultyWire,
+    HubStalls,
+    PluggedPort,
+    PortIntruder,
+    RatedFaultyWire,
+    SampledArray,
+    ServoChain,
+    Taxels,
+    UsbAdapter,
+    WireRates,
+)
+from palpate.drivers.tactile import Description, Shape
+from palpate.drivers.transport import Device, MockHub, VirtualClock
 from palpate.rig.arrays import emulated_array
-from palpate.rig.emulated.adapters import behind_adapters
-from palpate.rig.emulated.emulated_truth import (
+from palpate.rig.emulated.hidden_truth import (
+    add_imperfections,
     dead_taxels,
     joint_truth,
+    start_postures,
+    start_stage_rad,
     truth_of,
+    with_cables,
     with_yield,
 )
-from palpate.rig.emulated.mechanics_truth import roughen, with_cables
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
-from palpate.rig.emulated.start_postures import start_postures, start_stage_rad
 
-__all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires"]
+Devices = Mapping[str, tuple[Device, int]]
+
+
+def attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices, Mapping[str, str]]:
+    """The devices by port behind the adapters that the rig file declares.
+
+    Of the arrays' adapters one, drawn by the seed, is unplugged. An adapter that comes back under another
+    name is among them under both: by the port's first name, the other one.
+    """
+    assert rig.emulation is not None
+    found: dict[str, tuple[Device, int]] = {}
+    renamed: dict[str, str] = {}
+    chosen = 1 + int(np.random.default_rng([seed, 11]).integers(len(rig.fingers)))
+    for number, (port, (device, baudrate)) in enumerate(devices.items()):
+        is_bus = port == rig.bus.port
+        config = rig.emulation.bus_adapter if is_bus else rig.emulation.array_adapter
+        if config is None:
+            found[port] = (device, baudrate)
+            continue
+        rng = np.random.default_rng([seed, 9, number])
+        truth = adapter_truth(config, rng)
+        if number not in (0, chosen):  # one array is enough
+            truth = replace(truth, gone_s=None)
+        adapter = UsbAdapter(device, baudrate, truth, int(rng.integers(2**32)))
+        found[port] = (PluggedPort(adapter), baudrate)
+        if truth.gone_s is not None and truth.renamed:
+            renamed[port] = f"{port}-again"
+            found[renamed[port]] = (PluggedPort(adapter, 1), baudrate)
+    return found, renamed
+
+
+def adapter_truth(config: AdapterConfig, rng: np.random.Generator) -> AdapterTruth:
+    """What a table declares, with what the seed draws."""
+    share = float(rng.uniform())
+    gone = None
+    if config.gone_after_s is not None:
+        lo, hi = config.gone_after_s
+        at = lo + share * (hi - lo)
+        gone = (at, at + config.gone_for_s)
+    stalls = None
+    if config.stall_ms is not None:
+        stalls = HubStalls(config.stall_ms[0] / 1e3, config.stall_ms[1] / 1e3, config.stall_every_s)
+    return AdapterTruth(
+        latency_s=config.latency_ms / 1e3,
+        echoes=config.echoes,
+        stalls=stalls,
+        gone_s=gone,
+        renamed=config.comes_back_as == "other",
+        grab=PortIntruder(config.grabbed_s) if config.grabbed_s else None,
+    )
+
 
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _BALL_ROWS_SHARE = 0.9  # of a ball's height
 _PAD_ROWS, _PAD_ROW_PITCH_MM = 4, 4.0
-_MOST_COLUMNS = 255
+_MAX_COLUMNS = 255
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
 _BOOT_TEXT = b"boot: palpate emulator\r\n"
@@ -142,7 +203,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
-    roughen(bench, rig, seed)
+    add_imperfections(bench, rig, seed)
     servos = [servo for finger in fingers for servo in finger.servos]
     servos += [] if stage is None else [stage.servo]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
@@ -151,7 +212,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
         board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
         devices[finger.array.port] = (board, finger.array.baudrate_bps)
-    on_wires, renamed = behind_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
+    on_wires, renamed = attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
     return EmulatedRig(bench, on_wires, part, renamed)
 
 
@@ -258,7 +319,7 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
             raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
     return replace(
-        _described(finger, seed, per_n, _evenly(_COLUMNS, pitch), (_ROWS, _row_pitch_mm(finger))),
+        _flat_description(finger, seed, per_n, _even_places(_COLUMNS, pitch), (_ROWS, _row_pitch_mm(finger))),
         shape=Shape.CYLINDER,
         tip_radius_mm=finger.tip.radius_mm,
     )
@@ -276,22 +337,22 @@ def _pad_description(finger: FingerConfig, seed: int) -> Description:
             f'use protocol "{PALPATE_PROTOCOL}"'
         )
     count = max(math.ceil(width / pitch - 1e-9), 2)
-    if count > _MOST_COLUMNS:
+    if count > _MAX_COLUMNS:
         raise InputError(
             f"finger {finger.name}: a face of {width:g} mm has {count} columns {pitch:g} mm apart; "
-            f"an emulated array has at most {_MOST_COLUMNS}: raise array.pitch_mm"
+            f"an emulated array has at most {_MAX_COLUMNS}: raise array.pitch_mm"
         )
-    columns = _evenly(count, width / count)
+    columns = _even_places(count, width / count)
     row_pitch_mm = max(_PAD_ROW_PITCH_MM, (finger.tip.length_mm or 0.0) / _PAD_ROWS)
-    return _described(finger, seed, _COUNTS_PER_N, columns, (_PAD_ROWS, row_pitch_mm))
+    return _flat_description(finger, seed, _COUNTS_PER_N, columns, (_PAD_ROWS, row_pitch_mm))
 
 
-def _evenly(count: int, pitch: float) -> tuple[float, ...]:
+def _even_places(count: int, pitch: float) -> tuple[float, ...]:
     """So many places, so far apart, around 0."""
     return tuple((k - (count - 1) / 2) * pitch for k in range(count))
 
 
-def _described(
+def _flat_description(
     finger: FingerConfig, seed: int, per_n: float, columns: tuple[float, ...], rows: tuple[int, float]
 ) -> Description:
     """An emulated array that is flat; `rows`: how many, and how far apart (mm)."""

@@ -1,8 +1,8 @@
-"""What an emulated part really weighs and stands on: drawn within what `[emulation.part]` allows.
+"""Hidden truth of an emulated part: its weight and support, drawn within what `[emulation.part]` allows.
 
-The centre of mass is that of the state's sections, as of one material. On its whole base the part stands as a
-stiff body on an elastic foundation that cannot pull: the pressure grows linearly with the place, so that it
-balances about the centre of mass.
+The centre of mass is that of the state's sections, as of one material. On its whole base the part stands as
+a stiff body on an elastic foundation that cannot pull: the pressure grows linearly with the place, so that
+it balances about the centre of mass.
 """
 
 import math
@@ -13,22 +13,18 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.base.optional_imports import needed
-from palpate.config.emulated_part import EmulatedPartConfig, Range
-from palpate.drivers.emulators.part import Part, StillPart
-from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
-from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
+from palpate.base.optional_imports import import_extra
+from palpate.config.emulation import EmulatedPartConfig, Range
+from palpate.drivers.emulators import GRAVITY_M_S2, FrictionSupport, Part, QuasiStaticPart, StillPart
 from palpate.rig.emulated.scene import Placement, shape_of
 
-__all__ = ["PartTruth", "draw_part", "part_of", "support_of"]
-
-_POINTS = 100  # on a whole base
-_ENGINE_POINTS = 25  # for MuJoCo, which takes its time for each
-_FEWEST_ACROSS = 4
-_TRIES = 3000
-_LEAST_SHARE = 0.3  # of what a foot bears on average
-_LEAST_MM = 2.0  # across the feet: on less, feet that yield by 0.1 mm let a part of 20 mm fall over
-_LEAST_MARGIN = 0.3  # of the way from under the centre of mass to the base's edge
+_SUPPORT_POINTS = 100  # on a whole base
+_MUJOCO_SUPPORT_POINTS = 25  # for MuJoCo, which takes its time for each
+_MIN_POINTS_ACROSS = 4
+_MAX_DRAWS = 3000
+_MIN_FOOT_SHARE = 0.3  # of what a foot bears on average
+_MIN_FEET_SPREAD_MM = 2.0  # across the feet: on less, feet that yield by 0.1 mm let a part of 20 mm fall over
+_MIN_MARGIN_SHARE = 0.3  # of the way from under the centre of mass to the base's edge
 
 
 @dataclass(frozen=True)
@@ -53,9 +49,9 @@ def draw_part(config: EmulatedPartConfig | None, placement: Placement | None, se
     if config is None:
         return None
     rng = np.random.default_rng([seed, 6])
-    mass = _drawn(config.mass_kg, rng.uniform(), logarithmic=True)
-    friction = _drawn(config.friction, rng.uniform())
-    tip_friction = _drawn(config.tip_friction, rng.uniform())
+    mass = _draw(config.mass_kg, rng.uniform(), logarithmic=True)
+    friction = _draw(config.friction, rng.uniform())
+    tip_friction = _draw(config.tip_friction, rng.uniform())
     return PartTruth(
         config.engine,
         (placement and placement.mass_kg) or mass,
@@ -66,7 +62,7 @@ def draw_part(config: EmulatedPartConfig | None, placement: Placement | None, se
     )
 
 
-def _drawn(value: float | Range, share: float, *, logarithmic: bool = False) -> float:
+def _draw(value: float | Range, share: float, *, logarithmic: bool = False) -> float:
     if not isinstance(value, tuple):
         return value
     lo, hi = value
@@ -83,17 +79,17 @@ def part_of(truth: PartTruth, placement: Placement) -> Part:
     support = support_of(truth, placement)
     if truth.engine == "quasi-static":
         return QuasiStaticPart(support)
-    needed("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
-    from palpate.drivers.emulators.mujoco_part import Body, MujocoPart  # noqa: PLC0415  # an extra
+    import_extra("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
+    from palpate.drivers.emulators.mujoco_part import MassDistribution, MujocoPart  # noqa: PLC0415  # an extra
 
     centre, height = _centre_of_mass(placement)
     low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
     x, y = (high - low).tolist()
     extent = (x, y, placement.state.top_mm)
-    return MujocoPart(support, Body((float(centre[0]), float(centre[1])), height, extent))
+    return MujocoPart(support, MassDistribution((float(centre[0]), float(centre[1])), height, extent))
 
 
-def support_of(truth: PartTruth, placement: Placement) -> Support:
+def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:
     """Points on which the part stands, with loads that balance about its centre of mass."""
     base = shape_of(placement, placement.state.sections[0])
     centre, _ = _centre_of_mass(placement)
@@ -107,9 +103,9 @@ def support_of(truth: PartTruth, placement: Placement) -> Support:
     if truth.feet:
         feet, share = _feet(base, centre, margin, truth.feet, np.random.default_rng(truth.seed))
     else:
-        feet = _grid(base, _ENGINE_POINTS if truth.engine == "mujoco" else _POINTS)
+        feet = _grid(base, _MUJOCO_SUPPORT_POINTS if truth.engine == "mujoco" else _SUPPORT_POINTS)
         feet, share = _without_pull(feet, centre)
-    return Support(feet, share, truth.mass_kg, truth.friction)
+    return FrictionSupport(feet, share, truth.mass_kg, truth.friction)
 
 
 def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
@@ -132,7 +128,9 @@ def _grid(base: shapely.Geometry, count: int) -> Floats:
     """About `count` points (n, 2), spread evenly over the base in rows along its length."""
     corner, along, across = _box(base)
     pitch = math.sqrt(base.area / count)
-    rows, columns = (max(_FEWEST_ACROSS, round(float(np.hypot(*side)) / pitch)) for side in (across, along))
+    rows, columns = (
+        max(_MIN_POINTS_ACROSS, round(float(np.hypot(*side)) / pitch)) for side in (across, along)
+    )
     while True:
         u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
         points: Floats = corner + u.reshape(-1, 1) * along + v.reshape(-1, 1) * across
@@ -161,7 +159,7 @@ def _box(base: shapely.Geometry) -> tuple[Floats, Floats, Floats]:
 def _without_pull(points: Floats, centre: Floats) -> tuple[Floats, Floats]:
     """Those points that bear something, and what they bear (n,)."""
     while True:
-        share = _balanced(points, np.ones(len(points)), centre)
+        share = _balance_loads(points, np.ones(len(points)), centre)
         if share.min() >= 0:
             return points, share
         points = points[share > 0]
@@ -172,18 +170,19 @@ def _feet(
 ) -> tuple[Floats, Floats]:
     """Feet drawn in the base, none of them nearly free, with the centre of mass well between them."""
     low, high = np.array(shapely.bounds(base)).reshape(2, 2)
-    for _ in range(_TRIES):
+    for _ in range(_MAX_DRAWS):
         points = rng.uniform(low, high, (8 * count, 2))
         points = points[shapely.contains_xy(base, *points.T)][:count]
         load = rng.uniform(0.3, 1.0, count)
         if len(points) < count:
             continue
-        share = _balanced(points, load, centre)
+        share = _balance_loads(points, load, centre)
         hull = shapely.MultiPoint(points).convex_hull
         stands = (
-            _margin_mm(hull, centre) >= _LEAST_MARGIN * margin_mm and _spread_mm(points, share) >= _LEAST_MM
+            _margin_mm(hull, centre) >= _MIN_MARGIN_SHARE * margin_mm
+            and _spread_mm(points, share) >= _MIN_FEET_SPREAD_MM
         )
-        if share.min() >= _LEAST_SHARE / count and stands:
+        if share.min() >= _MIN_FOOT_SHARE / count and stands:
             return points, share
     raise InputError(
         f"emulation.part.feet: is {count}; the part would fall over on nearly any such feet; "
@@ -198,7 +197,7 @@ def _spread_mm(points: Floats, share: Floats) -> float:
     return math.sqrt(max(least, 0.0))
 
 
-def _balanced(points: Floats, load: Floats, centre: Floats) -> Floats:
+def _balance_loads(points: Floats, load: Floats, centre: Floats) -> Floats:
     """Loads (n,) that sum up to 1 and balance about `centre`: `load` times a linear function of the place."""
     lever = np.column_stack([np.ones(len(points)), points - centre])
     moments = lever.T @ (load[:, None] * lever)

@@ -1,10 +1,14 @@
-"""What lies on an emulated table: given by a scene file, or drawn from the catalogue by a seed.
+"""Scene: what lies on an emulated table, given by a file, drawn from the catalogue by a seed, or put there.
 
-Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so that
-the emulated bench shares no geometry with the recogniser.
+Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so
+that the emulated bench shares no geometry with the recogniser: beside a ball, each section is met by a
+circle of its own, and all sections are grown by what their circles have more than the least of those that
+stand out, so that one disc meets them all where the ball would. References of a calibration are put near
+where asked, never exactly, as by a person with a disc in the hand who tells nobody where.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,25 +16,101 @@ import shapely
 from shapely import affinity
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import ObjectModel, Section, State
+from palpate.base.geometry import Floats, ObjectModel, Section, State
+from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
-from palpate.drivers.emulators.part import Displacement
-from palpate.drivers.emulators.tip import PartSection
+from palpate.drivers.emulators import Bench, Displacement, PartSection
 from palpate.recognizer import Configuration
-from palpate.rig.emulated.ball_outline import outline_beside_ball
 
-__all__ = [
-    "Placement",
-    "draw_placement",
-    "moved",
-    "outline_at",
-    "placement_of",
-    "put_down",
-    "rings_of",
-    "shape_of",
-]
+_QUARTER_CHORDS = 48
+_MIN_RADIUS_MM = 1e-9
+_COVERED_MM = 1e-7
+_OWNER_TOLERANCE_MM = 2e-3  # more than an arc is off its chords
+_PATCH_MM = 1.0  # the skin is touched so far above and below
 
-_PUT_DOWN = 50  # times, until a part lies inside the workspace
+
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """A section beside a ball: the circle that meets it, and at which height; what of it the skin touches."""
+
+    shape: shapely.Geometry
+    circle_mm: float
+    z_mm: tuple[float, float]
+
+
+def outline_beside_ball(
+    sections: Sequence[tuple[tuple[float, float], shapely.Geometry]],
+    height_mm: float,
+    radius_mm: float,
+    top_mm: float,
+) -> PartSection | None:
+    """Edges for a disc, its radius with them, that stops where a ball at a height does; None for nothing.
+
+    `sections`: from which height to which, and in W.
+    """
+    beside = _standing_out(
+        [found for item in sections if (found := _section_beside(*item, height_mm, radius_mm))]
+    )
+    if not beside:
+        return None
+    least = min(item.circle_mm for item in beside)
+    grown = [_dilate(item.shape, item.circle_mm - least) for item in beside]
+    rings = [
+        np.asarray(ring.coords)[:-1]
+        for part in shapely.get_parts(shapely.union_all(grown))
+        if part.geom_type == "Polygon"
+        for ring in (part.exterior, *part.interiors)
+    ]
+    rings = [ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _MIN_RADIUS_MM] for ring in rings]
+    start = np.vstack(rings)
+    end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
+    owner = _owners(grown, (start + end) / 2)
+    upright = np.array([item.circle_mm / radius_mm for item in beside])[owner]
+    return PartSection(
+        start, end, top_mm, np.array([item.z_mm for item in beside])[owner], least, np.minimum(upright, 1.0)
+    )
+
+
+def _section_beside(
+    z_mm: tuple[float, float], shape: shapely.Geometry, height_mm: float, radius_mm: float
+) -> _Beside | None:
+    """A section as the ball meets it, at the height nearest to its equator; None above it and below."""
+    at = min(max(height_mm, z_mm[0]), z_mm[1])
+    if abs(at - height_mm) >= radius_mm:
+        return None
+    circle = math.sqrt(radius_mm**2 - (at - height_mm) ** 2)
+    return _Beside(shape, circle, (max(at - _PATCH_MM, z_mm[0]), min(at + _PATCH_MM, z_mm[1])))
+
+
+def _standing_out(beside: list[_Beside]) -> list[_Beside]:
+    """Without those that the ball never comes to: others, grown by their circles, cover all of them."""
+    kept = sorted(beside, key=lambda item: item.circle_mm)
+    whole = {id(item): _dilate(item.shape, item.circle_mm) for item in kept}
+    for item in list(kept):
+        others = [whole[id(other)] for other in kept if other is not item]
+        if others and shapely.union_all(others).buffer(_COVERED_MM).covers(whole[id(item)]):
+            kept.remove(item)
+    return kept
+
+
+def _dilate(shape: shapely.Geometry, by_mm: float) -> shapely.Geometry:
+    """A shape and all within a distance: of triangles, as a buffer may smooth what is not convex."""
+    if by_mm <= _MIN_RADIUS_MM:
+        return shape
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
+    return shapely.union_all(shapely.buffer(triangles, by_mm, quad_segs=_QUARTER_CHORDS))
+
+
+def _owners(grown: Sequence[shapely.Geometry], middle: Floats) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Which of the shapes each place (n, 2) is on the outline of: the nearest, of equal ones the last."""
+    points = shapely.points(middle)
+    away = np.array([shapely.distance(shapely.boundary(shape), points) for shape in grown])
+    away = np.where(away < _OWNER_TOLERANCE_MM, 0.0, away)
+    found: np.ndarray[tuple[int], np.dtype[np.int64]] = len(grown) - 1 - np.argmin(away[::-1], axis=0)
+    return found
+
+
+_MAX_PLACING_TRIES = 50  # times, until a part lies inside the workspace
 _SAME_PLACE_MM = 1e-9
 _ON_EDGE_MM = 1e-6
 
@@ -62,12 +142,12 @@ def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
     models = {model.name: model for model in objects.objects}
     model = models.get(scene.object)
     if model is None:
-        raise InputError(f'scene: no object "{scene.object}"; there are {_listed(models)}')
+        raise InputError(f'scene: no object "{scene.object}"; there are {_name_list(models)}')
     states = {state.name: state for state in model.states}
     name = scene.state or (model.states[0].name if len(model.states) == 1 else "")
     if name not in states:
         what = f'no state "{scene.state}"' if scene.state else "give the state"
-        raise InputError(f'scene: object "{scene.object}": {what}; there are {_listed(states)}')
+        raise InputError(f'scene: object "{scene.object}": {what}; there are {_name_list(states)}')
     at = scene.x_mm, scene.y_mm, scene.theta_rad
     return Placement(model, states[name], *at, scene.mass_kg, scene.friction)
 
@@ -94,8 +174,8 @@ def put_down(
     it was put first.
     """
     first = None
-    for _ in range(_PUT_DOWN):
-        lies = _lies_anywhere(model, state, radius_mm, rng)
+    for _ in range(_MAX_PLACING_TRIES):
+        lies = _draw_pose(model, state, radius_mm, rng)
         first = first or lies
         if all(_furthest_mm(lies, section) <= workspace_mm for section in state.sections):
             return lies
@@ -103,7 +183,7 @@ def put_down(
     return first
 
 
-def _lies_anywhere(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
+def _draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
     theta = float(rng.uniform(-math.pi, math.pi))
     away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     centre = affinity.rotate(_shape(state.sections[0]), theta, origin=(0, 0), use_radians=True).centroid
@@ -184,7 +264,7 @@ def shape_of(placement: Placement, section: Section) -> shapely.Geometry:
     return affinity.translate(turned, placement.x_mm, placement.y_mm)
 
 
-def moved(placement: Placement, displacement: Displacement) -> Placement:
+def displace(placement: Placement, displacement: Displacement) -> Placement:
     """Where the object is after a displacement; the same value if there was none."""
     if displacement.is_none:
         return placement
@@ -196,6 +276,50 @@ def _shape(section: Section) -> shapely.Geometry:
     return shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
 
 
-def _listed(names: object) -> str:
+def _name_list(names: object) -> str:
     every = sorted(str(name) for name in names)  # type: ignore[attr-defined]
     return ", ".join(every[:12]) + (f" and {len(every) - 12} more" if len(every) > 12 else "")
+
+
+_PLACING_ERROR_MM = 8.0
+_DISC_FACETS = 180  # a rim that is 0.002 mm off
+_REFERENCE_HEIGHT_MM = 40.0
+
+
+class ReferencePlacer:
+    """Puts references within 8 mm of where they should be, turned as it happens to be."""
+
+    def __init__(self, bench: Bench, seed: int) -> None:
+        self._bench = bench
+        self._rng = np.random.default_rng([seed, 5])
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        """Put it there, alone."""
+        x, y = np.asarray(about_mm) + self._rng.uniform(-_PLACING_ERROR_MM, _PLACING_ERROR_MM, 2) / math.sqrt(
+            2
+        )
+        self._lay(
+            reference_outline(reference, float(x), float(y), float(self._rng.uniform(-math.pi, math.pi)))
+        )
+
+    def clear(self) -> None:
+        """Take it away."""
+        self._lay(None)
+
+    def _lay(self, outline: PartSection | None) -> None:
+        self._bench.put(lambda *_: outline)
+
+
+def reference_outline(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> PartSection:
+    """Edges of a reference in W; a disc's facets lie half within it, half outside."""
+    if isinstance(reference, ReferenceDisc):
+        angles = np.arange(_DISC_FACETS) * 2 * math.pi / _DISC_FACETS
+        radius = reference.radius_mm * (1 + (math.pi / _DISC_FACETS) ** 2 / 3)
+        corners = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    elif isinstance(reference, ReferencePlate):
+        corners = reference.corners_mm
+    else:
+        raise TypeError(f"{reference.name} cannot be emulated")
+    c, s = math.cos(theta_rad), math.sin(theta_rad)
+    start = corners @ np.array([[c, s], [-s, c]]) + [x_mm, y_mm]
+    return PartSection(start, np.roll(start, -1, axis=0), _REFERENCE_HEIGHT_MM)

@@ -1,19 +1,32 @@
-"""The first grips, before there is anything to plan with: towards the table's middle, or what was felt."""
+"""Exploring grips, before there is anything to plan with, and the space that they leave unswept.
+
+The first ones go towards the table's middle, or what was touched. A part that lies inside the workspace has
+room for a disc inside of its section, and where a tip has passed no such disc can be. So what is kept of
+misses is where the disc's centre may be: the workspace, less all misses grown by tip and disc. The next
+grip frees most of that; nothing left: no part there.
+"""
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
-from palpate.base.geometry import Floats
-from palpate.recognizer import Contact, FingerApproach, already_used
-from palpate.recognizer.rays import approach_lines, offset_from_lines
+from palpate.base.geometry import Floats, Section, State
+from palpate.recognizer import (
+    Approach,
+    Catalogue,
+    Contact,
+    Finger,
+    FingerApproach,
+    approach_lines,
+    offset_from_lines,
+    used_approaches,
+)
 from palpate.rig.reach.approaches import Reach
 
-__all__ = ["exploring_grip", "outside_fast"]
-
-_APART_MM = 6.0  # approaches keep this far from earlier ones of the same finger
+_MIN_SPACING_MM = 6.0  # approaches keep this far from earlier ones of the same finger
 _INWARD_MM = 6.0
 
 
@@ -22,22 +35,22 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerAppr
 
     None that passes too near to an earlier one of that finger is taken.
     """
-    target = _target(contacts)
-    used = already_used(contacts, reach.approaches)
+    target = _exploration_target(contacts)
+    used = used_approaches(contacts, reach.approaches)
     grip = []
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
         start, angle = approach_lines([reach.approaches[k] for k in own])
         offset = dict(zip(own, offset_from_lines(start, angle, target).tolist(), strict=True))
         taken = [offset[k] for k in own if used[k]]
-        free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]
+        free = [k for k in own if all(abs(offset[k] - other) >= _MIN_SPACING_MM for other in taken)]
         if free:
             _, best = min((abs(offset[k]), k) for k in free)
             grip.append(reach.approaches[best])
     return grip
 
 
-def outside_fast(approach: FingerApproach, workspace_radius_mm: float) -> FingerApproach:
+def fast_to_workspace(approach: FingerApproach, workspace_radius_mm: float) -> FingerApproach:
     """The approach, fast as far as the tip is certainly outside of the workspace."""
     (x, y), angle = approach.start_mm, approach.direction_rad
     reach = workspace_radius_mm + approach.finger.tip_radius_mm + approach.position_bound_mm
@@ -47,7 +60,7 @@ def outside_fast(approach: FingerApproach, workspace_radius_mm: float) -> Finger
     return replace(approach, fast_mm=min(max(along - inside, 0.0), approach.travel_mm))
 
 
-def _target(contacts: Sequence[Contact]) -> Floats:
+def _exploration_target(contacts: Sequence[Contact]) -> Floats:
     """A little inside of what was touched; the table's middle if nothing was."""
     inward = []
     for contact in contacts:
@@ -58,3 +71,135 @@ def _target(contacts: Sequence[Contact]) -> Floats:
             )
     result: Floats = np.mean(inward, axis=0) if inward else np.zeros(2)
     return result
+
+
+_DISC_TOLERANCE_MM = 0.1
+_CHORDS_PER_QUARTER = 32  # in a quarter
+
+TipSpan = tuple[float, float]
+"""Heights (from, to) of a tip's ends, mm."""
+
+
+@dataclass(frozen=True)
+class InscribedDisc:
+    """A disc that fits inside of what one tip can meet of each of these states (indices).
+
+    The radius is negative if a state is so thin that its tolerance leaves nothing for certain, or a ball
+    meets it by a circle that is so small.
+    """
+
+    radius_mm: float
+    states: frozenset[int]
+
+
+def inscribed_discs(catalogue: Catalogue, fingers: Iterable[Finger]) -> dict[TipSpan, InscribedDisc]:
+    """The largest such disc beside each tip, by its ends' heights; without tips beside which nothing is."""
+    found: dict[TipSpan, InscribedDisc] = {}
+    for finger in sorted(set(fingers)):
+        inscribed = [_inscribed_mm(item.state, finger) for item in catalogue.states]
+        met = {
+            index: radius - catalogue.states[index].tolerance_mm
+            for index, radius in enumerate(inscribed)
+            if radius is not None
+        }
+        if met:
+            before = found.get(finger.span_mm)
+            least = min([*met.values(), *([] if before is None else [before.radius_mm])])
+            states = frozenset(met) if before is None else before.states & frozenset(met)
+            found[finger.span_mm] = InscribedDisc(least, states)
+    return found
+
+
+def unswept_places(
+    contacts: Sequence[Contact], discs: Mapping[TipSpan, InscribedDisc], workspace_radius_mm: float
+) -> dict[TipSpan, shapely.Geometry]:
+    """Where in W the centre of each tip's disc may be after misses; everything else is certainly free."""
+    around = 1 / math.cos(
+        math.pi / (4 * _CHORDS_PER_QUARTER)
+    )  # chords of the workspace's rim must not cut it short
+    left = {}
+    for span, disc in discs.items():
+        room = shapely.Point(0, 0).buffer(
+            max(workspace_radius_mm - disc.radius_mm, 0.0) * around, _CHORDS_PER_QUARTER
+        )
+        swept = [_corridor(contact, disc) for contact in contacts if contact.finger.span_mm == span]
+        left[span] = room.difference(shapely.union_all(swept))
+    return left
+
+
+def is_swept(left: Mapping[TipSpan, shapely.Geometry], discs: Mapping[TipSpan, InscribedDisc]) -> bool:
+    """Whether no state that some finger can feel lies inside the workspace."""
+    felt = frozenset().union(*(disc.states for disc in discs.values()))
+    excluded = frozenset().union(*(discs[span].states for span, place in left.items() if place.is_empty))
+    return bool(felt) and felt == excluded
+
+
+def sweeping_grip(
+    reach: Reach,
+    contacts: Sequence[Contact],
+    left: Mapping[TipSpan, shapely.Geometry],
+    discs: Mapping[TipSpan, InscribedDisc],
+) -> list[FingerApproach]:
+    """For each finger the unused approach that would free most of the places.
+
+    Fingers that would free nothing stay where they wait.
+    """
+    remaining, grip = dict(left), []
+    used = used_approaches(contacts, reach.approaches)
+    for finger_index in sorted({item.finger_index for item in reach.approaches}):
+        own = reach.of_finger(finger_index, reach.middle_rad)
+        approaches = [reach.approaches[index] for index in own if not used[index]]
+        if not approaches or approaches[0].finger.span_mm not in discs:
+            continue
+        span = approaches[0].finger.span_mm
+        corridors = np.array([_planned_corridor(item, discs[span]) for item in approaches])
+        freed = shapely.area(shapely.intersection(remaining[span], corridors))
+        best = int(np.argmax(freed))
+        if freed[best] > 0:
+            remaining[span] = remaining[span].difference(corridors[best])
+            grip.append(approaches[best])
+    return grip
+
+
+def _corridor(contact: Contact, disc: InscribedDisc) -> shapely.Geometry:
+    """Where the disc's centre cannot be, because the tip passed."""
+    free_mm = contact.finger.tip_radius_mm - contact.free_path_bound_mm
+    if contact.touched or free_mm + disc.radius_mm <= 0:
+        return shapely.Polygon()
+    return shapely.LineString([contact.start_mm, contact.end_mm]).buffer(
+        free_mm + disc.radius_mm, _CHORDS_PER_QUARTER
+    )
+
+
+def _planned_corridor(approach: Approach, disc: InscribedDisc) -> shapely.Geometry:
+    """What `_corridor` will be if the finger goes all the way and touches nothing."""
+    (x, y), angle = approach.start_mm, approach.direction_rad
+    end = (x + approach.travel_mm * math.cos(angle), y + approach.travel_mm * math.sin(angle))
+    miss = Contact("", approach.finger, False, approach.start_mm, end, approach.position_bound_mm)
+    return _corridor(miss, disc)
+
+
+def _inscribed_mm(state: State, finger: Finger) -> float | None:
+    """Radius of a disc that fits inside of what a tip can meet; None if there is nothing.
+
+    Beside a ball it is less by what the ball's circle there has less than the ball.
+    """
+    met = state.sections_within(finger.span_mm)
+    if not finger.is_ball:
+        return _inscribed_in_mm(met)
+    found = []
+    for section in met:
+        circle, inside = finger.radius_beside_mm(section.z_mm), _inscribed_in_mm([section])
+        if circle > 0 and inside is not None:
+            found.append(inside + circle - finger.tip_radius_mm)
+    return max(found, default=None)
+
+
+def _inscribed_in_mm(sections: Sequence[Section]) -> float | None:
+    polygons = [p for section in sections for p in section.polygons]
+    region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in polygons])
+    if region.is_empty:
+        return None
+    # The circle that is found lies inside for certain, and is at most the tolerance smaller than the largest.
+    radius = float(shapely.length(shapely.maximum_inscribed_circle(region, _DISC_TOLERANCE_MM)))
+    return radius if radius > 0 else None

@@ -21,7 +21,7 @@ from palpate.recognizer import (
     Recognition,
     Resolution,
     StrangerEvidence,
-    carried_by,
+    contact_after_motion,
     detectable_shift_mm,
     predict,
     recognise,
@@ -29,11 +29,9 @@ from palpate.recognizer import (
     stranger_terms,
 )
 
-__all__ = ["GripEvidence", "normal_halves_rad", "paths_of"]
-
-_FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
-_LEAST_GAIN = 0.1
-_FURTHER_MM = 50.0  # than a finger got: it might have been stopped there
+_MIN_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
+_MIN_GAIN_SHARE = 0.1
+_PATH_EXTENSION_MM = 50.0  # than a finger got: it might have been stopped there
 
 
 @dataclass
@@ -81,9 +79,11 @@ class GripEvidence:
             return self._compare(before, moved, self.recognition, contacts, touches or contacts)
         if motion:
             states = np.arange(len(self.catalogue.states))
-            self.contacts = [carried_by(motion, self.catalogue, item, states) for item in self.contacts]
+            self.contacts = [
+                contact_after_motion(motion, self.catalogue, item, states) for item in self.contacts
+            ]
         self.contacts += contacts
-        if sum(contact.touched for contact in self.contacts) >= _FIRST_CONTACTS:
+        if sum(contact.touched for contact in self.contacts) >= _MIN_CONTACTS:
             self.recognition = recognise(self.catalogue, self.contacts, budget=self.budget)
             self.strangers = StrangerEvidence.none()
         return []
@@ -123,7 +123,7 @@ class GripEvidence:
         fewer = len(after.hypotheses) < len(before.hypotheses)
         # What a part may have moved widens bounds again: gained is what was never as narrow.
         best, new = self.narrowest or _extent(before), _extent(after)
-        narrower = any(now < (1 - _LEAST_GAIN) * least for least, now in zip(best, new, strict=True))
+        narrower = any(now < (1 - _MIN_GAIN_SHARE) * least for least, now in zip(best, new, strict=True))
         self.narrowest = new if fewer else (min(best[0], new[0]), min(best[1], new[1]))
         self.idle = 0 if fewer or narrower else self.idle + len(touches)
         self.predicted += sum(touch.touched for touch in touches)
@@ -147,7 +147,7 @@ def paths_of(contacts: Sequence[Contact]) -> list[Approach]:
             contact.finger,
             contact.start_mm,
             contact.direction_rad,
-            contact.travel_mm + _FURTHER_MM,
+            contact.travel_mm + _PATH_EXTENSION_MM,
             contact.free_path_bound_mm,
         )
         for contact in contacts

@@ -1,12 +1,13 @@
-"""The loop from an untouched table to a verdict: grip, recognise, choose the next grip, grip again.
+"""Search loop from an untouched table to a verdict: grip, recognise, choose the next grip, grip again.
 
 Joins hand, recogniser and planner. It ends in every case: identified, indistinguishable (no reachable
 approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict each
 other, again and again, though each can be explained by itself), or unresolved after the rig's `max_grips`.
 An answer is only given after some touches that it predicted: bounds prove which of the catalogue's objects
-it is, but not that it is one of these. If a grip contradicts the earlier ones, the part may have been moved;
-the search then begins again with that grip. Where the rig file or an object says what force parts bear, what
-the fingers may have moved them by is bounded and taken into account (`motion_bounds`).
+it is, but not that it is one of these. If a grip contradicts the earlier ones, the part may have been
+moved; the search then begins again with that grip. Where the rig file or an object says what force parts
+bear, what the fingers may have moved them by is bounded and taken into account (`motion_bounds`). A rig of
+which too little is known to tell parts apart is refused beforehand.
 """
 
 import math
@@ -17,9 +18,11 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Ints
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import RigFile
+from palpate.drivers.kinematics import Line
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -29,14 +32,22 @@ from palpate.recognizer import (
     Motion,
     Recognition,
     Resolution,
-    felt_in_motion,
+    contact_in_motion,
     is_explained,
 )
-from palpate.rig.conversion import finger_of
-from palpate.rig.identification.exploration import exploring_grip, outside_fast
+from palpate.rig.conversion import finger_of, kinematics_of, tip_bound_mm
+from palpate.rig.identification.exploration import (
+    InscribedDisc,
+    exploring_grip,
+    fast_to_workspace,
+    inscribed_discs,
+    is_swept,
+    sweeping_grip,
+    unswept_places,
+)
+from palpate.rig.identification.grip_choice import GripChooser, StabilityTable
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
-from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.observers import (
     MoveEvent,
     Observers,
@@ -45,20 +56,18 @@ from palpate.rig.identification.observers import (
     StageEvent,
     TouchEvent,
 )
-from palpate.rig.identification.stability_table import StabilityTable
-from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.touch import Touch
+from palpate.rig.pads import has_pads
 from palpate.rig.reach.approaches import Reach, reach_of
-
-__all__ = ["GripExecutor", "Identification", "PushTables", "identify", "search"]
 
 GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
 """Carries out a grip and reports its stages."""
 
-_MOST_MOVES = 1
-_MORE_LIGHTLY = 0.5  # of the touch speed, once the part has moved
-_FURTHEST_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
+_MAX_MOVES = 1
+_LIGHTER_SPEED_SHARE = 0.5  # of the touch speed, once the part has moved
+_MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +179,10 @@ class _Search:
             self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
             self._begin_again(None)
             recognition = self._evidence.recognition
-        if len(self._moved_before) > _MOST_MOVES:
+        if len(self._moved_before) > _MAX_MOVES:
             return IdentificationVerdict.MOVING, ()
         if recognition is None:
-            grip = [outside_fast(item, self._rig.workspace.radius_mm) for item in self._explore()]
+            grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
         choice = self._chooser.choose(self._evidence, recognition)
         if choice.grip is None:
@@ -188,7 +197,7 @@ class _Search:
         contacts = self._evidence.contacts
         if not contacts or any(contact.touched for contact in contacts):
             return exploring_grip(self._reach, contacts)
-        left = places_left(contacts, self._discs, self._rig.workspace.radius_mm)
+        left = unswept_places(contacts, self._discs, self._rig.workspace.radius_mm)
         self._swept = is_swept(left, self._discs)
         if self._swept:
             return []
@@ -198,9 +207,9 @@ class _Search:
         )
 
     @cached_property
-    def _discs(self) -> dict[tuple[float, float], Disc]:
+    def _discs(self) -> dict[tuple[float, float], InscribedDisc]:
         """What fits into every state of the catalogue, beside the fingers' tips."""
-        return discs_at(self._catalogue, {finger_of(finger) for finger in self._rig.fingers})
+        return inscribed_discs(self._catalogue, {finger_of(finger) for finger in self._rig.fingers})
 
     def _last_verdict(self) -> IdentificationVerdict:
         """Verdict when no further grip may be made."""
@@ -210,7 +219,7 @@ class _Search:
         if recognition.verdict is RecognitionVerdict.NONE:
             moved = self._may_have_moved()
             return IdentificationVerdict.UNRESOLVED if moved else IdentificationVerdict.UNKNOWN
-        if len(self._moved_before) > _MOST_MOVES:
+        if len(self._moved_before) > _MAX_MOVES:
             return IdentificationVerdict.MOVING
         answer = self._chooser.answer(recognition)
         confirmed = answer is not None and self._chooser.is_confirmed(self._evidence)
@@ -243,7 +252,7 @@ class _Search:
 
     def _touch_mm_s(self) -> float:
         """How fast the next grip may meet the part."""
-        closing, lighter = self._rig.closing, _MORE_LIGHTLY if self._moved_before else 1.0
+        closing, lighter = self._rig.closing, _LIGHTER_SPEED_SHARE if self._moved_before else 1.0
         if (
             self._evidence.recognition is None
         ):  # ways are long, and hardly anything is known that it may spoil
@@ -257,7 +266,7 @@ class _Search:
     def _felt(self, contacts: Sequence[Contact]) -> list[Contact]:
         """Some of the last grip, of the part as it lay when they were measured."""
         before, states = self._motions[-1].before, self._states()
-        return [felt_in_motion(before, self._catalogue, contact, states) for contact in contacts]
+        return [contact_in_motion(before, self._catalogue, contact, states) for contact in contacts]
 
     def _understand(self) -> None:
         """Add the last grip to the evidence; alone, if there is no saying where the part was before."""
@@ -286,7 +295,7 @@ class _Search:
         return np.unique(recognition.interpretations.state)
 
     def _is_bounded(self, motion: Motion) -> bool:
-        return motion.furthest_mm(self._catalogue, self._states()) <= _FURTHEST_MM
+        return motion.furthest_mm(self._catalogue, self._states()) <= _MAX_CARRIED_MOTION_MM
 
     def _final_recognition(self) -> Recognition | None:
         """What is known of the part as it lies when the fingers have left; None if it may be anywhere."""
@@ -335,3 +344,32 @@ def search(
     pushes = pushes or PushTables.of(rig, catalogue)
     chooser = GripChooser(rig, reach, strategy, rng, feels, {catalogue: pushes.stability})
     return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds).run()
+
+
+def check_accuracy(rig: RigFile, file: str | None) -> None:
+    """Refuse a rig whose contacts may be further off than a tip's radius, or half a pad's width.
+
+    `file`: where it is described, None: only its name is known.
+
+    Nearly everything of a catalogue fits such contacts: the search would take minutes and find no answer.
+    Raises InputError that says what to do.
+    """
+    name = f'rig "{rig.name}"' if file is None else file
+    for finger in rig.fingers:
+        kinematics = kinematics_of(finger)
+        x, y = finger.base_mm
+        middle = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
+        off = kinematics.position_bound_mm(middle) + tip_bound_mm(finger)
+        if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
+            size = "half its pad's width" if finger.tip.is_pad else "its tip's radius"
+            remedy = (
+                "measure it more finely (docs/rig-file.md, Measuring a rig with pads), and narrow its bounds"
+                if has_pads(rig)
+                else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
+                "if they hold"
+            )
+            raise InputError(
+                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
+                f"than {size} ({finger.tip.radius_mm:g} mm): too little is known of this rig to identify "
+                f"parts; {remedy}"
+            )

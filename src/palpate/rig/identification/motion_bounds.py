@@ -1,8 +1,8 @@
 """Motion bounds of a grip: how far its touches can have moved the part, from the loads that were measured.
 
-See docs/recogniser.md, "A part that moves". Nothing slides while the forces on the part are too small for it;
-while they are not, friction at the table takes at least F for every mm of slide (`support`), so the slide is
-at most the work done on the part over F.
+See docs/recogniser.md, "A part that moves". Nothing slides while the forces on the part are too small for
+it; while they are not, friction at the table takes at least F for every mm of slide (`pushing_mechanics`),
+so the slide is at most the work done on the part over F.
 """
 
 import math
@@ -13,27 +13,111 @@ from typing import Self
 
 import numpy as np
 
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.config import FingerConfig, RigFile
-from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
-from palpate.recognizer import Catalogue, Contact, Motion, Recognition
-from palpate.recognizer.hypotheses import Hypotheses
+from palpate.drivers.tactile import ContactPatch, PatchFlag
+from palpate.recognizer import Catalogue, Contact, Hypotheses, Motion, Recognition
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.conversion import SHEAR_SHARE, measured_force_share
-from palpate.rig.identification.slide_bounds import Loads, slides_mm
-from palpate.rig.identification.stability import FRICTION_MOST
-from palpate.rig.identification.support import SupportTable, supports_of
-from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import HIDDEN_FACTOR, LoadTrace, friction_factor, friction_of
+from palpate.rig.identification.pushing_mechanics import MAX_TABLE_FRICTION, SupportTable, supports_of
 from palpate.rig.motion.guarded_approach import MEASURE_FRAMES
+from palpate.rig.motion.load_meter import HIDDEN_FACTOR, LoadTrace, friction_factor, tip_friction
+from palpate.rig.motion.touch import Touch
 
-__all__ = ["GripMotion", "MotionBounds"]
+_ROUNDING_SHARE = 1e-9
 
-_LIFTED = math.hypot(1.0, FRICTION_MOST)
+
+@dataclass(frozen=True, eq=False)
+class GripLoads:
+    """Upper bounds on what g fingers did in b periods of time, one after the other; all (g, b).
+
+    `at_contact_n`: force where its contact was measured; `anywhere_n`: elsewhere; `work_mj` by the finger;
+    `stored_mj` in its skin. `measured`: the period in which the contacts were measured. All of that holds as
+    long as the part has moved by `within_mm` at most: further, ways that were free may no longer be.
+    """
+
+    at_contact_n: Floats
+    anywhere_n: Floats
+    work_mj: Floats
+    stored_mj: Floats
+    measured: int
+    within_mm: float
+
+
+def slide_bounds_mm(table: SupportTable, loads: Sequence[GripLoads], leverages: Floats) -> Floats:
+    """Largest slide of n states (n, 3) before the measurement, after it, and in all.
+
+    `leverages` (n, g): of the contacts. Infinite where there are no `loads`, nothing for a part that is taken
+    to lie still.
+    """
+    found = np.where(np.isinf(table.holds_n)[:, None], 0.0, np.full((len(table), 3), np.inf))
+    left = np.flatnonzero(np.isfinite(table.holds_n))
+    for item in loads:
+        found[left] = _slides_under(table.select(left), item, leverages[left])
+        left = left[found[left, 2] * table.leverage[left] > item.within_mm]
+    return found
+
+
+def _slides_under(table: SupportTable, loads: GripLoads, leverages: Floats) -> Floats:
+    push_n = (loads.at_contact_n + loads.anywhere_n).sum(axis=0)
+    # In all other periods, which are most, every part lies still.
+    least_n = np.min(table.holds_n / (table.leverage + table.carried), initial=np.inf)
+    periods = np.flatnonzero(push_n > least_n * (1 - _ROUNDING_SHARE))
+    pushed = _Pushed(
+        periods,
+        _may_slide(table, loads, leverages, periods),
+        loads.work_mj.sum(axis=0),
+        loads.stored_mj.sum(axis=0),
+    )
+    count, measured = len(push_n), loads.measured
+    before, after = pushed.dissipated_mj(0, measured), pushed.dissipated_mj(measured, count)
+    whole = np.minimum(pushed.dissipated_mj(0, count), before + after)
+    parts = np.stack([np.minimum(before, whole), np.minimum(after, whole), whole], axis=1)
+    result: Floats = parts / table.holds_n[:, None]
+    return result
+
+
+def _may_slide(table: SupportTable, loads: GripLoads, leverages: Floats, periods: Ints) -> Bools:
+    """In which of some periods (p,) each state may slide, (n, p)."""
+    at_contact, holds = loads.at_contact_n[:, periods], table.holds_n[:, None]
+    elsewhere = loads.anywhere_n[:, periods].sum(axis=0)
+    push = at_contact.sum(axis=0) + elsewhere
+    pull = leverages @ at_contact + table.leverage[:, None] * elsewhere
+    pull += push * table.carried[:, None] * np.minimum(push / holds, 1.0)
+    result: Bools = pull > holds
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Pushed:
+    """States that may be `moving` (n, p) in some `periods` (p,), in order; of all periods (b,) what fingers
+    do, `work_mj`, and what their skin has stored, `stored_mj`.
+    """
+
+    periods: Ints
+    moving: Bools
+    work_mj: Floats
+    stored_mj: Floats
+
+    def dissipated_mj(self, begin: int, end: int) -> Floats:
+        """Most that friction at the table can have taken (n,) from one period to another.
+
+        While the part may move: what fingers do, and what their skin has stored when it begins to.
+        """
+        some = slice(*np.searchsorted(self.periods, [begin, end]))
+        periods, moving = self.periods[some], self.moving[:, some]
+        begins = moving.copy()
+        begins[:, 1:] &= ~(moving[:, :-1] & (np.diff(periods) == 1))
+        stored = self.stored_mj[np.maximum(periods - 1, 0)]
+        result: Floats = begins @ stored + moving @ self.work_mj[periods]
+        return result
+
+
+_BALL_LIFT_FACTOR = math.hypot(1.0, MAX_TABLE_FRICTION)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
-_THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
-_NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
+_SAME_PLACE_MM = 1.0  # from where it was measured, a finger presses on the same place
+_MAX_NUDGE_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +165,7 @@ class MotionBounds:
         if holds is None:
             return None
         peak = expected_peak_n(self.rig, self.rig.closing.search_mm_s)
-        peak *= max(friction_factor(friction_of(finger.tip)) for finger in self.rig.fingers)
+        peak *= max(friction_factor(tip_friction(finger.tip)) for finger in self.rig.fingers)
         leverage = float(self.supports.leverage[states].max())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
@@ -105,19 +189,22 @@ class MotionBounds:
         loads, table = self._loads(touches), self.supports
         anywhere = np.repeat(table.leverage[:, None], len(touches), axis=1)
         if recognition is None:
-            slides = slides_mm(table, loads, anywhere)
+            slides = slide_bounds_mm(table, loads, anywhere)
         else:
             contacts = [touch.contact for touch in touches]
-            slides = slides_mm(table, loads, _leverages(table, contacts, recognition, since))
-            nudged = np.flatnonzero(slides[:, 2] * table.leverage > _NUDGED_MM)
-            slides[nudged] = slides_mm(table.select(nudged), loads, anywhere[nudged])
+            slides = slide_bounds_mm(table, loads, _leverages(table, contacts, recognition, since))
+            nudged = np.flatnonzero(slides[:, 2] * table.leverage > _MAX_NUDGE_MM)
+            slides[nudged] = slide_bounds_mm(table.select(nudged), loads, anywhere[nudged])
         # A round part that is turned about its centre lies as before.
         round_ = [item.state.is_round for item in self.catalogue.states]
         turn = np.where(round_, 0.0, table.turn_rad_per_mm)
-        before, after, whole = (Motion(_times(slide, table.shift), _times(slide, turn)) for slide in slides.T)
+        before, after, whole = (
+            Motion(_multiply_sliding(slide, table.shift), _multiply_sliding(slide, turn))
+            for slide in slides.T
+        )
         return GripMotion(before, after, whole)
 
-    def _loads(self, touches: Sequence[Touch]) -> list[Loads]:
+    def _loads(self, touches: Sequence[Touch]) -> list[GripLoads]:
         """Loads of all fingers on one timeline; for motions that are larger and larger, the last for any.
 
         Empty if nothing is known of one of them.
@@ -126,7 +213,7 @@ class MotionBounds:
         known = [trace for trace in traces if trace is not None]
         if len(known) < len(traces) or not known:
             return []
-        unfelt = [_unfelt_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
+        unfelt = [_unsensed_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
         if math.inf in unfelt:
             return []
         period_s = 1 / self.rig.closing.sample_rate_hz
@@ -140,15 +227,15 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, within_mm, of, period_s, factor)
+                _finger_loads(finger, trace, within_mm, of, period_s, factor)
                 for finger, trace, of, factor in zip(fingers, known, periods, unfelt, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
-            found.append(Loads(at_contact, anywhere, work, stored, min(measured, count), within_mm))
+            found.append(GripLoads(at_contact, anywhere, work, stored, min(measured, count), within_mm))
         return found
 
 
-def _row(
+def _finger_loads(
     finger: FingerConfig,
     trace: LoadTrace,
     within_mm: float,
@@ -161,9 +248,9 @@ def _row(
     As long as the part has moved by `within_mm` at most, and forces are up to `unfelt_factor` what is read.
     """
     gain = max(1 / (1 - measured_force_share(finger)), unfelt_factor)
-    tip, friction = finger.tip, friction_of(finger.tip)
+    tip, friction = finger.tip, tip_friction(finger.tip)
     sheared = friction_factor(friction)
-    lifted = _LIFTED if tip.is_ball else 1.0
+    lifted = _BALL_LIFT_FACTOR if tip.is_ball else 1.0
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
@@ -176,7 +263,7 @@ def _row(
         late_s = trace.time_bound_s * np.array([[-1.0], [0.0], [1.0]])
         end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
         at_mm = np.interp(trace.time_s + late_s, trace.time_s, trace.travel_mm)
-        there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _THERE_MM).all(axis=0)
+        there = (trace.force_n > 0) & (np.abs(at_mm - end_mm) < _SAME_PLACE_MM).all(axis=0)
     free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
     doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
     hidden = np.where(free, 0.0, HIDDEN_FACTOR * trace.unnoticed_n)
@@ -196,7 +283,7 @@ def _row(
     return sheared * at_contact, sheared * anywhere, work, yields * normal**2 / 2
 
 
-def _unfelt_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
+def _unsensed_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
     """How many times what frames show may press where a finger touches, because taxels are left out there.
 
     By what the patch may bear at most, and by what frames showed when it was measured.
@@ -276,12 +363,14 @@ def _leverages(
     hypotheses = recognition.hypotheses
     point, within = _centres(table, hypotheses)
     off = np.hypot(*(table.centre_mm - recognition.catalogue.origins_mm).T)
-    drift_mm = np.zeros(len(off)) if since is None else since.shift_mm + _times(off, since.turn_rad)
+    drift_mm = (
+        np.zeros(len(off)) if since is None else since.shift_mm + _multiply_sliding(off, since.turn_rad)
+    )
     for k, at, unsure_mm in touched:
         furthest = np.full(len(off), -np.inf)
         np.maximum.at(furthest, hypotheses.state, np.hypot(*(at - point).T) + within)
         near = np.flatnonzero(np.isfinite(furthest) & np.isfinite(drift_mm))
-        result[near, k] = table.leverage_at(near, furthest[near] + unsure_mm + drift_mm[near] + _NUDGED_MM)
+        result[near, k] = table.leverage_at(near, furthest[near] + unsure_mm + drift_mm[near] + _MAX_NUDGE_MM)
     return result
 
 
@@ -308,7 +397,7 @@ def _touched_point(contact: Contact) -> tuple[Floats, float]:
     return at, radius * half + unsure + contact.position_bound_mm
 
 
-def _times(slide: Floats, per_mm: Floats) -> Floats:
+def _multiply_sliding(slide: Floats, per_mm: Floats) -> Floats:
     """Products; nothing for states that do not slide (a state that lies still has no factor)."""
     result: Floats = np.zeros_like(slide)
     np.multiply(slide, per_mm, out=result, where=slide > 0)

@@ -6,21 +6,11 @@ from types import TracebackType
 from typing import Self
 
 from palpate.base.errors import PalpateError
-from palpate.base.vocabulary.short_repr import ShortRepr
+from palpate.base.short_repr import ShortRepr
 from palpate.recognizer import Grip, Recognition
-from palpate.rig.background import BackgroundCall
-from palpate.rig.motion.guarded_approach import GripPhase, Touch
-
-__all__ = [
-    "Event",
-    "MoveEvent",
-    "Observer",
-    "Observers",
-    "PlanEvent",
-    "RecognitionEvent",
-    "StageEvent",
-    "TouchEvent",
-]
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.touch import Touch
+from palpate.rig.workers import BackgroundCall
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,14 +14,12 @@ from palpate.config.identification_result import (
     TouchRecordOut,
     TruthOut,
 )
-from palpate.config.results import UnfinishedOut
+from palpate.config.result_model import UnfinishedOut
 from palpate.recognizer import Configuration, Hypothesis, Recognition
-from palpate.rig.emulated.answer_error import Comparison, compare
+from palpate.rig.emulated.ground_truth import Comparison, compare_answer
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.grip_choice import NotBounded
 from palpate.rig.identification.loop import Identification
-from palpate.rig.identification.stability_table import NotBounded
-
-__all__ = ["hypotheses_of", "identification_out", "state_names"]
 
 
 def identification_out(
@@ -44,7 +42,7 @@ def identification_out(
     """
     hypotheses = hypotheses_of(result)
     first = hypotheses[0] if hypotheses else None
-    truth = None if placement is None else compare(placement, hypotheses)
+    truth = None if placement is None else compare_answer(placement, hypotheses)
     return IdentificationOut(
         verdict=result.outcome,
         object=first and first.state.object_name,

@@ -1,23 +1,88 @@
 """Guard over the tactile arrays that stream: too much force and silence end all motion.
 
-The hand looks through it wherever time passes with torque on, so that no motion can leave it out.
+The hand looks through it wherever time passes with torque on, so that no motion can leave it out. Frames
+come late, some later than others: an adapter or a hub holds them back. An array's own time stamps say how
+much: by how little any frame is behind its stamp shows how far the two clocks are apart at most; and that no
+frame was sampled before the stream was asked for, how far they are apart at least (`SampleTimes`).
 """
 
+import math
+from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from palpate.base.errors import SafetyStop
 from palpate.config import ClosingConfig
-from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
-from palpate.drivers.transport.clock import Clock
-from palpate.rig.host_finger import HostFinger
+from palpate.drivers.tactile import ArrayLost, TactileFrame
+from palpate.drivers.transport import Clock
+from palpate.rig.fingers import HostFinger
 from palpate.rig.motion.load_meter import LoadMeter
-from palpate.rig.motion.sample_times import SampleTimes
 
-__all__ = ["ArrayGuard", "ArrayReading"]
+_INITIAL_FRAMES = 48  # frames: fewer than a tare takes
+_SHORT_WINDOW_FRAMES = 128  # frames, in which no two clocks run apart by much
+_LONG_WINDOW_FRAMES = 1024  # frames, in which good clocks do not either
 
-_SILENT_S = 0.15
-_SILENT_FRAMES = 3  # that long at least, for slow arrays
+
+class SampleTimes:
+    """Bounds on when each frame of one stream was sampled.
+
+    They hold if among any 1024 frames one comes about as soon, but for a period, as the soonest of the first
+    48 did. A clock that is slow by a share r shifts them by r times the duration of 128 frames, one that is
+    fast by up to that of 1024.
+    """
+
+    def __init__(self, asked_s: float) -> None:
+        """`asked_s`: the instant (s, host's clock) before which the stream was not asked for."""
+        self._asked_s = asked_s
+        self._soonest, self._lately = (
+            _SlidingMinimum(_LONG_WINDOW_FRAMES),
+            _SlidingMinimum(_SHORT_WINDOW_FRAMES),
+        )
+        self._first = 0
+        self._apart_s = math.nan  # at least, at the first frame
+        self._delay_s = math.inf  # of the soonest frame, at most
+        self.spread_s = math.inf
+        """By how much a frame may be older than the latest instant at which it can have been sampled."""
+        self.sampled_s = -math.inf
+        """Up to when, at least, everything has been read that was sampled."""
+
+    def latest_s(self, frames: Sequence[TactileFrame]) -> list[float]:
+        """The latest instants at which frames (one or more) that come next can have been sampled."""
+        stamps = [frame.device_time_s for frame in frames]
+        if not self._first:
+            self._apart_s = self._asked_s - stamps[0]
+        for frame in frames:
+            behind = frame.host_time_s - frame.device_time_s
+            soonest, lately = self._soonest.add(behind), self._lately.add(behind)
+        if self._first < _INITIAL_FRAMES:
+            self._first += len(frames)
+            self._delay_s = max(soonest - self._apart_s, 0.0)
+        # Where the last few are all later than others before, delays have grown, or the clock is slow.
+        self.spread_s = self._delay_s + lately - soonest
+        self.sampled_s = max(self.sampled_s, stamps[-1] + lately - self.spread_s)
+        return [stamp + lately for stamp in stamps]
+
+
+class _SlidingMinimum:
+    """The least of the last `size` values: this is asked for at each look at an array."""
+
+    def __init__(self, size: int) -> None:
+        self._size, self._count = size, 0
+        self._left: deque[tuple[int, float]] = deque()  # that may be least yet, the oldest and least first
+
+    def add(self, value: float) -> float:
+        """Take one more; the least now."""
+        while self._left and self._left[-1][1] >= value:
+            self._left.pop()
+        self._left.append((self._count, value))
+        self._count += 1
+        if self._left[0][0] < self._count - self._size:
+            self._left.popleft()
+        return self._left[0][1]
+
+
+_MAX_SILENCE_S = 0.15
+_MAX_SILENCE_FRAMES = 3  # that long at least, for slow arrays
 
 
 class ArrayReading(NamedTuple):
@@ -27,7 +92,7 @@ class ArrayReading(NamedTuple):
     force_n: float
 
 
-_NOTHING = ArrayReading((), 0.0)
+_NO_READING = ArrayReading((), 0.0)
 
 
 class ArrayGuard:
@@ -74,16 +139,16 @@ class ArrayGuard:
 
     def reading(self, finger: HostFinger) -> ArrayReading:
         """What a finger's array has sent since `forget`."""
-        return self._readings.get(finger, _NOTHING)
+        return self._readings.get(finger, _NO_READING)
 
     def take(self, finger: HostFinger) -> ArrayReading:
         """Frames that were not taken before, up to now: for what belongs to a read just made."""
         felt = self._since(finger)
-        self._readings[finger] = _NOTHING
+        self._readings[finger] = _NO_READING
         return felt
 
     def _since(self, finger: HostFinger) -> ArrayReading:
-        before, now = self._readings.get(finger, _NOTHING), self._sensed(finger)
+        before, now = self._readings.get(finger, _NO_READING), self._sensed(finger)
         if not before.frames:
             return now if now.frames else before
         return ArrayReading((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
@@ -92,7 +157,7 @@ class ArrayGuard:
         frames, now = finger.array.frames(), self._clock.now()
         if not frames:
             self._check_heard(finger, now)
-            return _NOTHING
+            return _NO_READING
         self._heard_s[finger] = now
         if finger.extractor.follows:
             meter, begun_s = self.meters.get(finger), self._times[finger].sampled_s
@@ -132,7 +197,7 @@ class ArrayGuard:
             )
 
     def _check_heard(self, finger: HostFinger, now: float) -> None:
-        allowed = max(_SILENT_S, _SILENT_FRAMES / self._closing.sample_rate_hz)
+        allowed = max(_MAX_SILENCE_S, _MAX_SILENCE_FRAMES / self._closing.sample_rate_hz)
         if now - self._heard_s[finger] > allowed:
             raise ArrayLost(
                 finger.name,

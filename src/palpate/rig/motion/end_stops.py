@@ -1,59 +1,62 @@
-"""Motions of single joints for calibration: slides against their hard stops, aims to and fro.
+"""End stops: slides driven against their hard stops, and aims turned to and fro, with nothing on the table.
 
-Nothing lies on the table.
+Calibration measures slides and aims so. A run checks by its stops that no slide's horn has slipped on its
+shaft: a slide that has slipped looks like a part that lies elsewhere, which contacts alone do not show. Only
+slides of which the rig file knows the stops are looked at.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.drivers.dynamixel.guarded import End, Guard, ServoMover
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.slide_finger import SlideKinematics
+from palpate.config import SlideFingerConfig
+from palpate.drivers.dynamixel import Guard, MoveEnd, Servo, ServoMover
+from palpate.drivers.kinematics import TICK_RAD
+from palpate.drivers.slide_kinematics import SlideKinematics
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_SPEED_RAD_S, AIM_TOLERANCE_RAD
-from palpate.rig.host_finger import HostFinger
+from palpate.rig.fingers import HostFinger
 from palpate.rig.motion.finger_movers import ARRIVED_MM
 from palpate.rig.motion.guarded_approach import retract_all
 from palpate.rig.motion.hand import Hand
-
-__all__ = ["slide_of", "stall", "swing"]
+from palpate.rig.pads import has_pads
 
 _PERIOD_S = 0.01
-_STILL_MM = 0.03
-_STILL_S = 0.4
-_NEAR_MM = 6.0
-_PAST_MM = 4.0
-_PASSED_MM = 1.0
+_MOTION_THRESHOLD_MM = 0.03
+_STALL_S = 0.4
+_SLOW_ZONE_MM = 6.0
+_OVERTRAVEL_MM = 4.0
+_PASSED_TOLERANCE_MM = 1.0
 _SLOW_MM_S = 5.0
-_GENTLE = 0.6  # of the largest current
+_STALL_CURRENT_SHARE = 0.6  # of the largest current
 _SWING_RAD = 0.4  # of the aim's servo
 _SWING_RAD_S = 0.8
-_TURNING_RAD_S = 0.7  # so fast it turns without being hurried
+_MIN_TURNING_RAD_S = 0.7  # so fast it turns without being hurried
 
 
-def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
+def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     """Drive a slide against the hard stop at `stop_mm` from its base; where its servo stalls (rad).
 
     Quickly until near the stop, then slowly and with little current. The slide goes back to where it waits.
     DeviceError if it goes on past the stop without stalling.
     """
-    slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
+    slide, kinematics = finger.drive.closing_servos[0], slide_kinematics_of(finger)
     full_a = finger.drive.limits()[slide].current_a
     hand.arm()
     retract_all(hand)
     now_at = kinematics.distance_mm(hand.states([slide])[slide.dxl_id].position_rad)
     way = math.copysign(1.0, stop_mm - now_at)
-    near, past = stop_mm - way * _NEAR_MM, stop_mm + way * _PAST_MM
+    near, past = stop_mm - way * _SLOW_ZONE_MM, stop_mm + way * _OVERTRAVEL_MM
     speed = hand.rig.closing.approach_speed_mm_s
     if (near - now_at) * way > 0:
         _set_speed(slide, kinematics, speed)
         goals = {slide: kinematics.slide_servo_rad(near)}
         hand.move_servos(goals, lambda servo: finger.drive.reached_rad(servo, ARRIVED_MM))
-    slide.set_goal_current_a(_GENTLE * full_a)
+    slide.set_goal_current_a(_STALL_CURRENT_SHARE * full_a)
     # Soft limits end before the stop: this move alone may go past them.
     ends = sorted((kinematics.slide_servo_rad(near), kinematics.slide_servo_rad(past)))
-    at = _stalled(hand, slide.with_range((ends[0], ends[1])), kinematics, past)
+    at = _stall_angle_rad(hand, slide.with_range((ends[0], ends[1])), kinematics, past)
     slide.set_goal_current_a(full_a)  # nothing presses on: it was stopped where it stalled
     if at is None:
         raise DeviceError(
@@ -65,7 +68,7 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     return at
 
 
-def swing(hand: Hand) -> list[float]:
+def swing_aims(hand: Hand) -> list[float]:
     """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median.
 
     0 for an arm, which has no aim and stays where it is.
@@ -83,7 +86,7 @@ def swing(hand: Hand) -> list[float]:
         hand.arrived(hand.guarded(movers, period_s=_PERIOD_S))
         for mover in movers:
             for _, state in mover.seen:
-                if abs(state.velocity_rad_s) > _TURNING_RAD_S:
+                if abs(state.velocity_rad_s) > _MIN_TURNING_RAD_S:
                     along = math.copysign(state.current_a, state.current_a * state.velocity_rad_s)
                     seen[mover.servo].append(along)
     for finger in slides:
@@ -93,7 +96,7 @@ def swing(hand: Hand) -> list[float]:
     return [needed.get(finger.drive.servos[0], 0.0) for finger in hand.fingers]
 
 
-def slide_of(finger: HostFinger) -> SlideKinematics:
+def slide_kinematics_of(finger: HostFinger) -> SlideKinematics:
     """Kinematics of a slide; InputError for a finger of another type."""
     if not isinstance(finger.kinematics, SlideKinematics):
         raise InputError(
@@ -106,18 +109,50 @@ def _set_speed(slide: Servo, kinematics: SlideKinematics, speed_mm_s: float) -> 
     slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
 
 
-def _stalled(hand: Hand, slide: Servo, kinematics: SlideKinematics, past_mm: float) -> float | None:
+def _stall_angle_rad(hand: Hand, slide: Servo, kinematics: SlideKinematics, past_mm: float) -> float | None:
     """Servo angle (rad) at which a slide stalls before `past_mm`: the mean of what is read while it stands.
 
     None if it gets there.
     """
     per_mm = abs(1 / kinematics.mm_per_rad)
-    guard = Guard(moved_rad=_STILL_MM * per_mm, stall_s=_STILL_S)
+    guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
     _set_speed(slide, kinematics, _SLOW_MM_S)
-    mover = ServoMover(slide, kinematics.slide_servo_rad(past_mm), _PASSED_MM * per_mm, guard)
+    mover = ServoMover(slide, kinematics.slide_servo_rad(past_mm), _PASSED_TOLERANCE_MM * per_mm, guard)
     (end,) = hand.guarded([mover], period_s=_PERIOD_S).values()
-    if end is not End.STALL:
+    if end is not MoveEnd.STALL:
         return None
     # It may have crept on by less than what counts as motion.
-    since = mover.moved_s + _STILL_S / 2
+    since = mover.moved_s + _STALL_S / 2
     return float(np.mean([state.position_rad for when, state in mover.seen if when > since]))
+
+
+_STALL_REPEATABILITY_MM = 0.1  # a stall at a stiff stop comes back to within a few encoder steps
+
+
+def slides_at_stops(hand: Hand) -> dict[HostFinger, float]:
+    """Where each slide's servo stalls (rad) at its back stop; slides without one are left out.
+
+    Fingers must be retracted, and stay so. Raises what `stall` raises.
+    """
+    found: dict[HostFinger, float] = {}
+    for finger in hand.fingers:
+        spec = finger.spec
+        if isinstance(spec, SlideFingerConfig) and spec.slide.stops_mm is not None:
+            found[finger] = stall_at_stop(hand, finger, spec.slide.stops_mm[0])
+    return found
+
+
+def check_slips(hand: Hand, before: Mapping[HostFinger, float]) -> None:
+    """Raise DeviceError for a slide that stalls elsewhere than `before` (rad)."""
+    now = slides_at_stops(hand)
+    for finger, at_rad in before.items():
+        per_rad = abs(slide_kinematics_of(finger).mm_per_rad)
+        off_mm = abs(now[finger] - at_rad) * per_rad
+        if off_mm > _STALL_REPEATABILITY_MM + 2 * TICK_RAD * per_rad:
+            servo = finger.drive.closing_servos[0]
+            again = "measure slide.zero_mm again" if has_pads(hand.rig) else "calibrate again"
+            raise DeviceError(
+                f"finger {finger.name}: its slide (servo {servo.dxl_id}) meets its back stop {off_mm:.2f} mm "
+                "from where it did before this run: its horn has slipped, and no answer is given; tighten "
+                f"its screw, then {again}"
+            )

@@ -9,26 +9,22 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
 from palpate.base.errors import SafetyStop
-from palpate.drivers.dynamixel.guarded import End, ServoGoals
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.approach_state import ApproachState
+from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, ServoState
+from palpate.rig.fingers import HostFinger
 from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.touch import ApproachState
 from palpate.rig.reach.swept_volume import is_apart
-
-__all__ = ["ARRIVED_MM", "FreeMover", "SearchMover", "TipMover"]
 
 ARRIVED_MM = 0.8
 """How near to where it was sent a tip has arrived."""
 
 _STILL_RAD_S = 0.03
-_FREE_MOVED_RAD = 0.003
+_MOTION_THRESHOLD_RAD = 0.003
 _FREE_STALL_S = 1.0
-_LONGEST_S = 60.0  # no move takes so long, but a slow one over a long way: one that creeps on is ended
-_LONGER = 2.0  # than way over speed says
+_MOVE_TIMEOUT_S = 60.0  # no move takes so long, but a slow one over a long way: one that creeps on is ended
+_DEADLINE_FACTOR = 2.0  # than way over speed says
 _STALL_S = 0.6
-_OFF_WAY_MM = 3.0
+_MAX_CROSS_TRACK_MM = 3.0
 _SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos, their lag behind goals
 
 
@@ -68,10 +64,10 @@ class _FingerMover:
 
     def longest_s(self) -> float:
         """How long it may take."""
-        return _LONGEST_S
+        return _MOVE_TIMEOUT_S
 
 
-def _note(run: ApproachState, states: Mapping[int, ServoState], now: float) -> None:
+def _note_position(run: ApproachState, states: Mapping[int, ServoState], now: float) -> None:
     """Note where a finger is."""
     near, far = (states[servo.dxl_id].position_rad for servo in run.finger.drive.servos)
     run.seen((near, far), now)
@@ -80,7 +76,7 @@ def _note(run: ApproachState, states: Mapping[int, ServoState], now: float) -> N
 def _check_cross_track(run: ApproachState) -> None:
     """Raise SafetyStop for a tip that is far beside its line."""
     off_mm = run.cross_track_error_mm
-    if off_mm > _OFF_WAY_MM:
+    if off_mm > _MAX_CROSS_TRACK_MM:
         raise SafetyStop(
             f"finger {run.finger.name} is {off_mm:.1f} mm off its way; fingers were stopped; "
             "check what pushes it aside, and if nothing does, raise max_force_n"
@@ -112,7 +108,7 @@ class FreeMover(_FingerMover):
         """Servos that have a target."""
         return tuple(self.finger.drive.targets())
 
-    def sense(self, _now: float) -> End | None:
+    def sense(self, _now: float) -> MoveEnd | None:
         """Nothing ends it but arrival."""
         return None
 
@@ -120,12 +116,12 @@ class FreeMover(_FingerMover):
         """Note where the servos are, and whether one has moved."""
         self._states = {servo: states[servo.dxl_id] for servo in self.servos}
         if self._run is not None:
-            _note(self._run, states, now)
+            _note_position(self._run, states, now)
         at = {servo: state.position_rad for servo, state in self._states.items()}
-        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _FREE_MOVED_RAD for servo in at):
+        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _MOTION_THRESHOLD_RAD for servo in at):
             self._moved, self._moved_s = at, now
 
-    def judge(self, now: float) -> End | None:
+    def judge(self, now: float) -> MoveEnd | None:
         """Arrival; a stall once no servo of it has moved for a second."""
         if self._run is not None:
             _check_cross_track(self._run)
@@ -133,10 +129,10 @@ class FreeMover(_FingerMover):
             return None
         targets = self.finger.drive.targets()
         if all(self._is_at(servo, self._states[servo], goal) for servo, goal in targets.items()):
-            return End.REACHED
+            return MoveEnd.REACHED
         if now - self._moved_s > _FREE_STALL_S:
-            return End.STALL
-        return End.DEADLINE if self.is_late(now) else None
+            return MoveEnd.STALL
+        return MoveEnd.DEADLINE if self.is_late(now) else None
 
     def _is_at(self, servo: Servo, state: ServoState, goal_rad: float) -> bool:
         off = abs(state.position_rad - goal_rad)
@@ -167,7 +163,7 @@ class TipMover(_FingerMover):
 
     def longest_s(self) -> float:
         """By its way and speed."""
-        return max(super().longest_s(), _LONGER * self.limit_mm / self._speed_mm_s)
+        return max(super().longest_s(), _DEADLINE_FACTOR * self.limit_mm / self._speed_mm_s)
 
     @property
     def driven(self) -> Sequence[Servo]:
@@ -181,22 +177,22 @@ class TipMover(_FingerMover):
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Note where the tip is."""
-        _note(self.run, states, now)
+        _note_position(self.run, states, now)
 
-    def sense(self, _now: float) -> End | None:
+    def sense(self, _now: float) -> MoveEnd | None:
         """A contact, if the newest frame shows one."""
         reading = self.hand.reading(self.finger)
         if reading.force_n <= self._contact_n:
             return None
         self.run.touched, self.run.searching = True, False
-        return End.CONTACT
+        return MoveEnd.CONTACT
 
     def stopped(self, now: float) -> None:
         """From now on the tip stands or goes back; until the order was confirmed it may have gone on."""
         self.run.note_stopped(now)
 
     @final
-    def judge(self, now: float) -> End | None:
+    def judge(self, now: float) -> MoveEnd | None:
         """Guards of every motion along a line: cross-track error, deadline, clearance; between them `until`.
 
         Not overridden, so that no kind of motion leaves one out.
@@ -206,24 +202,24 @@ class TipMover(_FingerMover):
         if end is None and self.is_late(now):
             end = self.held(now)
         if end is None and self.is_crowded():
-            end = End.CLEARANCE
+            end = MoveEnd.CLEARANCE
         if end is not None:
             self.run.searching = False
-        if end is End.REACHED:
+        if end is MoveEnd.REACHED:
             self.run.note_stopped(now)
         return end
 
-    def until(self, now: float) -> End | None:
+    def until(self, now: float) -> MoveEnd | None:
         """What ends this kind of motion: here arrival at the limit, or standing still."""
         at_limit = abs(self.limit_mm - self.run.travel_mm) < ARRIVED_MM
         if at_limit and not self.finger.drive.under_way(now):
-            return End.REACHED
+            return MoveEnd.REACHED
         return self.held(now) if now - self.run.moved_s > _STALL_S else None
 
-    def held(self, _now: float) -> End:
+    def held(self, _now: float) -> MoveEnd:
         """What it means that the finger stands still on its way: here that all motion ends."""
         # one that has not begun to move at all may be held by its own friction
-        remedy = "" if self.run.travel_mm > _OFF_WAY_MM else "; if it is clear, raise max_force_n"
+        remedy = "" if self.run.travel_mm > _MAX_CROSS_TRACK_MM else "; if it is clear, raise max_force_n"
         raise SafetyStop(
             f"finger {self.finger.name} is held after {self.run.travel_mm:.1f} mm of its way by something "
             f"that its array does not feel; fingers were stopped; clear its way{remedy}"
@@ -266,18 +262,18 @@ class SearchMover(TipMover):
 
     def longest_s(self) -> float:
         """As if it were slow all the way."""
-        return max(super().longest_s(), _LONGER * self.limit_mm / self._search_mm_s)
+        return max(super().longest_s(), _DEADLINE_FACTOR * self.limit_mm / self._search_mm_s)
 
-    def sense(self, now: float) -> End | None:
+    def sense(self, now: float) -> MoveEnd | None:
         """A contact turns it, or ends its way; on its way back it still feels the part."""
         if self.is_back or super().sense(now) is None:
             return None
         if self._may_stay and not any(other.searching for other in self._others):
-            return End.CONTACT
+            return MoveEnd.CONTACT
         self.is_back = self._turns = True
-        return End.TURN
+        return MoveEnd.TURN
 
-    def until(self, now: float) -> End | None:
+    def until(self, now: float) -> MoveEnd | None:
         """Slower where free space ends; the end is that of either way."""
         if self._turns:
             return None

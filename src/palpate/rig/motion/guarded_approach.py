@@ -1,9 +1,9 @@
 """Guarded approach: fingers move along straight lines until contact, limit, stall or deadline.
 
 Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it.
-Where the search is that slow already, the last finger to touch stays where it is.
-All chosen fingers move at once; the loop runs once per tactile sample, and every finger stops by itself. A
-finger that comes too close to another one stops where it is: its free way so far is still evidence.
+Where the search is that slow already, the last finger to touch stays where it is. All chosen fingers move at
+once; the loop runs once per tactile sample, and every finger stops by itself. A finger that comes too close
+to another one stops where it is: its free way so far is still evidence.
 """
 
 import math
@@ -11,35 +11,30 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
-from palpate.drivers.dynamixel.errors import WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, ServoGoals
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.finger import TICK_RAD, Line, Turn
-from palpate.drivers.tactile.contact import ContactPatch
-from palpate.drivers.tactile.frames import ArrayLost
+from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, WatchdogTripped
+from palpate.drivers.kinematics import TICK_RAD, Line, Turn
+from palpate.drivers.tactile import ArrayLost, ContactPatch
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import travel_step_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
-from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.contact_from_touch import Touch, conclude
-from palpate.rig.motion.contact_load import TouchStage, friction_of
+from palpate.rig.fingers import HostFinger, planned_turn
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
-from palpate.rig.motion.hand import SPEAK_S, Hand
-from palpate.rig.motion.load_meter import LIGHT_FACTOR, LoadMeter
-from palpate.rig.turning_stage import planned_turn
+from palpate.rig.motion.hand import BUS_KEEPALIVE_S, Hand
+from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, LoadMeter, TouchStage, tip_friction
+from palpate.rig.motion.touch import ApproachState, Touch, conclude
 
-__all__ = ["MEASURE_FRAMES", "GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
-__all__ += ["measure_at_rest", "move_tips", "retract_all", "turn_stage"]
-
-_STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
+_SAMPLES_PER_STATE_READ = (
+    5  # samples between looks at the servos while nothing is touched, if that is soon enough
+)
 _FREE_PERIOD_S = 0.02
 _SETTLE_S = 0.08
-_MOST_HALVES = 8  # of that time, until fingers stand
+_MAX_SETTLE_STEPS = 8  # of that time, until fingers stand
 _STILL_RAD = 1.5 * TICK_RAD  # a servo that stands may be read a step off
-_MOST_BACKS = 3
-_NEAR_MM = 0.5  # before its quick contact may a finger meet the part again: what was in between was free
-_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
+_MAX_BACK_OFFS = 3
+_RETOUCH_MARGIN_MM = (
+    0.5  # before its quick contact may a finger meet the part again: what was in between was free
+)
+_MIN_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
 MEASURE_FRAMES = 8
@@ -98,8 +93,8 @@ def _carry_out_again(
     """Take fingers back that were under way, as `under_way` is told, and carry out the grip."""
     hand.arm()
     if under_way:
-        look(hand, under_way)
-        go_to(hand, dict.fromkeys(under_way, 0.0))
+        read_positions(hand, under_way)
+        move_along_lines(hand, dict.fromkeys(under_way, 0.0))
         under_way.clear()
     return _carry_out(hand, grip, tell, measure, under_way)
 
@@ -117,12 +112,12 @@ def _carry_out(
     retract_all(hand)
     turn = turn_stage(hand, {item.stage_rad for item in grip})
     runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item in grip]
-    aim(hand, runs)
+    aim_fingers(hand, runs)
     under_way += runs
     hand.tare()
     tell(GripPhase.CLOSING)
     is_slow = all(run.slowed_to(hand.rig.closing.search_mm_s) <= _slow_mm_s(hand) for run in runs)
-    _meter(hand, runs, TouchStage.SLOW if is_slow else TouchStage.QUICK)
+    _start_metering(hand, runs, TouchStage.SLOW if is_slow else TouchStage.QUICK)
     backed = _search_contacts(hand, runs, stay=is_slow)
     touched = [run for run in runs if run.touched]
     _settle(hand, runs)
@@ -136,7 +131,9 @@ def _carry_out(
     turned = hand.turn
     touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(GripPhase.RETRACTING)
-    go_to(hand, dict.fromkeys(runs, 0.0))  # arrays are guarded until every finger has left the part
+    move_along_lines(
+        hand, dict.fromkeys(runs, 0.0)
+    )  # arrays are guarded until every finger has left the part
     hand.stop_arrays()
     hand.disarm()
     return [
@@ -148,7 +145,7 @@ def _slow_mm_s(hand: Hand) -> float:
     return hand.rig.closing.touch_speed_mm_s
 
 
-def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None:
+def _start_metering(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None:
     """Measure from now on what loads the part."""
     closing = hand.rig.closing
     for run in runs:
@@ -159,8 +156,8 @@ def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None
             run.slowed_to(closing.search_mm_s),
             travel_step_mm(run.finger.spec),
             run.finger.extractor.noise_share,
-            run.drags(LIGHT_FACTOR * closing.contact_force_n),
-            friction_of(run.finger.spec.tip),
+            run.drags(LIGHT_FORCE_FACTOR * closing.contact_force_n),
+            tip_friction(run.finger.spec.tip),
         )
         run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm, FREE_MARGIN_MM)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
@@ -173,7 +170,7 @@ def retract_all(hand: Hand) -> None:
         return lambda _: goals
 
     ways = {finger: finger.drive.retract() for finger in hand.fingers}
-    _move_free(hand, [_free(finger, begin(goals)) for finger, goals in ways.items() if goals])
+    _move_free(hand, [_free_mover(finger, begin(goals)) for finger, goals in ways.items() if goals])
 
 
 def turn_stage(hand: Hand, wanted_rad: Collection[float]) -> Turn:
@@ -190,12 +187,12 @@ def turn_stage(hand: Hand, wanted_rad: Collection[float]) -> Turn:
     goal = {stage.servo: stage.goal_rad(angle)}
     now_at = hand.states([stage.servo])[stage.servo.dxl_id].position_rad
     if abs(now_at - goal[stage.servo]) > AIM_TOLERANCE_RAD:
-        _to_lines(hand, {finger: finger.home for finger in hand.fingers})
+        _move_to_starts(hand, {finger: finger.home for finger in hand.fingers})
         hand.move_servos(goal, lambda _: AIM_TOLERANCE_RAD)
     return planned_turn(stage.spec, angle)
 
 
-def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
+def _move_to_starts(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     """Let fingers go to where lines start, outside of the workspace."""
     present = hand.servos_of(list(lines))
 
@@ -206,26 +203,26 @@ def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     _move_free(hand, movers)
 
 
-def aim(hand: Hand, runs: Sequence[ApproachState]) -> None:
+def aim_fingers(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Turn fingers to where their lines start, outside of the workspace."""
-    _to_lines(hand, {run.finger: run.line for run in runs})
+    _move_to_starts(hand, {run.finger: run.line for run in runs})
     found = hand.servos_of([run.finger for run in runs])
     for run in runs:
         run.begin(found[run.finger])
 
 
-def go_to(hand: Hand, travels_mm: Mapping[ApproachState, float]) -> None:
+def move_along_lines(hand: Hand, travels_mm: Mapping[ApproachState, float]) -> None:
     """Move along lines through space that is known to be free, and wait until fingers are there."""
     speed = hand.rig.closing.approach_speed_mm_s
 
     def begin(run: ApproachState, to_mm: float) -> Callable[[float], ServoGoals]:
         return lambda now: run.finger.drive.go(run.line, run.travel_mm, to_mm, speed, now)
 
-    movers = [_free(run.finger, begin(run, to_mm), run) for run, to_mm in travels_mm.items()]
+    movers = [_free_mover(run.finger, begin(run, to_mm), run) for run, to_mm in travels_mm.items()]
     _move_free(hand, movers)
 
 
-def _free(
+def _free_mover(
     finger: HostFinger, begin: Callable[[float], ServoGoals], run: ApproachState | None = None
 ) -> FreeMover:
     def tolerance_rad(servo: Servo) -> float:
@@ -243,10 +240,10 @@ def _period_s(hand: Hand) -> float:
     return 1 / hand.rig.closing.sample_rate_hz
 
 
-def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End]:
+def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, MoveEnd]:
     """A guarded move of tips along their lines; how each ended."""
     period = _period_s(hand)
-    look_every = max(1, min(_STATE_EVERY, int(SPEAK_S / period)))
+    look_every = max(1, min(_SAMPLES_PER_STATE_READ, int(BUS_KEEPALIVE_S / period)))
     ends = hand.guarded(movers, period_s=period, read_every=look_every)
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
@@ -282,7 +279,7 @@ def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
     move_tips(hand, movers)
 
 
-def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
+def read_positions(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Note where fingers are; raises if one of their servos has died or is off."""
     found = hand.servos_of([run.finger for run in runs])
     now = hand.clock.now()
@@ -293,8 +290,8 @@ def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
 def _touch_again(hand: Hand, backed: Mapping[ApproachState, float]) -> None:
     """Touch again slowly from where fingers have backed off to, and let everything settle."""
     again, back = backed, hand.rig.closing.back_off_mm
-    for _ in range(_MOST_BACKS if backed else 0):
-        stuck = _touched_at_once(hand, again, back)
+    for _ in range(_MAX_BACK_OFFS if backed else 0):
+        stuck = _back_off_and_touch(hand, again, back)
         if not stuck:
             break
         back *= 2  # they had run further into it than they backed off
@@ -312,7 +309,7 @@ def measure_at_rest(
     ]
 
 
-def _touched_at_once(
+def _back_off_and_touch(
     hand: Hand, backed: Mapping[ApproachState, float], back_mm: float
 ) -> list[ApproachState]:
     """Back off and touch again slowly; the fingers that felt something before they had really moved.
@@ -320,15 +317,17 @@ def _touched_at_once(
     They had not come free, so their play is not where a touch has it.
     """
     runs = list(backed)
-    go_to(hand, backed)
+    move_along_lines(hand, backed)
     begun = {run: run.travel_mm for run in runs}
     for run in runs:
         if run.meter is not None:
             met_mm = min(begun[run] + back_mm, run.unfelt_mm)
-            run.meter.begin(TouchStage.SLOW, hand.clock.now(), met_mm - _NEAR_MM, _NEAR_MM)
+            run.meter.begin(
+                TouchStage.SLOW, hand.clock.now(), met_mm - _RETOUCH_MARGIN_MM, _RETOUCH_MARGIN_MM
+            )
     _touch_slowly(hand, runs)
     _settle(hand, runs)
-    return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]
+    return [run for run in runs if run.touched and run.travel_mm - begun[run] < _MIN_FREE_SHARE * back_mm]
 
 
 def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
@@ -338,10 +337,10 @@ def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """
     fingers = [run.finger for run in runs]
     hand.settle(fingers, _SETTLE_S / 2)
-    look(hand, runs)
-    for _ in range(_MOST_HALVES):
+    read_positions(hand, runs)
+    for _ in range(_MAX_SETTLE_STEPS):
         before = {run: run.servos for run in runs}
         hand.settle(fingers, _SETTLE_S / 2)
-        look(hand, runs)
+        read_positions(hand, runs)
         if all(math.dist(run.servos, before[run]) <= _STILL_RAD for run in runs):
             break

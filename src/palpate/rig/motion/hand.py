@@ -2,13 +2,15 @@
 
 Limits are written and read back before torque goes on; Bus Watchdog is armed while anything moves; leaving
 the `with` block, by whatever way, switches every motor's torque off, each by itself. Whatever time passes
-with torque on passes in `pause`, where arrays are guarded.
+with torque on passes in `pause`, where arrays are guarded. An `Environment` is what a hand depends on beside
+its rig file: the clock and the ports, of a bench or of a recording.
 """
 
 import gc
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -16,23 +18,38 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import FingerConfig, RigFile, SlideFingerConfig
-from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import Restarted, WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.finger import Servos, Turn
-from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, TactileFrame
-from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.plugged_ports import renamed
+from palpate.drivers.dynamixel import (
+    Bus,
+    MoveEnd,
+    Mover,
+    Restarted,
+    Servo,
+    ServoGoals,
+    ServoMover,
+    ServoState,
+    StateReader,
+    WatchdogTripped,
+    guarded_loop,
+    hold,
+)
+from palpate.drivers.kinematics import Servos, Turn
+from palpate.drivers.tactile import ArrayDriver, ArrayLost, TactileFrame
+from palpate.drivers.transport import Clock, describe_renaming
 from palpate.rig.arrays import extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
-from palpate.rig.host_finger import HostFinger
+from palpate.rig.fingers import HostFinger, HostStage, drive_of, start_problem
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
-from palpate.rig.motion.hand_arrays import HandArrays
+from palpate.rig.motion.device_loss import (
+    HandArrays,
+    despite_interruptions,
+    name_owners,
+    note_other_causes,
+    note_what_is_on,
+    switch_off,
+)
 from palpate.rig.motion.homing import (
-    Home,
+    HomingPolicy,
     forget_turn,
     home_slides,
     homing_problem,
@@ -42,24 +59,13 @@ from palpate.rig.motion.homing import (
 )
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.standby import come_to_standby, stage_problem
-from palpate.rig.motion.switching_off import (
-    despite_interruptions,
-    name_owners,
-    note_other_causes,
-    note_what_is_on,
-    switch_off,
-)
 from palpate.rig.reach.standby_poses import home_line
-from palpate.rig.turning_stage import HostStage
-from palpate.rig.wiring import drive_of, start_problem
-
-__all__ = ["SPEAK_S", "Hand", "OpenPort"]
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
 
 WATCHDOG_S = 0.5
-SPEAK_S = WATCHDOG_S / 3
+BUS_KEEPALIVE_S = WATCHDOG_S / 3
 """How long servos may hear nothing while Bus Watchdog is armed, with room for a lost packet or two."""
 
 _TARE_FRAMES = 64
@@ -126,7 +132,7 @@ class Hand:
             name_owners(error, self.rig)
             note_other_causes(error)
             if self.bus.port_name != before:
-                error.add_note(renamed(before, self.bus.port_name))
+                error.add_note(describe_renaming(before, self.bus.port_name))
             if not isinstance(error, Exception) and not failed:
                 error.add_note("torque is off")
         elif failed:
@@ -154,7 +160,7 @@ class Hand:
         self._arrays.stop()
         return failed
 
-    def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
+    def prepare(self, *, home: HomingPolicy = HomingPolicy.UNKNOWN) -> None:
         """Write and check limits, switch torque on where everything stands, home slides, come to standby.
 
         `home`: which of the slides with `stops_mm`. Where none is, nothing moves: those whose turn is unknown
@@ -173,10 +179,10 @@ class Hand:
                 raise DeviceError(wrong)
         unknown = []
         for finger in self.fingers:
-            recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
+            recalled = is_homable(finger) and home is not HomingPolicy.ALL and recall_turn(self.bus, finger)
             finger.drive.prepare()
-            if home is Home.NONE or not is_homable(finger):
-                self._check_start(finger, is_homed=home is not Home.NONE and not _is_slide(finger))
+            if home is HomingPolicy.NONE or not is_homable(finger):
+                self._check_start(finger, is_homed=home is not HomingPolicy.NONE and not _is_slide(finger))
             elif not (recalled and is_within_stops(finger, self.servos_of([finger])[finger][1])):
                 unknown.append(finger)
         for finger in unknown:
@@ -188,7 +194,7 @@ class Hand:
             servo.enable_torque()
         self._driven = True
         home_slides(self, unknown)
-        if home is not Home.NONE:
+        if home is not HomingPolicy.NONE:
             come_to_standby(self)
 
     @property
@@ -243,7 +249,7 @@ class Hand:
 
     def guarded(
         self, movers: Sequence[_M], *, period_s: float = _POLL_S, read_every: int = 1
-    ) -> dict[_M, End]:
+    ) -> dict[_M, MoveEnd]:
         """Carry out a guarded move of these movers; returns how each ended. Raises as `guarded_loop` does.
 
         Torque stays on, also after an error: the end of the hand's `with` block switches it off.
@@ -262,9 +268,9 @@ class Hand:
         """Send servos to goals through free space; DeviceError names one that does not arrive."""
         self.arrived(self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()]))
 
-    def arrived(self, ends: Mapping[_M, End]) -> None:
+    def arrived(self, ends: Mapping[_M, MoveEnd]) -> None:
         """Raise DeviceError naming a servo of the first mover that has not reached its goal."""
-        held = [mover for mover, end in ends.items() if end is not End.REACHED]
+        held = [mover for mover, end in ends.items() if end is not MoveEnd.REACHED]
         if held:
             servo = held[0].driven[0]
             at_rad = self.states([servo])[servo.dxl_id].position_rad
@@ -307,7 +313,7 @@ class Hand:
 
     def _speak(self, spoken_s: float) -> float:
         """Look at the servos if they have heard nothing for long; returns when they heard last."""
-        if self.clock.now() - spoken_s <= SPEAK_S:
+        if self.clock.now() - spoken_s <= BUS_KEEPALIVE_S:
             return spoken_s
         self.states(self._servos)
         return self.clock.now()
@@ -438,3 +444,22 @@ class Hand:
 
 def _is_slide(finger: HostFinger) -> bool:
     return isinstance(finger.spec, SlideFingerConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class Environment:
+    """A clock, what opens ports, and what the bus's adapter may add to an answer (s). Nothing else steers.
+
+    `check` raises OutputError if the run should end because its recording has failed.
+    """
+
+    clock: Clock
+    open_port: OpenPort
+    latency_s: float
+    check: Callable[[], None] = lambda: None
+
+    def hand(self, rig: RigFile, notice: Callable[[str], None] = lambda _: None) -> Hand:
+        """The rig's hand, connected; `notice` is told what the operator should do. Raises as `Hand` does."""
+        return Hand(
+            rig, self.clock, self.open_port, latency_s=self.latency_s, notice=notice, check=self.check
+        )

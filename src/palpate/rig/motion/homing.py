@@ -1,13 +1,13 @@
 """Homing: which turn a slide stands in, found by driving it back against its back stop.
 
-A servo that was without power reports its angle within one turn, and a slide takes several. A slide whose rig
-file names its stops is therefore homed unless its servo bears a mark in its RAM (`turn_mark`), which is lost
-together with its turns. Whole turns are all that homing finds: zero and travel stay what the rig file or a
-calibration says.
+A servo that was without power reports its angle within one turn, and a slide takes several. A slide whose
+rig file names its stops is therefore homed unless its servo bears a mark in its RAM (`turn_mark`), which is
+lost together with its turns. Whole turns are all that homing finds: zero and travel stay what the rig file
+or a calibration says.
 
 Going back is free whatever the turn and wherever other fingers stand: a finger's body reaches straight from
-its base to its tip, so a tip that goes back with its aim held goes where its own body has been. Aims must not
-turn before all slides are back.
+its base to its tip, so a tip that goes back with its aim held goes where its own body has been. Aims must
+not turn before all slides are back.
 """
 
 import math
@@ -20,34 +20,40 @@ import numpy as np
 from palpate.base.errors import DeviceError
 from palpate.config import SlideFingerConfig
 from palpate.config.rig_servos import SlideConfig
-from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.guarded import End, Guard, ServoGoals, ServoMover
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.dynamixel.turn_mark import LARGEST_TURNS, NO_MARK, mark_item, mark_value, turns_in
-from palpate.drivers.finger import Servos
-from palpate.drivers.slide_finger import SlideKinematics
+from palpate.drivers.dynamixel import (
+    MAX_TURNS,
+    NO_MARK,
+    Bus,
+    Guard,
+    MoveEnd,
+    OperatingMode,
+    Servo,
+    ServoGoals,
+    ServoMover,
+    ServoState,
+    mark_item,
+    mark_value,
+    turns_of_mark,
+)
+from palpate.drivers.kinematics import Servos
+from palpate.drivers.slide_kinematics import SlideKinematics
 from palpate.rig.drives import ACCELERATION_RAD_S2
-from palpate.rig.host_finger import HostFinger
-
-__all__ = ["Home", "back_stop_distances_mm", "forget_turn", "home_slides", "homing_problem", "is_homable"]
-__all__ += ["is_within_stops", "recall_turn"]
+from palpate.rig.fingers import HostFinger
 
 _PERIOD_S = 0.01
 _ARRIVED_MM = 0.8
 _SLOW_MM_S = 5.0
-_MARGIN_MM = 0.7  # what a stop and a drive yield under max_force_n
-_BEFORE_MM = 1.5  # so far before the nearest place of a stop the slide goes slowly
-_PASSED_MM = 1.0
-_STILL_MM = 0.03
-_STILL_S = 0.4
-_FREE_STILL_S = 1.0
+_STOP_YIELD_MM = 0.7  # what a stop and a drive yield under max_force_n
+_SLOW_ZONE_MM = 1.5  # so far before the nearest place of a stop the slide goes slowly
+_PASSED_TOLERANCE_MM = 1.0
+_MOTION_THRESHOLD_MM = 0.03
+_STALL_S = 0.4
+_FREE_STALL_S = 1.0
 _AIM_SLACK_DEG = 2.0
 _RAM_RESTORE = 0x02  # bit of Startup Configuration: RAM, and with it the mark, would outlive the turns
 
 
-class Home(Enum):
+class HomingPolicy(Enum):
     """Which slides are homed before a run: those whose turn is unknown, all that have stops, or none."""
 
     UNKNOWN = "unknown"
@@ -65,7 +71,7 @@ class _Hand(Protocol):
 
     def guarded(
         self, movers: Sequence[ServoMover], /, *, period_s: float = ...
-    ) -> Mapping[ServoMover, End]: ...
+    ) -> Mapping[ServoMover, MoveEnd]: ...
 
     def move_servos(self, goals_rad: ServoGoals, tolerance_rad: Callable[[Servo], float], /) -> None: ...
 
@@ -96,7 +102,7 @@ def forget_turn(bus: Bus, finger: HostFinger) -> None:
     """Take the mark off a slide's servo: from now on its turn is unknown, whatever interrupts homing."""
     slide = finger.drive.closing_servos[0]
     slide.turns, item = 0, mark_item(slide.model)
-    if item is not None and turns_in(bus.read(slide.dxl_id, item)) is not None:
+    if item is not None and turns_of_mark(bus.read(slide.dxl_id, item)) is not None:
         bus.write(slide.dxl_id, item, NO_MARK)
 
 
@@ -104,7 +110,7 @@ def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
     """Whether a slide's tip can stand at the distance that its servo's angle says."""
     slide = _slide(finger)
     back, front = _stops_mm(slide)
-    slack = _half_mm(slide)
+    slack = _stop_tolerance_mm(slide)
     distance = _kinematics(finger).distance_mm(angle_rad)
     return back - slack <= distance <= front + slack + slide.off_mm(front)
 
@@ -122,7 +128,9 @@ def homing_problem(finger: HostFinger, angles_rad: Servos) -> str | None:
             f"its aim (servo {aim.dxl_id}) stands at {aimed:.1f}°, outside its range {lo:g} … {hi:g}°; "
             "with torque off, turn it back by hand, then start again"
         )
-    if 2 * _half_mm(spec.slide) + _BEFORE_MM + 2 * _PASSED_MM >= abs(spec.slide.mm_per_turn):
+    if 2 * _stop_tolerance_mm(spec.slide) + _SLOW_ZONE_MM + 2 * _PASSED_TOLERANCE_MM >= abs(
+        spec.slide.mm_per_turn
+    ):
         return (
             f"its slide (servo {slide.dxl_id}) cannot be homed: zero_bound_mm and mm_per_turn_spread leave "
             "open which turn its back stop is in; measure better"
@@ -151,7 +159,7 @@ def home_slides(hand: _Hand, fingers: Sequence[HostFinger]) -> None:
         turns = _turns_at_stop(hand, finger)
         slide.turns = turns
         item = mark_item(slide.model)
-        if item is not None and abs(turns) <= LARGEST_TURNS:
+        if item is not None and abs(turns) <= MAX_TURNS:
             hand.bus.write(slide.dxl_id, item, mark_value(turns))
         _go_back(hand, finger)
     hand.disarm()
@@ -163,7 +171,7 @@ def back_stop_distances_mm(slide: SlideConfig, reading_mm: float) -> list[tuple[
     `reading_mm`: distance from the base as it reads, off by a number of whole turns, the second of each pair.
     """
     back, front = _stops_mm(slide)
-    half = _half_mm(slide)
+    half = _stop_tolerance_mm(slide)
     travel_mm = front - back + slide.off_mm(front) + half
     step = slide.mm_per_turn
     around = (reading_mm - back) / step
@@ -181,7 +189,7 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
     reading_mm = kinematics.distance_mm(_angle_rad(hand, slide))
     for stop_mm, turns in back_stop_distances_mm(_slide(finger), reading_mm):
-        if _is_met(hand, finger, stop_mm):
+        if _meets_stop(hand, finger, stop_mm):
             return turns
     raise DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) went back over all its travel and met no "
@@ -189,11 +197,11 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     )
 
 
-def _is_met(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
+def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
     """Go to where the back stop may be, then slowly on; whether the slide stalls there."""
     slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
-    half = _half_mm(_slide(finger))
-    near, past = stop_mm + half + _BEFORE_MM, stop_mm - half - 2 * _PASSED_MM
+    half = _stop_tolerance_mm(_slide(finger))
+    near, past = stop_mm + half + _SLOW_ZONE_MM, stop_mm - half - 2 * _PASSED_TOLERANCE_MM
     at_mm = kinematics.distance_mm(_angle_rad(hand, slide))
     ends = sorted(kinematics.slide_servo_rad(mm) for mm in (past, max(at_mm, near)))
     # Soft limits hold in the right turn only: moves of homing alone go by what the servo reads.
@@ -201,25 +209,25 @@ def _is_met(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
     per_mm = abs(1 / kinematics.mm_per_rad)
     if at_mm > near:
         finger.drive.retract()  # its profile: as fast as through free space
-        free = Guard(stall_s=_FREE_STILL_S)
+        free = Guard(stall_s=_FREE_STALL_S)
         leg = ServoMover(homing, kinematics.slide_servo_rad(near), _ARRIVED_MM * per_mm, free)
-        if _end(hand, leg) is not End.REACHED:
-            raise _held(hand, finger, at_mm)
+        if _guarded_end(hand, leg) is not MoveEnd.REACHED:
+            raise _held_error(hand, finger, at_mm)
     slide.set_profile(_SLOW_MM_S * per_mm, ACCELERATION_RAD_S2)
-    guard = Guard(moved_rad=_STILL_MM * per_mm, stall_s=_STILL_S)
-    mover = ServoMover(homing, kinematics.slide_servo_rad(past), _PASSED_MM * per_mm, guard)
-    end = _end(hand, mover)
-    if end is End.REACHED:
+    guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
+    mover = ServoMover(homing, kinematics.slide_servo_rad(past), _PASSED_TOLERANCE_MM * per_mm, guard)
+    end = _guarded_end(hand, mover)
+    if end is MoveEnd.REACHED:
         return False
-    since = mover.moved_s + _STILL_S / 2
+    since = mover.moved_s + _STALL_S / 2
     stood = [state.position_rad for when, state in mover.seen if when > since]
     off_mm = kinematics.distance_mm(float(np.mean(stood))) - stop_mm
-    if end is not End.STALL or abs(off_mm) > half:
-        raise _held(hand, finger, at_mm)
+    if end is not MoveEnd.STALL or abs(off_mm) > half:
+        raise _held_error(hand, finger, at_mm)
     return True
 
 
-def _held(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
+def _held_error(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
     slide = finger.drive.closing_servos[0]
     gone = from_mm - _kinematics(finger).distance_mm(_angle_rad(hand, slide))
     return DeviceError(
@@ -229,7 +237,7 @@ def _held(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
     )
 
 
-def _end(hand: _Hand, mover: ServoMover) -> End:
+def _guarded_end(hand: _Hand, mover: ServoMover) -> MoveEnd:
     return hand.guarded([mover], period_s=_PERIOD_S)[mover]
 
 
@@ -250,13 +258,13 @@ def _marked_turns(bus: Bus, slide: Servo) -> int | None:
     restores = "Startup Configuration" in slide.model.items and slide.read("Startup Configuration")
     if restores and restores & _RAM_RESTORE:
         return None
-    return turns_in(bus.read(slide.dxl_id, item))
+    return turns_of_mark(bus.read(slide.dxl_id, item))
 
 
-def _half_mm(slide: SlideConfig) -> float:
+def _stop_tolerance_mm(slide: SlideConfig) -> float:
     """How far from its declared place the back stop may be met, either way, as the servo reads it."""
     back, _ = _stops_mm(slide)
-    return slide.off_mm(back) + 2 * slide.backlash_mm + _MARGIN_MM
+    return slide.off_mm(back) + 2 * slide.backlash_mm + _STOP_YIELD_MM
 
 
 def _stops_mm(slide: SlideConfig) -> tuple[float, float]:

@@ -1,35 +1,160 @@
-"""Load meter: collects forces and travels of one finger, frame by frame, and makes loads of them."""
+"""Load on the part by a touch: peak force, travel in contact and work, metered frame by frame.
+
+A `LoadMeter` collects forces and travels of one finger, each at its instant, and makes loads and a trace of
+them. A force that lasts is noticed in the mean of what the array reads while no frame by itself shows any.
+"""
 
 import math
 from array import array
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.drivers.tactile.column_windows import windows_within
-from palpate.drivers.tactile.contact import ContactExtractor
-from palpate.drivers.tactile.frames import TactileFrame
-from palpate.rig.motion.contact_load import (
-    TIP_FRICTION,
-    ContactLoad,
-    LoadTrace,
-    TouchStage,
-    friction_factor,
-)
-from palpate.rig.motion.quiet_mean import STEADY_FRAMES, QuietMean
+from palpate.config import TipConfig
+from palpate.drivers.tactile import ContactExtractor, TactileFrame, windows_within
 
-__all__ = ["LIGHT_FACTOR", "LoadMeter"]
+TIP_FRICTION = 0.7
+"""Friction of tips on parts that bounds on motion allow for, unless a rig file allows for more."""
 
-LIGHT_FACTOR = 8
+HIDDEN_FACTOR = 1.5
+"""So many times the noise's limit: three standard deviations more, and a force is noticed."""
+
+
+class TouchStage(StrEnum):
+    """Stage of a touch: the quick one finds the part, the slow one measures it."""
+
+    QUICK = "quick"
+    SLOW = "slow"
+
+
+@dataclass(frozen=True)
+class ContactLoad:
+    """Load on the part by one stage of a touch, from the first contact until the finger has left it.
+
+    `peak_force_n`: the largest force in a frame of the array. `travel_mm`: how far the tip went on in
+    contact, forwards only, since the last frame without any force. `work_mj`: force times travel, likewise.
+    `begun_s`, `ended_s`: from that frame to the first one without force again, on the rig's clock; loads of
+    two fingers at different times do not add up. Infinite where that is not known.
+
+    Measured, without bounds. Forces are off by the array's gain, and below its noise nothing is measured; so
+    a load below half of contact_force_n is not listed. Between two frames the force may have been larger by
+    stiffness × speed × sample period. Servos are read less often: where the tip was meanwhile is
+    interpolated, also while it brakes, and how far it went on and came back between two reads is missing.
+    """
+
+    stage: TouchStage
+    peak_force_n: float
+    travel_mm: float
+    work_mj: float
+    begun_s: float = -math.inf
+    ended_s: float = math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class LoadTrace:
+    """Load on the part by a finger over time, frame by frame: what motion bounds are computed from.
+
+    `time_s` (n,) ascending, on the rig's clock, within `time_bound_s` of when the frames were sampled;
+    `force_n` (n,): what was noticed, in the frame or in the mean
+    of up to 64 quiet ones around it, 0 for nothing; `unnoticed_n` (n,): what the noise may hide of
+    a steady push; `zero_doubt_n` (n,): what the doubt of the zero may hide of any force beside, and
+    `any_zero_doubt_n` (n,) if no way was free; `free_within_mm` (n,): the way there is free of a part that
+    the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
+    on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
+    `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
+    measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
+    infinite if nothing was; `retreat_mm` (n,): how far it can have gone back since the frame before;
+    `dragging_n` (n,): what the force that was noticed may drag the part with then, as much as all of it where
+    the tip's back may hook the part, 0 where none was; `quiet` (n,): nothing was noticed in the frame by
+    itself.
+    """
+
+    time_s: Floats
+    time_bound_s: float
+    force_n: Floats
+    travel_mm: Floats
+    advance_mm: Floats
+    unnoticed_n: Floats
+    zero_doubt_n: Floats
+    any_zero_doubt_n: Floats
+    free_within_mm: Floats
+    touch_mm_s: float
+    measured_s: float
+    unfelt_mm: float
+    retreat_mm: Floats
+    dragging_n: Floats
+    quiet: Bools
+
+    @property
+    def felt(self) -> bool:
+        """Whether anything was noticed."""
+        return bool(self.force_n.any())
+
+
+def tip_friction(tip: TipConfig) -> float:
+    """Largest friction of a tip on parts that bounds on motion allow for."""
+    return max(TIP_FRICTION, tip.max_friction)
+
+
+def friction_factor(friction: float) -> float:
+    """Arrays measure what presses, not what shears: with friction a force is larger by this at most."""
+    return math.hypot(1.0, friction)
+
+
+def drag_shares(ahead_rad: Floats, friction: float = TIP_FRICTION) -> Floats:
+    """What a tip that goes back drags a part with, at most, as a share of what presses on it.
+
+    `ahead_rad` (n,): how far from straight ahead that is at most. What presses from ahead only gets lighter;
+    from atan(1/friction) on, 55° with 0.7, friction may drag the part by more than that. Infinite behind
+    the tip.
+    """
+    shares = friction * np.sin(ahead_rad) - np.cos(ahead_rad)
+    result: Floats = np.where(ahead_rad > math.pi / 2, math.inf, np.maximum(shares, 0.0))
+    return result
+
+
+STEADY_FRAMES = 64
+"""A force that lasts for so many frames is noticed in their mean, where the noise is less."""
+
+
+class QuietMean:
+    """Mean readings of the newest frames, up to `STEADY_FRAMES` of them."""
+
+    def __init__(self) -> None:
+        self._newest: deque[Floats] = deque(maxlen=STEADY_FRAMES)
+        self._sum = np.zeros(0)
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return len(self._newest)
+
+    def add(self, readings: Floats) -> tuple[Floats, int]:
+        """Take readings (n,) of one more frame; the mean (n,), and of how many."""
+        newest = self._newest
+        if not newest:
+            self._sum = readings.copy()
+        else:
+            self._sum += readings
+            if len(newest) == STEADY_FRAMES:
+                self._sum -= newest[0]
+        newest.append(readings)
+        return self._sum / float(len(newest)), len(newest)
+
+
+LIGHT_FORCE_FACTOR = 8
 """So many times contact_force_n is a light force: up to there it counts where it is felt round the tip."""
 
-_FASTER = 1.1  # than its profile may a servo be that catches up
-_AHEAD_MM = 1.0  # of where it was seen last may a tip be
-_OF_A_FRAME = 6  # numbers
-_BRAKING = 2  # frames after the order to stop until a tip stands
+_CATCH_UP_SPEED_FACTOR = 1.1  # than its profile may a servo be that catches up
+_MAX_LEAD_MM = 1.0  # of where it was seen last may a tip be
+_NUMBERS_PER_FRAME = 6  # numbers
+_BRAKING_FRAMES = 2  # frames after the order to stop until a tip stands
 
 
 class LoadMeter:
@@ -122,7 +247,7 @@ class LoadMeter:
         begun = [at for at, *_ in self._begun]
         free_mm = min(free for _, _, free, _ in self._begun[_last_before(begun, since_s) :])
         seen_mm = max(self._seen_mm[_last_before(self._seen_s, since_s) :])
-        return seen_mm + _AHEAD_MM > free_mm
+        return seen_mm + _MAX_LEAD_MM > free_mm
 
     def feel(
         self,
@@ -137,7 +262,7 @@ class LoadMeter:
         `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free; `dragging_n` as
         the methods have it. All of a force that is not light may drag.
         """
-        is_light = force_n <= 2 * LIGHT_FACTOR * self._least_n
+        is_light = force_n <= 2 * LIGHT_FORCE_FACTOR * self._least_n
         dragging_n = min(dragging_n if is_light else math.inf, self._sheared * max(force_n, steady_n))
         self._forces.extend((latest_s, force_n, steady_n, *doubts_n, dragging_n))
 
@@ -182,7 +307,7 @@ class LoadMeter:
         times = self._times_s(latest)
         travels = np.interp(times, self._seen_s, self._seen_mm)
         quiet = forces <= self._unnoticed_n
-        noticed = np.where(quiet, _lasting(steady), forces)
+        noticed = np.where(quiet, _window_maximum(steady), forces)
         lasting = np.where(steady > 0, np.minimum(dragging, self._sheared * steady), 0.0)
         return LoadTrace(
             times,
@@ -190,21 +315,21 @@ class LoadMeter:
             noticed,
             travels,
             self._advances(times, travels) + self._sideways(times),
-            self._unnoticed_n * self._shares[_frames_together(quiet)],
-            _lasting(doubt),
-            _lasting(any_doubt),
+            self._unnoticed_n * self._shares[_quiet_run_lengths(quiet)],
+            _window_maximum(doubt),
+            _window_maximum(any_doubt),
             self._free_within(times),
             self._touch_mm_s,
             self._measured_s,
             self._unfelt_mm(times, noticed),
             self._retreats(times, travels),
-            np.where(quiet, _lasting(lasting), dragging),
+            np.where(quiet, _window_maximum(lasting), dragging),
             quiet,
         )
 
     def _by_frames(self) -> Floats:
         """What was noted of the n frames, (6, n): as in `_forces`."""
-        return np.array(self._forces).reshape(-1, _OF_A_FRAME).T
+        return np.array(self._forces).reshape(-1, _NUMBERS_PER_FRAME).T
 
     def _times_s(self, latest_s: Floats) -> Floats:
         """Instants (n,) of the frames, each within half of what it may be late."""
@@ -230,10 +355,10 @@ class LoadMeter:
         reads, travels = np.array(self._seen_s), np.array(self._seen_mm)
         begin_s, end_s = times - self._late_s / 2, times + self._late_s / 2
         last = np.minimum(np.searchsorted(reads, end_s, side="right") + 1, len(reads) - 1)
-        seen_mm = _largest(travels, np.searchsorted(reads, begin_s, side="right") - 1, last)
+        seen_mm = _largest_between(travels, np.searchsorted(reads, begin_s, side="right") - 1, last)
         first, last = (np.searchsorted(begun, at, side="right") - 1 for at in (begin_s, end_s))
-        is_free = seen_mm <= -_largest(-free, first, last)
-        result: Floats = np.where(is_free, -_largest(-within, first, last), 0.0)
+        is_free = seen_mm <= -_largest_between(-free, first, last)
+        result: Floats = np.where(is_free, -_largest_between(-within, first, last), 0.0)
         return result
 
     @cached_property
@@ -246,19 +371,19 @@ class LoadMeter:
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
         passed = np.diff(times, prepend=times[0])
-        result: Floats = _FASTER * self._touch_mm_s * passed
-        result += _beyond(np.diff(travels, prepend=travels[0]) - result, self._step_mm)
+        result: Floats = _CATCH_UP_SPEED_FACTOR * self._touch_mm_s * passed
+        result += _excess_travel(np.diff(travels, prepend=travels[0]) - result, self._step_mm)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
             rows = np.flatnonzero(
-                (times > stopped + _BRAKING * self._period_s) & (times < min(begun, default=math.inf))
+                (times > stopped + _BRAKING_FRAMES * self._period_s) & (times < min(begun, default=math.inf))
             )
             if len(rows):
                 reached = np.maximum.accumulate([travels[rows[0]] + self._step_mm, *travels[rows]])
                 result[rows] = np.diff(reached)
                 if rows[0] > 0:  # of that gap the beginning was before the finger stood
-                    moving_s = max(stopped + _BRAKING * self._period_s - times[rows[0] - 1], 0.0)
-                    result[rows[0]] += _FASTER * self._touch_mm_s * moving_s
+                    moving_s = max(stopped + _BRAKING_FRAMES * self._period_s - times[rows[0] - 1], 0.0)
+                    result[rows[0]] += _CATCH_UP_SPEED_FACTOR * self._touch_mm_s * moving_s
         return result
 
     def _sideways(self, times: Floats) -> Floats:
@@ -304,7 +429,7 @@ def _last_before(times: Sequence[float], at_s: float) -> int:
     return max(bisect_right(times, at_s) - 1, 0)
 
 
-def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
+def _largest_between(values: Floats, first: Ints, last: Ints) -> Floats:
     """Largest of `values` from one index (n,) to another, both included; before the first is the first."""
     first, last = np.maximum(first, 0), np.maximum(last, 0)
     steps = np.arange(int((last - first).max(initial=0)) + 1)
@@ -312,7 +437,7 @@ def _largest(values: Floats, first: Ints, last: Ints) -> Floats:
     return result
 
 
-def _beyond(excess_mm: Floats, step_mm: float) -> Floats:
+def _excess_travel(excess_mm: Floats, step_mm: float) -> Floats:
     """How much further than usual (n,) a tip has come that is seen by steps: what is in excess of one."""
     result, pending = np.zeros(len(excess_mm)), 0.0
     for row, excess in enumerate(excess_mm.tolist()):
@@ -322,14 +447,14 @@ def _beyond(excess_mm: Floats, step_mm: float) -> Floats:
     return result
 
 
-def _lasting(values: Floats) -> Floats:
+def _window_maximum(values: Floats) -> Floats:
     """What is said of the mean of frames (n,) at the last of them holds at those before it as well."""
     padded = np.concatenate([values, np.zeros(STEADY_FRAMES - 1)])
     result: Floats = np.lib.stride_tricks.sliding_window_view(padded, STEADY_FRAMES).max(axis=1)
     return result
 
 
-def _frames_together(quiet: Bools) -> Ints:
+def _quiet_run_lengths(quiet: Bools) -> Ints:
     """Of each frame (n,), how many quiet ones are together there, STEADY_FRAMES at most; 1 if it is not."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
     result = np.ones(len(quiet), dtype=np.int64)

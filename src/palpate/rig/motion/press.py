@@ -13,30 +13,35 @@ import numpy as np
 from palpate.base.errors import DeviceError, SafetyStop
 from palpate.base.geometry import Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
-from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, StopMeasurement
-from palpate.drivers.dynamixel.guarded import End, ServoGoals
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.finger import TICK_RAD, FingerKinematics, Servos
+from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMeasurement, StopMeasurement
+from palpate.drivers.dynamixel import MoveEnd, ServoGoals, ServoState
+from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Servos
 from palpate.recognizer import FingerApproach
-from palpate.rig.motion.approach_state import ApproachState
+from palpate.rig.fingers import planned_turn
 from palpate.rig.motion.finger_movers import TipMover
-from palpate.rig.motion.guarded_approach import aim, go_to, look, move_tips, retract_all
+from palpate.rig.motion.guarded_approach import (
+    aim_fingers,
+    move_along_lines,
+    move_tips,
+    read_positions,
+    retract_all,
+)
 from palpate.rig.motion.hand import Hand
-from palpate.rig.turning_stage import planned_turn
-
-__all__ = ["press", "stop_at_speed"]
+from palpate.rig.motion.touch import ApproachState
 
 _SPEED_MM_S = 4.0
-_FORCE_N = 3.0
+_PRESS_FORCE_N = 3.0
 _LEAD_MM = 2.0  # before a contact: gathering speed, then friction alone
-_DEPTH_MM = 4.0  # no press goes deeper
+_MAX_DEPTH_MM = 4.0  # no press goes deeper
 _PERIOD_S = 0.01
-_STILL_MM = 0.03
-_STILL_S = 0.25
+_MOTION_THRESHOLD_MM = 0.03
+_STALL_S = 0.25
 _SETTLE_S = 0.15
-_TURN_RAD = 1e-4  # of differences in place of derivatives
-_STANDS_RAD_MM = 1e-4  # a servo that turns less along the way does not move: an aim is a little off its line
-_GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
+_DIFFERENCE_RAD = 1e-4  # of differences in place of derivatives
+_MIN_SERVO_RATE_RAD_MM = (
+    1e-4  # a servo that turns less along the way does not move: an aim is a little off its line
+)
+_LEAD_ACCELERATION_MM_S2 = 20.0  # to reach a speed before a contact
 
 _K = TypeVar("_K")
 
@@ -44,33 +49,33 @@ Contacts = Sequence[tuple[FingerApproach, float]]
 """Ways, and after how many mm of each the finger touches."""
 
 
-def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement]:
+def press_contacts(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement]:
     """Press where fingers touch, all at once, and go back. Ends retracted.
 
     Raises SafetyStop above the rig file's max_force_n or off the line, and DeviceError for a device that
     fails; the end of the hand's `with` block then switches torque off.
     """
-    runs = _made_ready(hand, [(item, max(contact - _LEAD_MM, 0.0)) for item, contact in contacts])
+    runs = _approach_contacts(hand, [(item, max(contact - _LEAD_MM, 0.0)) for item, contact in contacts])
     pressing = [
         _PressMover(hand, run, contact, runs) for run, (_, contact) in zip(runs, contacts, strict=True)
     ]
-    _none_crowded(hand.guarded(pressing, period_s=_PERIOD_S))
-    _end(hand, runs)
+    _check_none_crowded(hand.guarded(pressing, period_s=_PERIOD_S))
+    _end_press(hand, runs)
     return [mover.press(placing) for mover in pressing]
 
 
 def stop_at_speed(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[StopMeasurement]:
     """Run into contacts at a speed, stop each finger when it feels something, see where it stood."""
-    lead = max(_LEAD_MM, speed_mm_s**2 / _GENTLE_MM_S2 / 2)
-    runs = _made_ready(hand, [(item, max(contact - lead, 0.0)) for item, contact in contacts])
+    lead = max(_LEAD_MM, speed_mm_s**2 / _LEAD_ACCELERATION_MM_S2 / 2)
+    runs = _approach_contacts(hand, [(item, max(contact - lead, 0.0)) for item, contact in contacts])
     contact_n = hand.rig.closing.contact_force_n
     movers = [
-        TipMover(hand, run, contact + _DEPTH_MM, speed_mm_s, contact_n, runs)
+        TipMover(hand, run, contact + _MAX_DEPTH_MM, speed_mm_s, contact_n, runs)
         for run, (_, contact) in zip(runs, contacts, strict=True)
     ]
     ends = move_tips(hand, movers)
-    _none_crowded(ends)
-    missing = [run for run, end in ends.items() if end is not End.CONTACT]
+    _check_none_crowded(ends)
+    missing = [run for run, end in ends.items() if end is not MoveEnd.CONTACT]
     if missing:
         raise DeviceError(
             f"finger {missing[0].finger.name} detected no contact where it had touched the reference before; "
@@ -78,20 +83,20 @@ def stop_at_speed(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Sto
         )
     felt_mm = {run: run.travel_mm for run in runs}
     hand.pause(_SETTLE_S)
-    look(hand, runs)
+    read_positions(hand, runs)
     stops = []
     period = 1 / hand.rig.closing.sample_rate_hz
     for run, (_, contact) in zip(runs, contacts, strict=True):
         stops.append(
             StopMeasurement(run.finger.name, speed_mm_s, felt_mm[run], run.travel_mm, contact, period)
         )
-    _end(hand, runs)
+    _end_press(hand, runs)
     return stops
 
 
-def _none_crowded(ends: Mapping[_K, End]) -> None:
+def _check_none_crowded(ends: Mapping[_K, MoveEnd]) -> None:
     """Raise SafetyStop if a finger was stopped because another one was too near."""
-    if End.CLEARANCE in ends.values():
+    if MoveEnd.CLEARANCE in ends.values():
         raise SafetyStop(
             "two fingers that press came nearer to each other than clearance_mm; fingers were stopped: "
             "use a larger reference, or calibrate with fewer fingers at once"
@@ -107,9 +112,9 @@ class _PressMover(TipMover):
     def __init__(
         self, hand: Hand, run: ApproachState, contact_mm: float, others: Sequence[ApproachState]
     ) -> None:
-        super().__init__(hand, run, contact_mm + _DEPTH_MM, _SPEED_MM_S, math.inf, others)
+        super().__init__(hand, run, contact_mm + _MAX_DEPTH_MM, _SPEED_MM_S, math.inf, others)
         self._back_mm = max(contact_mm - _LEAD_MM, 0.0)
-        self._leg, self._turns = IN, False
+        self._leg, self._turns = LEG_IN, False
         self._servos: list[Servos] = []
         self._currents: list[tuple[float, float]] = []
         self._legs: list[int] = []
@@ -120,7 +125,7 @@ class _PressMover(TipMover):
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Sample servos and array at one instant."""
         super().look(states, now)
-        if abs(self.run.travel_mm - self._still_mm) > _STILL_MM:
+        if abs(self.run.travel_mm - self._still_mm) > _MOTION_THRESHOLD_MM:
             self._still_mm, self._still_s = self.run.travel_mm, now
         reading = self.hand.take_reading(self.finger)
         if not reading.frames:
@@ -130,18 +135,18 @@ class _PressMover(TipMover):
         near, far = (states[servo.dxl_id] for servo in self.servos)
         self._servos.append((near.position_rad, far.position_rad))
         self._currents.append((near.current_a, far.current_a))
-        self._legs.append(self._leg if touching or self._leg == OUT else FREE)
+        self._legs.append(self._leg if touching or self._leg == LEG_OUT else LEG_FREE)
         baseline = self.finger.extractor.baseline.mean
         self._counts.append(np.mean([frame.counts for frame in reading.frames], axis=0) - baseline)
 
-    def until(self, now: float) -> End | None:
+    def until(self, now: float) -> MoveEnd | None:
         """Turn where the way in ends; enough where the way out does."""
-        stands = now - self._still_s > _STILL_S
-        if self._leg == IN and (stands or self._force_n > _FORCE_N):
-            self._leg, self.limit_mm, self._turns = OUT, self._back_mm, True
+        stands = now - self._still_s > _STALL_S
+        if self._leg == LEG_IN and (stands or self._force_n > _PRESS_FORCE_N):
+            self._leg, self.limit_mm, self._turns = LEG_OUT, self._back_mm, True
             self._still_s = now
             return None
-        return End.ENOUGH if self._leg == OUT and stands else None
+        return MoveEnd.ENOUGH if self._leg == LEG_OUT and stands else None
 
     def stream(self, now: float) -> ServoGoals:
         """The way out, once; else what the drive has to write."""
@@ -153,7 +158,7 @@ class _PressMover(TipMover):
     def press(self, placing: int) -> PressMeasurement:
         """What was kept."""
         leg = np.array(self._legs, dtype=np.int64)
-        drive = _Drive(self.run, np.array(self._servos), np.array(self._currents), leg)
+        drive = _PressMechanics(self.run, np.array(self._servos), np.array(self._currents), leg)
         return PressMeasurement(
             self.finger.name,
             placing,
@@ -171,7 +176,7 @@ class _PressMover(TipMover):
         )
 
 
-class _Drive:
+class _PressMechanics:
     """What servos' angles and currents (n, 2) of a press say of its tip, along its way.
 
     A force f on the tip loads servo k with f · e, where e is what a turn of it moves the tip by: currents and
@@ -188,13 +193,13 @@ class _Drive:
         self.aside_mm: Floats = away @ [-along[1], along[0]]
         facing = np.array([kinematics.facing_rad((near, far)) for near, far in servos_rad.tolist()])
         self.facing_rad: Floats = wrap_angle(facing - line.direction_rad)
-        moves = np.array([_moves_mm(kinematics, (near, far)) for near, far in servos_rad.tolist()])
+        moves = np.array([_jacobian_mm(kinematics, (near, far)) for near, far in servos_rad.tolist()])
         rates = np.linalg.solve(moves, np.tile(along[:, None], (len(moves), 1, 1)))[:, :, 0]
         torques = [servo.model.known_torque for servo in finger.drive.servos]
         # Newton along the way for each ampere, (n, 2).
         worth = 1e3 * rates * [torque.nm_per_a for torque in torques]
-        worth = np.where(np.abs(rates) < _STANDS_RAD_MM, 0.0, worth)
-        free = np.flatnonzero(leg == FREE)
+        worth = np.where(np.abs(rates) < _MIN_SERVO_RATE_RAD_MM, 0.0, worth)
+        free = np.flatnonzero(leg == LEG_FREE)
         free = free[len(free) // 3 :]  # it has gathered speed
         resting = np.median(current_a[free], axis=0) if len(free) else np.zeros(2)
         at_contact = worth[free[-1]] if len(free) else worth[0]
@@ -210,29 +215,29 @@ class _Drive:
         self.step_mm = float(steps[at_contact != 0].max())
 
 
-def _moves_mm(kinematics: FingerKinematics, servos_rad: Servos) -> Floats:
+def _jacobian_mm(kinematics: FingerKinematics, servos_rad: Servos) -> Floats:
     """What turns of both servos move the tip by, mm/rad: columns of (2, 2)."""
     near, far = servos_rad
     ends = [
         np.subtract(kinematics.centre_mm((near + a, far + b)), kinematics.centre_mm((near - a, far - b)))
-        for a, b in ((_TURN_RAD, 0.0), (0.0, _TURN_RAD))
+        for a, b in ((_DIFFERENCE_RAD, 0.0), (0.0, _DIFFERENCE_RAD))
     ]
-    return np.column_stack(ends) / (2 * _TURN_RAD)
+    return np.column_stack(ends) / (2 * _DIFFERENCE_RAD)
 
 
-def _made_ready(hand: Hand, ways: Contacts) -> list[ApproachState]:
+def _approach_contacts(hand: Hand, ways: Contacts) -> list[ApproachState]:
     """Fingers that have aimed and tared and gone so far along their ways."""
     hand.arm()
     retract_all(hand)
     turn = planned_turn(hand.rig.stage, 0.0)
     runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item, _ in ways]
-    aim(hand, runs)
+    aim_fingers(hand, runs)
     hand.tare()
-    go_to(hand, {run: before for run, (_, before) in zip(runs, ways, strict=True)})
+    move_along_lines(hand, {run: before for run, (_, before) in zip(runs, ways, strict=True)})
     return runs
 
 
-def _end(hand: Hand, runs: Sequence[ApproachState]) -> None:
+def _end_press(hand: Hand, runs: Sequence[ApproachState]) -> None:
     hand.stop_arrays()
-    go_to(hand, dict.fromkeys(runs, 0.0))
+    move_along_lines(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()

@@ -17,30 +17,26 @@ import numpy as np
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Floats
 from palpate.config import RigFile
-from palpate.drivers.arm_finger import ArmKinematics
-from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals
-from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState
-from palpate.drivers.finger import Servos, Turn
-from palpate.rig.arm_drive import ArmDrive
-from palpate.rig.drives import AIM_TOLERANCE_RAD, ARM_AIM_SPEED_MM_S
-from palpate.rig.host_finger import HostFinger
+from palpate.drivers.arm_kinematics import ArmKinematics
+from palpate.drivers.dynamixel import MoveEnd, Mover, Servo, ServoGoals, ServoState
+from palpate.drivers.kinematics import Servos, Turn
+from palpate.rig.drives import AIM_TOLERANCE_RAD, ARM_AIM_SPEED_MM_S, ArmDrive
+from palpate.rig.fingers import HostFinger, HostStage
 from palpate.rig.motion.array_guard import ArrayReading
-from palpate.rig.reach.free_space import stage_range_rad
+from palpate.rig.reach.approaches import stage_range_rad
 from palpate.rig.reach.standby_ways import Standby, StandbyWay, standby_of
-from palpate.rig.turning_stage import HostStage
 
-__all__ = ["come_to_standby", "stage_problem"]
-
-_TRIES = 10  # ways of a finger, after which it is a person's turn
-_FELT_N = 0.8  # what currents must show beyond friction; cogging and the steps of Present Current are less
-_RECENT_S = (0.15, 2.0)  # friction is the most that a servo has needed in this time
-_BEHIND_MM = 4.0  # a way must lead so far past what was met, once it is further off
-_SEEING = 0.02  # share of the tip's leading half without taxels, below which its array is relied on
+_MAX_WAYS_TRIED = 10  # ways of a finger, after which it is a person's turn
+_CURRENT_CONTACT_N = (
+    0.8  # what currents must show beyond friction; cogging and the steps of Present Current are less
+)
+_FRICTION_WINDOW_S = (0.15, 2.0)  # friction is the most that a servo has needed in this time
+_OBSTACLE_MARGIN_MM = 4.0  # a way must lead so far past what was met, once it is further off
+_MAX_BLIND_SHARE = 0.02  # share of the tip's leading half without taxels, below which its array is relied on
 _FREE_STALL_S = 1.0
-_MOVED_RAD = 0.003
-_LONGEST_S = 120.0
-_SLIDES_MM = 0.8
+_MOTION_THRESHOLD_RAD = 0.003
+_WAY_TIMEOUT_S = 120.0
+_ARRIVED_MM = 0.8
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -62,7 +58,7 @@ class _Hand(Protocol):
 
     def servos_of(self, fingers: Sequence[HostFinger], /) -> Mapping[HostFinger, Servos]: ...
 
-    def guarded(self, movers: Sequence[_M], /, *, period_s: float = ...) -> Mapping[_M, End]: ...
+    def guarded(self, movers: Sequence[_M], /, *, period_s: float = ...) -> Mapping[_M, MoveEnd]: ...
 
     def move_servos(self, goals_rad: ServoGoals, tolerance_rad: Callable[[Servo], float], /) -> None: ...
 
@@ -110,7 +106,7 @@ def come_to_standby(hand: _Hand) -> None:
     _retract(hand)
     hand.tare()
     while away := _away(hand, standby):
-        if not any(_has_come(hand, standby, index) for index in away):
+        if not any(_bring_to_standby(hand, standby, index) for index in away):
             raise _no_way(hand, away[0])
     hand.stop_arrays()
     hand.disarm()
@@ -128,13 +124,13 @@ def _retract(hand: _Hand) -> None:
         goals |= finger.drive.retract()
     by_servo = {servo: finger for finger in hand.fingers for servo in finger.drive.servos}
     if goals:
-        hand.move_servos(goals, lambda servo: by_servo[servo].drive.reached_rad(servo, _SLIDES_MM))
+        hand.move_servos(goals, lambda servo: by_servo[servo].drive.reached_rad(servo, _ARRIVED_MM))
 
 
-def _has_come(hand: _Hand, standby: Standby, index: int) -> bool:
+def _bring_to_standby(hand: _Hand, standby: Standby, index: int) -> bool:
     """Bring a finger to standby; False if it has no free way now. Raises as `come_to_standby` does."""
-    finger, met = hand.fingers[index], _Met()
-    for _ in range(_TRIES):
+    finger, met = hand.fingers[index], _MetObstacles()
+    for _ in range(_MAX_WAYS_TRIED):
         at = hand.servos_of(hand.fingers)
         way = next(met.past(standby.ways(index, [at[other] for other in hand.fingers]), finger), None)
         if way is None:
@@ -145,7 +141,7 @@ def _has_come(hand: _Hand, standby: Standby, index: int) -> bool:
             return True
         if not met.places:
             hand.notice(f"finger {finger.name} goes to where it waits")
-        contact = _gone(hand, finger, finger.drive, way)
+        contact = _follow_way(hand, finger, finger.drive, way)
         if contact is None:
             return True
         met.places.append(contact)
@@ -171,7 +167,7 @@ def _by_hand(finger: HostFinger) -> str:
 
 
 @dataclass
-class _Met:
+class _MetObstacles:
     """What a finger has met so far: where its tip stood, and in which direction from there."""
 
     places: list[tuple[Floats, float]] = field(default_factory=list)
@@ -181,15 +177,17 @@ class _Met:
         radius = finger.spec.tip.radius_mm
         for way in ways:
             points = [at + radius * np.array([math.cos(a), math.sin(a)]) for at, a in self.places]
-            if all(way.keeps_off(point, radius + _BEHIND_MM) for point in points):
+            if all(way.keeps_off(point, radius + _OBSTACLE_MARGIN_MM) for point in points):
                 yield way
 
 
-def _gone(hand: _Hand, finger: HostFinger, drive: ArmDrive, way: StandbyWay) -> tuple[Floats, float] | None:
+def _follow_way(
+    hand: _Hand, finger: HostFinger, drive: ArmDrive, way: StandbyWay
+) -> tuple[Floats, float] | None:
     """Go a way; where the tip stood and in which direction it has met something, None if it has arrived."""
     for first, last, speed in _legs(hand.rig, way):
         mover = _WayMover(hand, finger, drive, way, (first, last), speed)
-        if hand.guarded([mover], period_s=1 / hand.rig.closing.sample_rate_hz)[mover] is End.REACHED:
+        if hand.guarded([mover], period_s=1 / hand.rig.closing.sample_rate_hz)[mover] is MoveEnd.REACHED:
             continue
         found = mover.met()
         gone = way.up_to(mover.travel_mm).reversed().up_to(hand.rig.closing.back_off_mm)
@@ -203,7 +201,7 @@ def _gone(hand: _Hand, finger: HostFinger, drive: ArmDrive, way: StandbyWay) -> 
 def _legs(rig: RigFile, way: StandbyWay) -> Iterator[tuple[int, int, float]]:
     """Pieces of a way, by the numbers of their first and last postures, each with its speed (mm/s)."""
     closing = rig.closing
-    seeing = np.where(way.blind <= _SEEING, closing.search_mm_s, closing.touch_speed_mm_s)
+    seeing = np.where(way.blind <= _MAX_BLIND_SHARE, closing.search_mm_s, closing.touch_speed_mm_s)
     speeds = np.where(way.is_inside, seeing, min(ARM_AIM_SPEED_MM_S, closing.approach_speed_mm_s))
     ends = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(speeds)]
     for first, last in pairwise(ends):
@@ -261,47 +259,47 @@ class _WayMover:
         """What the drive writes now."""
         return self._drive.goals(now)
 
-    def sense(self, _now: float) -> End | None:
+    def sense(self, _now: float) -> MoveEnd | None:
         """A contact that the array feels."""
         reading = self._hand.reading(self.finger)
         if not self._feels or reading.force_n <= self._hand.rig.closing.contact_force_n:
             return None
         patch = self.finger.extractor.extract(reading.frames)
         self._patch_rad = None if patch is None else patch.angle_rad
-        return End.CONTACT
+        return MoveEnd.CONTACT
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Note where the servos are and what they need."""
         self._states = {servo: states[servo.dxl_id] for servo in self.servos}
         at = {servo: state.position_rad for servo, state in self._states.items()}
-        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _MOVED_RAD for servo in at):
+        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _MOTION_THRESHOLD_RAD for servo in at):
             self._moved, self._moved_s = at, now
         near, far = at.values()
         x, y = self._kinematics.centre_mm((near, far))
         away = np.hypot(*(self._way.places_mm - [x, y]).T)
         self.travel_mm = float(self._way.travel_mm[away.argmin()])
         self._needed.append((now, self._forces_n((near, far))))
-        while self._needed[0][0] < now - _RECENT_S[1]:
+        while self._needed[0][0] < now - _FRICTION_WINDOW_S[1]:
             self._needed.popleft()
 
     def stopped(self, now: float) -> None:
         """Nothing: another way begins."""
 
-    def judge(self, now: float) -> End | None:
+    def judge(self, now: float) -> MoveEnd | None:
         """A contact that currents show; arrival; a stall."""
         if self._feels and self._is_pressing(now):
-            return End.CONTACT
+            return MoveEnd.CONTACT
         if self._drive.under_way(now):
             return None
         near = {
             servo: abs(self._states[servo].position_rad - goal)
             for servo, goal in self._drive.targets().items()
         }
-        if all(off <= self._drive.reached_rad(servo, _SLIDES_MM) for servo, off in near.items()):
-            return End.REACHED
+        if all(off <= self._drive.reached_rad(servo, _ARRIVED_MM) for servo, off in near.items()):
+            return MoveEnd.REACHED
         if now - self._moved_s > _FREE_STALL_S:
-            return End.STALL
-        return End.DEADLINE if now - self._begun_s > _LONGEST_S else None
+            return MoveEnd.STALL
+        return MoveEnd.DEADLINE if now - self._begun_s > _WAY_TIMEOUT_S else None
 
     def met(self) -> tuple[Floats, float]:
         """Where the tip stood when it met something, and in which direction that is."""
@@ -333,7 +331,7 @@ class _WayMover:
 
     def _is_pressing(self, now: float) -> bool:
         """Whether a servo needs more than its friction, as the last seconds have shown that."""
-        before = [needed for when, needed in self._needed if when < now - _RECENT_S[0]]
-        if not before or now - self._begun_s < 2 * _RECENT_S[0]:
+        before = [needed for when, needed in self._needed if when < now - _FRICTION_WINDOW_S[0]]
+        if not before or now - self._begun_s < 2 * _FRICTION_WINDOW_S[0]:
             return False
-        return bool((self._needed[-1][1] - np.max(before, axis=0) > _FELT_N).any())
+        return bool((self._needed[-1][1] - np.max(before, axis=0) > _CURRENT_CONTACT_N).any())

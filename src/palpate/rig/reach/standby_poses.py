@@ -1,12 +1,4 @@
-"""Standby poses: where fingers wait between approaches, and the ranges of aims within which they may move.
-
-A finger waits with its tip outside
-of the workspace, at an aim; it changes its aim there, by way of all aims in between.
-
-No finger meets another one while fingers aim: each keeps to a range of aims, and every place of one finger's
-range is clear of every place of every other one's. So nothing has to be known of who moves when, or how fast.
-Obstacles likewise: every aim of a range is clear of them, so moving within the range is.
-"""
+"""Standby poses: where a finger may wait between approaches, the room that it takes there, and its home."""
 
 import math
 from collections.abc import Sequence
@@ -16,24 +8,14 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats
 from palpate.config import ArmFingerConfig, FingerConfig
-from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
+from palpate.drivers.kinematics import FingerBody, FingerKinematics, Line, Servos
 from palpate.rig.conversion import arm_kinematics, slide_kinematics, tip_bound_mm
-from palpate.rig.drives import AIM_TOLERANCE_RAD
-from palpate.rig.reach.swept_volume import Capsules, capsules_of, gaps_mm, polygon_gap_mm
-from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
-
-__all__ = [
-    "StandbyPoses",
-    "body_of",
-    "clear_aims",
-    "free_ranges",
-    "home_line",
-    "standby_poses_of",
-]
+from palpate.rig.drives import AIM_TOLERANCE_RAD, is_steady, point_on_circle, wait_distance_mm, wait_radius_mm
+from palpate.rig.reach.swept_volume import BodyCapsules, capsules_of, gaps_mm, polygon_gap_mm
 
 _STEP_RAD = math.radians(1.0)
 _ARM_STEP_RAD = math.radians(2.0)
-_MOST_STEPS = 90  # half a turn either way
+_MAX_ARM_STEPS = 90  # half a turn either way
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +26,7 @@ class StandbyPoses:
     """
 
     aims_rad: Floats
-    capsules: Capsules
+    capsules: BodyCapsules
     home: int
 
 
@@ -75,16 +57,16 @@ def _arm_poses(spec: ArmFingerConfig, workspace_radius_mm: float) -> StandbyPose
 
     def reached(step: int) -> list[float]:
         found: list[float] = []
-        while len(found) < _MOST_STEPS:
+        while len(found) < _MAX_ARM_STEPS:
             aim = home + (len(found) + 1) * step * _ARM_STEP_RAD
-            if not is_steady(kinematics, on_circle(radius, aim)):
+            if not is_steady(kinematics, point_on_circle(radius, aim)):
                 break
             found.append(aim)
         return found
 
     before = reached(-1)[::-1]
     aims = np.array([*before, home, *reached(1)])
-    postures = [kinematics.servos_at(on_circle(radius, float(aim))) for aim in aims]
+    postures = [kinematics.servos_at(point_on_circle(radius, float(aim))) for aim in aims]
     bodies = [body_of(kinematics, servos, spec) for servos in postures]
     return StandbyPoses(aims, capsules_of(bodies, between=True), len(before))
 
@@ -93,19 +75,19 @@ def home_line(spec: FingerConfig, workspace_radius_mm: float) -> Line:
     """A way that starts at the finger's home, where it stands at power-up and when a stage turns."""
     if isinstance(spec, ArmFingerConfig):
         angle = math.atan2(spec.base_mm[1], spec.base_mm[0])
-        return Line(on_circle(wait_radius_mm(spec, workspace_radius_mm), angle), angle + math.pi)
+        return Line(point_on_circle(wait_radius_mm(spec, workspace_radius_mm), angle), angle + math.pi)
     lo, hi = (math.radians(value) for value in spec.aim.range_deg)
     wait = wait_distance_mm(spec, workspace_radius_mm)
     return slide_kinematics(spec).line(min(max(0.0, lo), hi), wait)
 
 
-def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: FingerConfig) -> Body:
+def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: FingerConfig) -> FingerBody:
     """Room that a finger may take up, given how well place and tip are known and how exactly it aims."""
     body = kinematics.body(servos_rad, spec.tip.radius_mm)
     unsure = kinematics.position_bound_mm(servos_rad) + kinematics.cross_track_bound_mm(
         servos_rad, AIM_TOLERANCE_RAD
     )
-    return Body(body.start, body.end, body.half_width + (unsure + tip_bound_mm(spec)))
+    return FingerBody(body.start, body.end, body.half_width + (unsure + tip_bound_mm(spec)))
 
 
 def clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
@@ -126,7 +108,7 @@ def free_ranges(
     apart from all places in the other fingers' ranges.
     """
     meets = {
-        (i, j): _meetings(one, other, clearance_mm)
+        (i, j): _clashing_pairs(one, other, clearance_mm)
         for i, one in enumerate(standby)
         for j, other in enumerate(standby)
         if i < j
@@ -162,7 +144,7 @@ def free_ranges(
     return ranges
 
 
-def _meetings(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:
+def _clashing_pairs(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:
     """Whether the finger at each aim (m,) of one may meet the other finger at each of its aims: (m, n)."""
     near = gaps_mm(one.capsules, other.capsules) < clearance_mm
     result = np.zeros((len(one.aims_rad), len(other.aims_rad)), dtype=bool)

@@ -1,8 +1,8 @@
 """Ways to standby: how a finger gets from wherever it stands to where tips wait between approaches.
 
-Nothing is known of where the part is. Aims of slides turn outside of the workspace. An arm's tip may stand in
-the middle of it: then its ways are tried that keep clear of whatever else is known, those first on which the
-array leads the tip and which are short.
+Nothing is known of where the part is. Aims of slides turn outside of the workspace. An arm's tip may stand
+in the middle of it: then its ways are tried that keep clear of whatever else is known, those first on which
+the array leads the tip and which are short.
 """
 
 import math
@@ -14,10 +14,11 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
-from palpate.drivers.arm_finger import ArmKinematics
-from palpate.drivers.finger import FingerKinematics, Servos, Turn
+from palpate.drivers.arm_kinematics import ArmKinematics
+from palpate.drivers.kinematics import FingerKinematics, Servos, Turn
 from palpate.rig.conversion import kinematics_of
-from palpate.rig.reach.free_space import furthest_mm
+from palpate.rig.drives import is_steady, point_on_circle, wait_distance_mm, wait_radius_mm
+from palpate.rig.reach.approaches import reach_radius_mm
 from palpate.rig.reach.standby_poses import (
     StandbyPoses,
     body_of,
@@ -25,17 +26,14 @@ from palpate.rig.reach.standby_poses import (
     free_ranges,
     standby_poses_of,
 )
-from palpate.rig.reach.swept_volume import Capsules, capsules_of, gap_mm, polygon_gap_mm
-from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
-
-__all__ = ["Standby", "StandbyWay", "standby_of"]
+from palpate.rig.reach.swept_volume import BodyCapsules, capsules_of, gap_mm, polygon_gap_mm
 
 _STEP_MM = 1.0  # of the tip, between two postures of a way
-_EVERY = 5  # of the sampled places on an arm's waiting circle one is a goal
-_NEAR_MM = 3.0  # beside the waiting circle a tip still waits
-_SLACK_RAD = math.radians(0.6)  # servos settle beside their goals
-_LESS_MM = 0.2  # what a way may come nearer to what was met than it begins
-_LOST_MM = 0.5  # of a gap that is below the clearance at the start
+_AIM_STRIDE = 5  # of the sampled places on an arm's waiting circle one is a goal
+_STANDBY_TOLERANCE_MM = 3.0  # beside the waiting circle a tip still waits
+_SETTLING_RAD = math.radians(0.6)  # servos settle beside their goals
+_APPROACH_ALLOWANCE_MM = 0.2  # what a way may come nearer to what was met than it begins
+_GAP_ALLOWANCE_MM = 0.5  # of a gap that is below the clearance at the start
 _INSIDE_COST, _OUTSIDE_COST = (
     0.3,
     0.05,
@@ -65,7 +63,7 @@ class StandbyWay:
     def keeps_off(self, point_mm: Floats, by_mm: float) -> bool:
         """Whether its places all keep so far from a point (2,), or as far as the first of them is."""
         away = np.hypot(*(self.places_mm - point_mm).T)
-        return bool((away >= min(by_mm, float(away[0]) - _LESS_MM)).all())
+        return bool((away >= min(by_mm, float(away[0]) - _APPROACH_ALLOWANCE_MM)).all())
 
     def up_to(self, travel_mm: float) -> "StandbyWay":
         """The same way, up to the posture that is nearest to a travel."""
@@ -113,12 +111,12 @@ class Standby:
         first, last = self.poses[index].aims_rad[list(found)].tolist()
         if not isinstance(spec, ArmFingerConfig):
             aim = kinematics.facing_rad(servos_rad) - math.radians(spec.heading_deg)
-            return bool(first - _SLACK_RAD <= aim <= last + _SLACK_RAD)
+            return bool(first - _SETTLING_RAD <= aim <= last + _SETTLING_RAD)
         x, y = kinematics.centre_mm(servos_rad)
         middle = (first + last) / 2
         off = math.remainder(math.atan2(y, x) - middle, 2 * math.pi)
         beside = abs(math.hypot(x, y) - wait_radius_mm(spec, self.rig.clear_radius_mm))
-        return bool(beside <= _NEAR_MM and abs(off) <= (last - first) / 2 + _SLACK_RAD)
+        return bool(beside <= _STANDBY_TOLERANCE_MM and abs(off) <= (last - first) / 2 + _SETTLING_RAD)
 
     def ways(self, index: int, servos_rad: Sequence[Servos]) -> Iterator[StandbyWay]:
         """Ways of a finger into its range, clear of obstacles and of where all others stand, best first.
@@ -135,7 +133,7 @@ class Standby:
             if self._is_free(index, way, others):
                 yield way
 
-    def _body(self, index: int, servos_rad: Servos) -> Capsules:
+    def _body(self, index: int, servos_rad: Servos) -> BodyCapsules:
         """The room that a finger takes up, with its bounds."""
         return capsules_of([body_of(self.kinematics[index], servos_rad, self.rig.fingers[index])])
 
@@ -156,7 +154,7 @@ class Standby:
         aims = self.poses[index].aims_rad[found[0] : found[1] + 1]
         if isinstance(spec, ArmFingerConfig):
             assert isinstance(kinematics, ArmKinematics)
-            return _ways_of_arm(spec, kinematics, start, aims[::_EVERY], self.rig.clear_radius_mm)
+            return _ways_of_arm(spec, kinematics, start, aims[::_AIM_STRIDE], self.rig.clear_radius_mm)
         wait = wait_distance_mm(spec, self.rig.clear_radius_mm)
         at = kinematics.facing_rad(start) - math.radians(spec.heading_deg)
         aim = float(np.clip(at, aims[0], aims[-1]))
@@ -165,7 +163,7 @@ class Standby:
         postures = np.column_stack([np.linspace(start[0], turned, count), np.full(count, start[1])])
         return [_way(spec, kinematics, postures, self.rig.clear_radius_mm)]
 
-    def _is_free(self, index: int, way: StandbyWay, others: Sequence[Capsules]) -> bool:
+    def _is_free(self, index: int, way: StandbyWay, others: Sequence[BodyCapsules]) -> bool:
         spec, kinematics = self.rig.fingers[index], self.kinematics[index]
         bodies = [body_of(kinematics, (near, far), spec) for near, far in way.servos_rad.tolist()]
         own = capsules_of(bodies, between=True)
@@ -174,13 +172,14 @@ class Standby:
         gaps += [(polygon_gap_mm(own, corners), clearance + self.unsure_mm) for corners in self.obstacles]
         at_first = own.owner == 0
         return all(
-            bool((gap >= min(least, float(gap[at_first].min()) - _LOST_MM)).all()) for gap, least in gaps
+            bool((gap >= min(least, float(gap[at_first].min()) - _GAP_ALLOWANCE_MM)).all())
+            for gap, least in gaps
         )
 
 
 def standby_of(rig: RigFile, turn: Turn) -> Standby:
     """Where fingers may wait with the stage at `turn`."""
-    unsure_mm = turn.angle_bound_rad * furthest_mm(rig) + turn.centre_bound_mm
+    unsure_mm = turn.angle_bound_rad * reach_radius_mm(rig) + turn.centre_bound_mm
     back = Turn(turn.centre_mm, -turn.angle_rad)
     obstacles = [
         np.array([back.point_mm((float(x), float(y))) for x, y in item.outline_mm]) for item in rig.obstacles
@@ -207,10 +206,10 @@ def _ways_of_arm(
     here = kinematics.centre_mm(start)
     found = []
     for aim in aims.tolist():
-        goal = kinematics.servos_at(on_circle(radius, aim))
+        goal = kinematics.servos_at(point_on_circle(radius, aim))
         turns = ([start, goal], [start, (start[0], goal[1]), goal], [start, (goal[0], start[1]), goal])
         postures = [_joints_through(kinematics, corners) for corners in turns]
-        straight = _straight(kinematics, here, on_circle(radius, aim))
+        straight = _straight(kinematics, here, point_on_circle(radius, aim))
         postures += [] if straight is None else [straight]
         found += [_way(spec, kinematics, item, workspace_mm) for item in postures]
     return found

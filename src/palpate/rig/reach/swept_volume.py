@@ -1,8 +1,8 @@
 """Swept volumes of fingers, and their distances from obstacles and from one another; whole arrays, mm.
 
-Everything that a finger sweeps is kept as straight capsules with half widths:
-what does not change shape on the way as it is, what does (the links of an arm) at samples whose half widths
-are larger by as much as any point of them moves up to the middle between two samples.
+Everything that a finger sweeps is kept as straight capsules with half widths: what does not change shape on
+the way as it is, what does (the links of an arm) at samples whose half widths are larger by as much as any
+point of them moves up to the middle between two samples.
 """
 
 import math
@@ -12,29 +12,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import points_in_polygon
-from palpate.base.geometry.segments import distance_range
-from palpate.drivers.finger import Body
+from palpate.base.geometry.plane import distance_range, points_in_polygon
+from palpate.drivers.kinematics import FingerBody
 
-__all__ = [
-    "Capsules",
-    "Swept",
-    "capsules_of",
-    "gap_mm",
-    "gaps_mm",
-    "is_apart",
-    "longest_way_mm",
-    "polygon_gap_mm",
-]
-
-_AT_ONCE = 200_000  # pairs of capsules in one piece of work: bounds the temporary arrays to tens of MB
+_PAIRS_PER_BATCH = (
+    200_000  # pairs of capsules in one piece of work: bounds the temporary arrays to tens of MB
+)
 _BISECTIONS = 12
 
 _Point = Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
-class Capsules:
+class BodyCapsules:
     """Capsules: segments `start` to `end` (s, 2) with half widths (s,); `owner` (s,): the body of each."""
 
     start: Floats
@@ -42,9 +32,9 @@ class Capsules:
     half_width: Floats
     owner: Ints
 
-    def of(self, rows: Ints | Bools) -> "Capsules":
+    def of(self, rows: Ints | Bools) -> "BodyCapsules":
         """Some of the capsules."""
-        return Capsules(self.start[rows], self.end[rows], self.half_width[rows], self.owner[rows])
+        return BodyCapsules(self.start[rows], self.end[rows], self.half_width[rows], self.owner[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +45,7 @@ class Swept:
     `heading` (n, 2) of its approach; all other capsules stay as they are.
     """
 
-    capsules: Capsules
+    capsules: BodyCapsules
     since: Floats
     grows: Bools
     heading: Floats
@@ -71,7 +61,7 @@ class Swept:
         capsules = replace(some.capsules, owner=owner)
         return replace(some, capsules=capsules, heading=self.heading[which])
 
-    def at(self, which: Ints, travel_mm: Floats) -> Capsules:
+    def at(self, which: Ints, travel_mm: Floats) -> BodyCapsules:
         """Capsules swept by approaches `which` (k,) after travels (k,); `owner` is the place in `which`."""
         first, end = (np.searchsorted(self.capsules.owner, which, side=side) for side in ("left", "right"))
         place = np.repeat(np.arange(len(which)), end - first)
@@ -81,10 +71,10 @@ class Swept:
         kept = self.capsules.of(rows)
         way = np.where(self.grows[rows], np.maximum(travel_mm[place], 0.0), 0.0)
         moved = kept.end + way[:, None] * self.heading[kept.owner]
-        return Capsules(kept.start, moved, kept.half_width, place)
+        return BodyCapsules(kept.start, moved, kept.half_width, place)
 
 
-def capsules_of(bodies: Sequence[Body], *, between: bool = False) -> Capsules:
+def capsules_of(bodies: Sequence[FingerBody], *, between: bool = False) -> BodyCapsules:
     """Capsules of m bodies. With `between`, also what is between each and the next one of the same finger.
 
     Ends of a capsule move on arcs or straight; up to the middle between two samples they are within half the
@@ -100,10 +90,10 @@ def capsules_of(bodies: Sequence[Body], *, between: bool = False) -> Capsules:
         widths = widths + 0.75 * nearest
     count = starts.shape[1]
     owner = np.repeat(np.arange(len(bodies)), count)
-    return Capsules(starts.reshape(-1, 2), ends.reshape(-1, 2), widths.ravel(), owner)
+    return BodyCapsules(starts.reshape(-1, 2), ends.reshape(-1, 2), widths.ravel(), owner)
 
 
-def is_apart(one: Body, other: Body, clearance_mm: float) -> bool:
+def is_apart(one: FingerBody, other: FingerBody, clearance_mm: float) -> bool:
     """Whether all capsules of one body are at least `clearance_mm` from all of the other.
 
     The same as by `gap_mm`, for the few capsules of two fingers, in a loop that drives servos: there arrays
@@ -138,10 +128,10 @@ def _side(a: _Point, b: _Point, c: _Point) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
-def gaps_mm(one: Capsules, other: Capsules) -> Floats:
+def gaps_mm(one: BodyCapsules, other: BodyCapsules) -> Floats:
     """Free space (s, t) between all capsules of one and all of the other; negative where they overlap."""
     result = np.empty((len(one.owner), len(other.owner)))
-    rows = max(1, _AT_ONCE // max(len(other.owner), 1))
+    rows = max(1, _PAIRS_PER_BATCH // max(len(other.owner), 1))
     for first in range(0, len(one.owner), rows):
         part = one.of(np.arange(first, min(first + rows, len(one.owner))))
         i, j = np.divmod(np.arange(len(part.owner) * len(other.owner)), max(len(other.owner), 1))
@@ -151,22 +141,22 @@ def gaps_mm(one: Capsules, other: Capsules) -> Floats:
     return result
 
 
-def gap_mm(one: Capsules, other: Capsules) -> Floats:
+def gap_mm(one: BodyCapsules, other: BodyCapsules) -> Floats:
     """Free space (s,) between every capsule of one and whatever of the other is nearest; inf for none."""
     nearest: Floats = gaps_mm(one, other).min(axis=1, initial=np.inf)
     return nearest
 
 
-def polygon_gap_mm(capsules: Capsules, corners: Floats) -> Floats:
+def polygon_gap_mm(capsules: BodyCapsules, corners: Floats) -> Floats:
     """Free space (s,) between capsules and a polygon with corners (c, 2); negative for what is inside."""
     ends = np.roll(corners, -1, axis=0)
-    edges = Capsules(corners, ends, np.zeros(len(corners)), np.zeros(len(corners), np.int64))
+    edges = BodyCapsules(corners, ends, np.zeros(len(corners)), np.zeros(len(corners), np.int64))
     return np.where(
         points_in_polygon(capsules.start, [corners]), -capsules.half_width, gap_mm(capsules, edges)
     )
 
 
-def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Capsules], Bools]) -> Floats:
+def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[BodyCapsules], Bools]) -> Floats:
     """How far (n,) each approach may go at most, up to `travel_mm` (n,), for all its capsules to be free.
 
     `free` tells for every capsule by itself. −1 where not even the waiting finger is free. What is swept only
@@ -188,11 +178,11 @@ def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Capsules], B
     hi = np.maximum(longest, 0.0)
     short = np.flatnonzero(~clear(np.arange(len(hi)), hi))
     if len(short):
-        longest[short] = np.minimum(longest[short], _bisected(short, hi[short], clear))
+        longest[short] = np.minimum(longest[short], _bisect_travel(short, hi[short], clear))
     return np.where(longest < 0, -1.0, longest)
 
 
-def _bisected(rows: Ints, hi: Floats, clear: Callable[[Ints, Floats], Bools]) -> Floats:
+def _bisect_travel(rows: Ints, hi: Floats, clear: Callable[[Ints, Floats], Bools]) -> Floats:
     """The longest clear travel (m,) of each of `rows` (m,), less than `hi` (m,); −1 if not even 0 is."""
     lo = np.zeros_like(hi)
     nowhere = ~clear(rows, lo)

@@ -1,46 +1,135 @@
-"""Does what a session felt agree with the calibration? After an identification, beside the report.
+"""Calibration drift: whether devices and contacts of a session agree with the calibration in use.
 
-The object that was identified is a thing of known shape: at its best pose its contacts must not be further
+Before a run: an array or a servo that was replaced has other gains, another play, another zero. After an
+identification: the object is a thing of known shape, and at its best pose its contacts must not be further
 from its outline than the calibration explains (`calibration.agreement`).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotate, rotation_matrix
 from palpate.base.vocabulary import RecognitionVerdict
-from palpate.calibration.agreement import (
-    Agreement,
+from palpate.calibration.drift_test import (
     ContactUncertainty,
+    DriftTest,
     SurfaceContacts,
     compare_touches,
     contact_uncertainties,
     touch_covariance,
 )
-from palpate.config import CalibrationFile, RigFile, StageConfig
+from palpate.config import CalibrationDevice, CalibrationFile, RigFile, StageConfig
 from palpate.config.identification_result import CalibrationUsedOut
+from palpate.drivers.dynamixel import Servo
 from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm
+from palpate.rig.fingers import planned_turn
 from palpate.rig.identification.loop import Identification
-from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
-from palpate.rig.motion.guarded_approach import Touch
-from palpate.rig.turning_stage import planned_turn
+from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.touch import Touch, dent_range_mm, may_touch_two_edges
 
-__all__ = ["calibration_used", "session_agreement"]
 
-_STEP = 1e-6
-_TURNED_RAD = math.radians(0.2)  # less is what the stage's servo stops beside its goal
-_ARM_MM = 50.0  # a turn counts like a shift so far out: unknowns of one size
+def devices_of(hand: Hand) -> list[CalibrationDevice]:
+    """Every device of a connected hand: servos, the stage's first, then arrays, in the fingers' order."""
+    port = hand.rig.bus.port
+    servos = [
+        CalibrationDevice(
+            port=port,
+            kind="servo",
+            id=str(servo.dxl_id),
+            model=servo.model.name,
+            firmware=str(servo.check().firmware),
+        )
+        for servo in _servos(hand)
+    ]
+    arrays = []
+    for finger in hand.fingers:
+        described = finger.array.description
+        size = f"{described.rows} x {described.cols}"
+        arrays.append(
+            CalibrationDevice(
+                port=finger.spec.array.port,
+                kind="array",
+                id=described.unique_id.hex(),
+                model=f"{finger.spec.array.protocol}, {size} {described.shape.name.lower()}",
+                firmware=described.firmware or "unknown",
+            )
+        )
+    return [*servos, *arrays]
+
+
+def check_devices(file: CalibrationFile | None, hand: Hand) -> None:
+    """Raise InputError if a connected device is not the one that was calibrated. Nothing is sent."""
+    if file is None:
+        return
+    servos = {servo.dxl_id: servo.model.name for servo in _servos(hand)}
+    _refuse_mismatch(file, _servo_mismatch(file, servos))
+    check_arrays(file, {finger.name: finger.array.description.unique_id.hex() for finger in hand.fingers})
+
+
+def check_arrays(file: CalibrationFile | None, arrays: Mapping[str, str]) -> None:
+    """Raise InputError if one of some fingers' arrays, by unique id, is not the one that was calibrated."""
+    if file is not None:
+        _refuse_mismatch(file, _array_mismatch(file, arrays))
+
+
+def device_mismatch(
+    file: CalibrationFile, servos: Mapping[int, str], arrays: Mapping[str, str]
+) -> str | None:
+    """In words, the first device that is not the one that was calibrated; None if all that are given are.
+
+    `servos`: model by id. `arrays`: unique id in hexadecimal by finger; fingers may be left out.
+    """
+    return _servo_mismatch(file, servos) or _array_mismatch(file, arrays)
+
+
+def _servo_mismatch(file: CalibrationFile, servos: Mapping[int, str]) -> str | None:
+    for device in file.devices:
+        model = servos.get(int(device.id)) if device.kind == "servo" and device.id.isdecimal() else None
+        if model is not None and model != device.model:
+            return f"was made with servo {device.id} a {device.model}, which is a {model} now"
+    return None
+
+
+def _array_mismatch(file: CalibrationFile, arrays: Mapping[str, str]) -> str | None:
+    calibrated = [device.id for device in file.devices if device.kind == "array"]
+    if len(calibrated) != len(file.fingers):
+        return f"names {len(calibrated)} arrays for {len(file.fingers)} fingers"
+    for finger, wanted in zip(file.fingers, calibrated, strict=True):
+        found = arrays.get(finger.name, wanted)
+        if found != wanted:
+            return f"was made with array {wanted} on finger {finger.name}, which has array {found} now"
+    return None
+
+
+def _refuse_mismatch(file: CalibrationFile, other: str | None) -> None:
+    # A replay says the same from another folder, so no path is named.
+    if other is not None:
+        raise InputError(
+            f'the calibration of rig "{file.rig}" {other}: calibrate again with `palpate calibrate`, or '
+            "leave it out with --no-calibration (an emulated rig's devices are those of its --seed)"
+        )
+
+
+def _servos(hand: Hand) -> list[Servo]:
+    stage = [] if hand.stage is None else [hand.stage.servo]
+    return [*stage, *(servo for finger in hand.fingers for servo in finger.drive.servos)]
+
+
+_DIFFERENCE = 1e-6
+_MIN_STAGE_TURN_RAD = math.radians(0.2)  # less is what the stage's servo stops beside its goal
+_LEVER_MM = 50.0  # a turn counts like a shift so far out: unknowns of one size
 
 
 def session_agreement(
     result: Identification, rig: RigFile, calibration: CalibrationFile | None
-) -> Agreement | None:
+) -> DriftTest | None:
     """How the contacts of an identified object agree with the calibration that is laid over `rig`.
 
     None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
@@ -52,7 +141,7 @@ def session_agreement(
     since = result.moved_before[-1] - 1 if result.moved_before else 0
     touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
     found = recognition.hypotheses[0]
-    outlines = [_edges_met(found, touch.contact.finger) for touch in touches]
+    outlines = [_touchable_edges(found, touch.contact.finger) for touch in touches]
     if not touches or any(not len(outline) for outline in outlines):
         return None
     return _agreement(touches, outlines, found, rig, uncertainties)
@@ -83,7 +172,7 @@ def _agreement(
     found: Hypothesis,
     rig: RigFile,
     uncertainties: Sequence[ContactUncertainty],
-) -> Agreement | None:
+) -> DriftTest | None:
     centre = np.array([touch.contact.end_mm for touch in touches])
     radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
     at = found.configuration
@@ -92,9 +181,9 @@ def _agreement(
 
     def gaps(pose: Floats) -> tuple[Floats, Floats]:
         """Distances (n,) of centres from the outline less the radius, and outward normals (n, 2) in W."""
-        turn = rotation_matrix(at.theta_rad + pose[2] / _ARM_MM)
+        turn = rotation_matrix(at.theta_rad + pose[2] / _LEVER_MM)
         own = (centre - middle - pose[:2]) @ turn + found.state.origin_mm
-        nearest = np.array([_nearest(outline, p) for outline, p in zip(outlines, own, strict=True)])
+        nearest = np.array([_nearest_point(outline, p) for outline, p in zip(outlines, own, strict=True)])
         away = own - nearest
         far = np.hypot(away[:, 0], away[:, 1])
         return far - radius, away @ turn.T / np.maximum(far, 1e-9)[:, None]
@@ -105,7 +194,7 @@ def _agreement(
     pose = least_squares(off, np.zeros(3)).x
     residual, normal = gaps(pose)
     slopes = np.column_stack(
-        [(off(pose + step) - off(pose - step)) / (2 * _STEP) for step in _STEP * np.eye(3)]
+        [(off(pose + step) - off(pose - step)) / (2 * _DIFFERENCE) for step in _DIFFERENCE * np.eye(3)]
     )
     travel = np.array([touch.contact.direction_rad for touch in touches])
     surface = SurfaceContacts(
@@ -114,7 +203,7 @@ def _agreement(
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
-        shared_mm=None if rig.stage is None else _turned_mm(touches, centre, normal, rig.stage),
+        shared_mm=None if rig.stage is None else _stage_deviation_mm(touches, centre, normal, rig.stage),
     )
     return compare_touches(residual, slopes, touch_covariance(surface, uncertainties))
 
@@ -127,14 +216,16 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
     return (most - least) / 2 + deflection_mm(finger, patch.force_n)
 
 
-def _turned_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: StageConfig) -> Floats:
+def _stage_deviation_mm(
+    touches: Sequence[Touch], centre: Floats, normal: Floats, stage: StageConfig
+) -> Floats:
     """What the turning stage puts contacts off by along their normals: deviations (n, m).
 
     Its axis is alike in all of them; its angle in those between which it did not turn, because where it
     turns its play may be taken up on the other side.
     """
     angle = np.array([touch.stage_rad for touch in touches])
-    stop = np.concatenate([[0], np.cumsum(np.abs(np.diff(angle)) > _TURNED_RAD)])
+    stop = np.concatenate([[0], np.cumsum(np.abs(np.diff(angle)) > _MIN_STAGE_TURN_RAD)])
     arm = centre - np.array(stage.centre_mm)
     across = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
     off_rad = planned_turn(stage, 0.0).angle_bound_rad / math.sqrt(3)
@@ -143,7 +234,7 @@ def _turned_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: 
     return np.hstack([turned, shifted])
 
 
-def _edges_met(found: Hypothesis, finger: Finger) -> Floats:
+def _touchable_edges(found: Hypothesis, finger: Finger) -> Floats:
     """Edges (m, 2, 2) of the object beside a tip: start and end, in its own frame; none where nothing is.
 
     Nor where it is not by its own circle that a ball meets them.
@@ -156,7 +247,7 @@ def _edges_met(found: Hypothesis, finger: Finger) -> Floats:
     return np.concatenate(edges) if edges else np.empty((0, 2, 2))
 
 
-def _nearest(edges: Floats, point: Floats) -> Floats:
+def _nearest_point(edges: Floats, point: Floats) -> Floats:
     """The point (2,) of the edges (m, 2, 2) that is nearest to a point (2,)."""
     start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
     share = ((point - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)

@@ -1,33 +1,191 @@
 """The session log: everything that happened, in one append-only file that survives a crash.
 
 JSON Lines in a Zstandard stream, one event a line, written every 0.05 s beside the thread that drives
-devices: whatever kills the process, every line but perhaps the last is whole, and no more than the last 0.1 s
-are missing. Raw bytes of every port stand beside the values that were made of them, on the rig's clock. So
+devices: whatever kills the process, every line but perhaps the last is whole, and no more than the last 0.1
+s are missing. Raw bytes of every port stand beside the values that were made of them, on the rig's clock. So
 does all else that decides what the host does, call by call: `log_reader` reads it, and `palpate replay` runs
-the session again.
+the session again. Errors that come from outside are written so that a replay can raise them again.
 `docs/session-log.md` lists the events.
 """
 
 import base64
+import contextlib
+import dataclasses
 import json
+import math
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from palpate.base.errors import InputError, OutputError
-from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.record import Noted
-from palpate.drivers.transport.recording import ErrorRaised, PortBytes, PortOpened
-from palpate.rig.background import CAPACITY, Background
-from palpate.rig.session.error_values import values_of
-from palpate.rig.session.events import SessionEvents, plain
+import numpy as np
+from serial import PortNotOpenError, SerialException, SerialTimeoutException
+
+from palpate.base.errors import DeviceError, InputError, OutputError
+from palpate.drivers.transport import (
+    PORT_ERRORS,
+    Clock,
+    ErrorRaised,
+    PortBytes,
+    PortOpened,
+    PortTaken,
+    RecordItem,
+)
+from palpate.recognizer import Approach, Grip, Hypothesis
+from palpate.rig.identification.observers import (
+    Event,
+    MoveEvent,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
 from palpate.rig.session.log_file import LOG_NAME, LogFile
+from palpate.rig.session.signals import Interrupted
+from palpate.rig.workers import QUEUE_CAPACITY, Background
 
-__all__ = ["SessionLog", "check_sum", "session_folder"]
+_APPROACH = [field.name for field in dataclasses.fields(Approach)]
 
-_STALLED_S = 5.0
+
+class SessionEvents(ABC):
+    """An observer of `identify` for which everything is an event with values."""
+
+    @abstractmethod
+    def event(self, kind: str, /, **values: object) -> None:
+        """Take one event."""
+
+    def __call__(self, event: Event) -> None:
+        """Take an event of the identification."""
+        kind, values = _event_values(event)
+        self.event(kind, **values)
+
+
+def _event_values(event: Event) -> tuple[str, dict[str, object]]:
+    """The event's name and values in the log."""
+    match event:
+        case StageEvent():
+            return "stage", {"grip": event.grip, "stage": event.stage}
+        case TouchEvent():
+            return "touches", {"grip": event.grip, "touches": event.touches}
+        case RecognitionEvent(grip, recognition):
+            return "recognised", {
+                "grip": grip,
+                "verdict": recognition.verdict,
+                "levels": recognition.levels,
+                "hypotheses": [_hypothesis(item) for item in recognition.hypotheses],
+            }
+        case PlanEvent(grip, plan):
+            return "planned", {
+                "grip": grip,
+                "decisive": plan.decisive,
+                "remaining": plan.remaining,
+                "approaches": _approaches(plan),
+            }
+        case MoveEvent():
+            return "moved", {"grip": event.grip}
+
+
+def _approaches(plan: Grip) -> list[dict[str, object]]:
+    return [
+        {
+            "finger_index": item.finger_index,
+            "approach": {name: getattr(item, name) for name in _APPROACH},
+            "travel_mm": travel,
+            "predictions": plan.predictions.of_approach(row),
+        }
+        for row, (item, travel) in enumerate(zip(plan.approaches, plan.travels_mm, strict=True))
+    ]
+
+
+def _hypothesis(item: Hypothesis) -> dict[str, object]:
+    return {
+        "object": item.state.object_name,
+        "state": item.state.state.name,
+        "configuration": item.configuration,
+        "bounds": item.bounds,
+        "weight": item.weight,
+        "verified": item.verified,
+        "symmetry_order": item.state.symmetry_order,
+    }
+
+
+def json_value(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one return
+    """The value as JSON has it: dataclasses as objects, arrays as lists, infinities as null."""
+    match value:
+        case Enum():  # before str: an enum of strings is both
+            return value.value
+        case None | bool() | str() | int():
+            return value
+        case float() | np.floating():
+            return float(value) if math.isfinite(value) else None
+        case np.integer():
+            return int(value)
+        case Path():
+            return str(value)
+        case np.ndarray():
+            listed = value.tolist()
+            return listed if value.dtype.kind in "iufb" and np.isfinite(value).all() else json_value(listed)
+        case Mapping():
+            return {str(k): json_value(v) for k, v in value.items()}
+        case frozenset() | set():
+            return sorted(json_value(v) for v in value)
+        case list() | tuple():
+            return [json_value(v) for v in value]
+        case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return {f.name: json_value(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    raise TypeError(f"cannot log a {type(value).__name__}")
+
+
+INTERRUPTS = ("Interrupted", "KeyboardInterrupt")
+
+
+def _port_not_open(*_: object) -> PortNotOpenError:
+    return PortNotOpenError()
+
+
+_MAKERS: Mapping[str, tuple[type[BaseException], Callable[..., BaseException]]] = {
+    "DeviceError": (DeviceError, DeviceError),
+    "Interrupted": (Interrupted, Interrupted.of),
+    "KeyboardInterrupt": (KeyboardInterrupt, KeyboardInterrupt),
+    "PortTaken": (PortTaken, PortTaken),
+    "PortNotOpenError": (PortNotOpenError, _port_not_open),
+    "SerialException": (SerialException, SerialException),
+    "SerialTimeoutException": (SerialTimeoutException, SerialTimeoutException),
+    "OSError": (OSError, OSError),
+    "TerminalError": (PORT_ERRORS[-1], PORT_ERRORS[-1]),
+    "TypeError": (TypeError, TypeError),
+    "ValueError": (ValueError, ValueError),
+}
+
+KINDS = tuple(_MAKERS)
+"""Names of the kinds of errors that can be raised again."""
+
+
+def values_of(error: BaseException) -> dict[str, Any]:
+    """The error's nearest kind that can be raised again, else its own name, and what it is made from."""
+    names = {kind: name for name, (kind, _) in _MAKERS.items()}
+    kind = next((names[base] for base in type(error).__mro__ if base in names), type(error).__name__)
+    simple = all(isinstance(item, str | int) for item in error.args)
+    return {
+        "kind": kind,
+        "args": list(error.args) if simple else [str(error)],
+        "message": str(error),
+    }
+
+
+def error_of(kind: str, args: Sequence[str | int]) -> BaseException | None:
+    """The error to raise again; None if there is no such kind, or it cannot be made from that."""
+    _, maker = _MAKERS.get(kind, (None, None))
+    if maker is not None:
+        with contextlib.suppress(TypeError, KeyError, ValueError):
+            return maker(*args)
+    return None
+
+
+_MAX_STALL_S = 5.0
 _ENDED = "the run was ended, torque off"
 
 
@@ -47,7 +205,7 @@ def session_folder(root: Path, name: str) -> Path:
     return folder
 
 
-def check_sum(line: str, before: int) -> int:
+def line_checksum(line: str, before: int) -> int:
     """CRC-32 of a line without its check sum, going on from the sum of the line before (0 at first)."""
     return zlib.crc32(line.encode(), before)
 
@@ -65,8 +223,8 @@ class SessionLog(SessionEvents):
         clock: Clock,
         header: Mapping[str, object],
         *,
-        stalled_s: float = _STALLED_S,
-        capacity: int = CAPACITY,
+        stalled_s: float = _MAX_STALL_S,
+        capacity: int = QUEUE_CAPACITY,
         needed: bool = True,
     ) -> None:
         """Start the log of a session in `folder` with a header line.
@@ -121,9 +279,9 @@ class SessionLog(SessionEvents):
     def event(self, kind: str, /, **values: object) -> None:
         """Append one event at the rig's present time."""
         t_s = self._clock.now()
-        self._put(lambda: _event(t_s, kind, values))
+        self._put(lambda: _event_line(t_s, kind, values))
 
-    def note(self, what: Noted) -> None:
+    def note(self, what: RecordItem) -> None:
         """Log what a `Recorder` notes; a call of the host waits for the next line, as it is not worth one."""
         match what:
             case str():
@@ -133,7 +291,7 @@ class SessionLog(SessionEvents):
             case PortBytes():
                 self.has_traffic = True
                 instant = self._clock.now()
-                self._put(lambda: _bytes(instant, what))
+                self._put(lambda: _bytes_line(instant, what))
             case ErrorRaised():
                 self.event("raised", during=what.during, **values_of(what.error))
 
@@ -150,7 +308,7 @@ class SessionLog(SessionEvents):
             line = make()
             if calls:
                 line = f'{line[:-1]},"calls":"{calls}"}}'
-            self._sum = check_sum(line, self._sum)
+            self._sum = line_checksum(line, self._sum)
             text.append(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')
         self._file.write("".join(text))
 
@@ -173,12 +331,12 @@ _Line = tuple[Callable[[], str], str]
 """What makes a line, and the calls before it."""
 
 
-def _event(t_s: float, kind: str, values: Mapping[str, object]) -> str:
-    line = {"t_s": round(t_s, 9), "event": kind} | {key: plain(value) for key, value in values.items()}
+def _event_line(t_s: float, kind: str, values: Mapping[str, object]) -> str:
+    line = {"t_s": round(t_s, 9), "event": kind} | {key: json_value(value) for key, value in values.items()}
     return json.dumps(line, separators=(",", ":"), allow_nan=False)
 
 
-def _bytes(instant: float, what: PortBytes) -> str:
+def _bytes_line(instant: float, what: PortBytes) -> str:
     text = base64.b64encode(what.data).decode()
     return (
         f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(what.port)},'

@@ -14,30 +14,16 @@ from typing import BinaryIO
 import zstandard
 
 from palpate.base.errors import InputError
-from palpate.base.files import read_bytes
-from palpate.base.files.limits import LOG_BYTES, LOG_LINE_BYTES
-from palpate.base.files.opening import size_in_words
+from palpate.base.file_io import LOG_BYTES, LOG_LINE_BYTES, read_bytes, size_in_words
 from palpate.base.vocabulary import SESSIONS_FOLDER
-
-__all__ = [
-    "LOG_NAME",
-    "LogFile",
-    "check_line_length",
-    "check_session",
-    "is_locked",
-    "is_written_now",
-    "log_lines",
-    "log_path",
-    "session_of",
-]
 
 LOG_NAME = "session.jsonl.zst"
 _PLAIN_NAME = "session.jsonl"
-_LEVEL = 1
+_COMPRESSION_LEVEL = 1
 """A thousandth of the time in which a run fills the log; level 9 takes seven times that, for a tenth less."""
 
 _CHUNK = 1 << 20
-_TRIES, _PAUSE_S = 5, 0.01
+_LOCK_TRIES, _LOCK_PAUSE_S = 5, 0.01
 _ADVICE = "record shorter runs"
 
 
@@ -49,11 +35,11 @@ class LogFile:
         self._file = path.open("ab")
         self._lock()
         self._file.truncate(0)
-        self._stream = zstandard.ZstdCompressor(level=_LEVEL).compressobj()
+        self._stream = zstandard.ZstdCompressor(level=_COMPRESSION_LEVEL).compressobj()
 
     def _lock(self) -> None:
         """Lock the file; a look at whether it is locked (`is_written_now`) is no reason to give up."""
-        for left in reversed(range(_TRIES)):
+        for left in reversed(range(_LOCK_TRIES)):
             try:
                 fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 return
@@ -61,7 +47,7 @@ class LogFile:
                 if not left:
                     self._file.close()
                     raise
-                threading.Event().wait(_PAUSE_S)
+                threading.Event().wait(_LOCK_PAUSE_S)
 
     def write(self, text: str) -> None:
         """Write text and hand it to the system."""
@@ -125,7 +111,7 @@ def log_lines(folder: Path) -> Iterator[bytes]:
     path = log_path(folder)
     data = read_bytes(path, LOG_BYTES, _ADVICE)
     rest, number = b"", 0
-    for piece in _pieces(data) if path.name == _PLAIN_NAME else _unpacked(path, data):
+    for piece in _pieces(data) if path.name == _PLAIN_NAME else _decompress(path, data):
         *lines, rest = (rest + piece).split(b"\n")
         for line in lines:
             number += 1
@@ -145,7 +131,7 @@ def _pieces(data: bytes) -> Iterator[bytes]:
     return (data[begin : begin + _CHUNK] for begin in range(0, len(data), _CHUNK))
 
 
-def _unpacked(path: Path, data: bytes) -> Iterator[bytes]:
+def _decompress(path: Path, data: bytes) -> Iterator[bytes]:
     size = 0
     try:
         with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)) as stream:

@@ -1,7 +1,8 @@
 """Reading a session log back: from lines of text to the entries that a replay goes through.
 
-Every line is checked before anything is replayed. A mistake is one `InputError` line that names the file, the
-line, and what is allowed. A log that was cut off by a kill is read up to its last whole line.
+Every line is checked before anything is replayed. A mistake is one `InputError` line that names the file,
+the line, and what is allowed. A log that was cut off by a kill is read up to its last whole line; one that
+another process is writing is read as it grows (`LogTail`).
 """
 
 import base64
@@ -10,34 +11,34 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, BinaryIO, NoReturn
+
+import zstandard
 
 from palpate.base.errors import InputError
-from palpate.base.files.limits import LOG_LINES, LOG_VALUES
-from palpate.base.vocabulary.short_repr import ShortRepr
-from palpate.config.problems import shown
-from palpate.drivers.transport.recording import (
+from palpate.base.file_io import MOST_LOG_LINES, MOST_LOG_VALUES
+from palpate.base.short_repr import ShortRepr
+from palpate.config.problems import excerpt
+from palpate.drivers.transport import (
     CALLS,
     Direction,
-    Entry,
     ErrorRaised,
     PortBytes,
     PortOpened,
     RecordedEvent,
+    RecordEntry,
     SessionEvent,
 )
-from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
-from palpate.rig.session.log import check_sum
-from palpate.rig.session.log_file import check_line_length, check_session, log_lines, log_path
-
-__all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
+from palpate.rig.session.log import INTERRUPTS, KINDS, error_of, line_checksum
+from palpate.rig.session.log_file import check_line_length, check_session, is_locked, log_lines, log_path
 
 FORMAT = "palpate/session@1"
 _ADVICE = "record shorter runs"
 _SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
-_MARKS = (b",", b"[", b"{")  # each goes with a value
+_VALUE_MARKS = (b",", b"[", b"{")  # each goes with a value
 _COMMON = ("t_s", "event", "calls", "sum")
 
 
@@ -51,7 +52,7 @@ class SessionFile(ShortRepr):
 
     path: Path
     header: Mapping[str, Any]
-    entries: tuple[Entry, ...]
+    entries: tuple[RecordEntry, ...]
     end: Mapping[str, Any] | None
     changed_line: int | None
 
@@ -77,12 +78,12 @@ def read_session(folder: Path) -> SessionFile:
         text = _Line(path, number, {}).decoded(line)
         match = _SUM.search(text)
         bare = text if match is None else text[: match.start()] + "}"
-        checked = check_sum(bare, checked)
+        checked = line_checksum(bare, checked)
         if changed is None and (match is None or int(match[1], 16) != checked):
             changed = number
         entries.append(_Line.of(path, number, text).entry())
         if isinstance(entries[-1].what, SessionEvent):
-            values += sum(map(line.count, _MARKS))
+            values += sum(map(line.count, _VALUE_MARKS))
         _check_counts(path, number, values)
     if not entries:
         raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
@@ -99,19 +100,19 @@ def read_session(folder: Path) -> SessionFile:
     return SessionFile(path, header, tuple(entries[1:]), end, changed)
 
 
-def entry_in(path: Path, number: int, line: bytes) -> Entry:
+def parse_entry(path: Path, number: int, line: bytes) -> RecordEntry:
     """What one line of a log says; InputError, with its number, for what is wrong with it."""
     check_line_length(path, number, line)
     return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
 
 
 def _check_counts(path: Path, lines: int, values: int) -> None:
-    for count, most, what in ((lines, LOG_LINES, "lines"), (values, LOG_VALUES, "values")):
+    for count, most, what in ((lines, MOST_LOG_LINES, "lines"), (values, MOST_LOG_VALUES, "values")):
         if count > most:
             raise InputError(f"{path}: holds more than {most} {what}: {_ADVICE}")
 
 
-def _header(path: Path, entry: Entry) -> Mapping[str, Any]:
+def _header(path: Path, entry: RecordEntry) -> Mapping[str, Any]:
     what = entry.what
     values = what.values if isinstance(what, SessionEvent) and what.kind == "session" else {}
     if values.get("format") != FORMAT:
@@ -136,7 +137,7 @@ class _Line:
         except ValueError:
             cls(path, number, {}).refuse("is not JSON; every line must be one object")
         if not isinstance(values, dict):
-            cls(path, number, {}).refuse(f"holds {shown(values)}; every line must be one object")
+            cls(path, number, {}).refuse(f"holds {excerpt(values)}; every line must be one object")
         return cls(path, number, values)
 
     def refuse(self, problem: str) -> NoReturn:
@@ -148,14 +149,14 @@ class _Line:
         except UnicodeDecodeError as error:
             self.refuse(f"holds byte 0x{raw[error.start]:02x}, which is not UTF-8")
 
-    def entry(self) -> Entry:
+    def entry(self) -> RecordEntry:
         instant = self.values.get("t_s")
         if not isinstance(instant, int | float) or isinstance(instant, bool) or not _finite(instant):
-            self.refuse(f'"t_s" is {shown(instant)}; it must be a time in s')
+            self.refuse(f'"t_s" is {excerpt(instant)}; it must be a time in s')
         calls = self.values.get("calls", "")
         if not isinstance(calls, str) or CALLS.fullmatch(calls) is None:
             self.refuse('"calls" is not a row of calls; docs/session-log.md says how they are written')
-        return Entry(self.number, float(instant), calls, self._what(self.text("event")))
+        return RecordEntry(self.number, float(instant), calls, self._what(self.text("event")))
 
     def _what(self, kind: str) -> RecordedEvent:
         match kind:
@@ -177,19 +178,19 @@ class _Line:
     def text(self, key: str) -> str:
         value = self.values.get(key)
         if not isinstance(value, str):
-            self.refuse(f'"{key}" is {shown(value)}; it must be a text')
+            self.refuse(f'"{key}" is {excerpt(value)}; it must be a text')
         return value
 
     def _number(self) -> int:
         value = self.values.get("number")
         if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-            self.refuse(f'"number" is {shown(value)}; it must be a whole number from 0')
+            self.refuse(f'"number" is {excerpt(value)}; it must be a whole number from 0')
         return value
 
     def _direction(self) -> Direction:
         text = self.text("direction")
         if text not in {item.value for item in Direction}:
-            self.refuse(f'"direction" is {shown(text)}; allowed: "sent", "received"')
+            self.refuse(f'"direction" is {excerpt(text)}; allowed: "sent", "received"')
         return Direction(text)
 
     def _data(self) -> bytes:
@@ -204,10 +205,10 @@ class _Line:
     def _error(self) -> BaseException:
         kind, args = self.text("kind"), self.values.get("args")
         if not isinstance(args, list) or not all(isinstance(item, str | int) for item in args):
-            self.refuse(f'"args" is {shown(args)}; it must be a list of texts and whole numbers')
+            self.refuse(f'"args" is {excerpt(args)}; it must be a list of texts and whole numbers')
         error = error_of(kind, args)
         if error is None:
-            self.refuse(f"the error {shown(kind)} cannot be raised again; allowed: {', '.join(KINDS)}")
+            self.refuse(f"the error {excerpt(kind)} cannot be raised again; allowed: {', '.join(KINDS)}")
         return error
 
     def _interrupt(self) -> BaseException | None:
@@ -228,3 +229,59 @@ def _finite(value: float) -> bool:
 
 def _no_constant(name: str) -> NoReturn:
     raise ValueError(name)
+
+
+_CHUNK = 1 << 18
+
+
+class LogTail:
+    """Reads a log from its beginning on; each `read` goes on where the one before ended."""
+
+    def __init__(self, folder: Path) -> None:
+        """`folder`: the session's; its log may not be there yet."""
+        self._folder = folder
+        self._file: BinaryIO | None = None
+        self._stream = zstandard.ZstdDecompressor().decompressobj()
+        self._line = 0
+        self._rest = b""
+
+    @property
+    def path(self) -> Path:
+        """The log."""
+        return log_path(self._folder)
+
+    @property
+    def is_written(self) -> bool:
+        """Whether a process has the log open now."""
+        file = self._opened()
+        return file is not None and is_locked(file)
+
+    def read(self) -> Iterator[RecordEntry]:
+        """The entries written since; none while there is no log. Raises InputError as `read_session` does."""
+        try:
+            file = self._opened()
+            while file is not None and (data := file.read(_CHUNK)):
+                yield from self._entries(self._unpacked(data))
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be read: {error.strerror}") from error
+
+    def _opened(self) -> BinaryIO | None:
+        """The log, kept open: a view's own log is removed when its command ends, and read to its end."""
+        if self._file is None:
+            with suppress(FileNotFoundError):
+                self._file = self.path.open("rb")
+        return self._file
+
+    def _unpacked(self, data: bytes) -> bytes:
+        if self.path.suffix != ".zst":
+            return data
+        try:
+            return b"" if self._stream.eof else self._stream.decompress(data)
+        except zstandard.ZstdError as error:
+            raise InputError(f"{self.path}: is no Zstandard stream, or was changed ({error})") from None
+
+    def _entries(self, text: bytes) -> Iterator[RecordEntry]:
+        *lines, self._rest = (self._rest + text).split(b"\n")
+        for line in lines:
+            self._line += 1
+            yield parse_entry(self.path, self._line, line)

@@ -1,5 +1,4 @@
-"""A recorded session run again: the same code against what was recorded. Between `session_file` and the
-command.
+"""A recorded session run again: the same code against what was recorded.
 
 A replay ends in one of three ways: as recorded, at the first difference, or where a log was cut off.
 """
@@ -10,21 +9,26 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palpate.base.errors import PalpateError
-from palpate.base.vocabulary.short_repr import ShortRepr
-from palpate.drivers.dynamixel.packet import Instruction
-from palpate.drivers.transport.replay import RecordEnded, Replayer
-from palpate.rig.session.environment import Environment
-from palpate.rig.session.events import SessionEvents, plain
+from palpate.base.short_repr import ShortRepr
+from palpate.drivers.dynamixel import Instruction
+from palpate.drivers.transport import RecordEnded, Replayer
+from palpate.rig.motion.hand import Environment
+from palpate.rig.session.log import SessionEvents, json_value
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
-from palpate.rig.session.truth_event import EVENT, recorded_truth
+from palpate.rig.session.run import (
+    TRUTH_EVENT,
+    IdentificationJob,
+    IdentificationRun,
+    recorded_truth,
+    run_identification,
+)
 
-__all__ = ["Replayed", "first_difference", "replay", "replay_with"]
-
-_HEADER = b"\xff\xff\xfd\x00"
-_CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
+_PACKET_HEADER = b"\xff\xff\xfd\x00"
+_RESULT_TOLERANCE = (
+    2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
+)
 _NOT_COMPARED = ("wall_seconds", "session")
-_RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
+_RENAMED_KEYS = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
 _LATER_KEYS = frozenset(
     {
         "loads",
@@ -63,7 +67,7 @@ def replay(file: SessionFile, job: IdentificationJob, latency_s: float) -> Repla
     def again(replayer: Replayer, events: SessionEvents) -> IdentificationRun:
         run = run_identification(job, Environment(replayer.clock, replayer.open, latency_s), events)
         if truth is not None:
-            events.event(EVENT, **file.told(EVENT)[-1])
+            events.event(TRUTH_EVENT, **file.told(TRUTH_EVENT)[-1])
             run = replace(run, truth=truth)
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
@@ -109,7 +113,7 @@ class _Compared(SessionEvents):
         recorded = self._replayer.session_event(kind)
         if kind == "result":
             recorded = {"result": _with_present_names(recorded.get("result"))}
-        found = first_difference(_without_later_keys(plain(values), recorded), recorded, "")
+        found = first_difference(_without_later_keys(json_value(values), recorded), recorded, "")
         if found is not None:
             self._replayer.differ(f'"{kind}" differs: {found}')
 
@@ -118,7 +122,7 @@ def _with_present_names(result: Any) -> Any:
     """A recorded result in the words of today's; `units` was not written by older versions."""
     if not isinstance(result, Mapping):
         return result
-    return {"units": "mm, rad"} | {_RENAMED.get(key, key): value for key, value in result.items()}
+    return {"units": "mm, rad"} | {_RENAMED_KEYS.get(key, key): value for key, value in result.items()}
 
 
 def _without_later_keys(found: Any, recorded: Any) -> Any:
@@ -160,7 +164,7 @@ def first_difference(found: Any, recorded: Any, place: str) -> str | None:
         return next((told for k, (a, b) in rows if (told := first_difference(a, b, f"{place}[{k}]"))), None)
     numbers = [isinstance(item, int | float) and not isinstance(item, bool) for item in (found, recorded)]
     if all(numbers) and isinstance(found, float) | isinstance(recorded, float):
-        same = math.isclose(found, recorded, rel_tol=_CLOSE, abs_tol=_CLOSE)
+        same = math.isclose(found, recorded, rel_tol=_RESULT_TOLERANCE, abs_tol=_RESULT_TOLERANCE)
     else:
         same = type(found) is type(recorded) and bool(found == recorded)
     return None if same else f"{place} is {found!r:.60}, recorded {recorded!r:.60}"
@@ -168,7 +172,7 @@ def first_difference(found: Any, recorded: Any, place: str) -> str | None:
 
 def _packet_in_words(data: bytes) -> str:
     """Instruction and id of a Dynamixel packet, also of a damaged one; "" if it is none."""
-    if len(data) < 8 or not data.startswith(_HEADER):
+    if len(data) < 8 or not data.startswith(_PACKET_HEADER):
         return ""
     names = {int(item): item.name.replace("_", " ").lower() for item in Instruction}
     return f"{names.get(data[7], f'instruction 0x{data[7]:02x}')} to id {data[4]}"

@@ -1,30 +1,92 @@
-"""A run from the first port to the answer: what `identify` does on devices and `replay` on a recording."""
+"""A run from the first port to the answer: what `identify` does on devices and `replay` on a recording.
+
+Where an emulated part really was is an event of the log: an engine moves the part, and a replay has none.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 
-from palpate.base.errors import PalpateError
+from pydantic import BaseModel, ValidationError
+
+from palpate.base.errors import InputError, PalpateError
+from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import Strategy
-from palpate.base.vocabulary.short_repr import ShortRepr
 from palpate.config import CalibrationFile, RigFile
+from palpate.config.fields import Number
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.recognizer import Catalogue, Configuration
-from palpate.rig.background import BackgroundCall
+from palpate.rig.emulated.part_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.grip_choice import NotBounded, StabilityTable
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
 from palpate.rig.identification.result import identification_out
-from palpate.rig.identification.stability_table import NotBounded, StabilityTable
-from palpate.rig.motion.calibrated_devices import check_devices
+from palpate.rig.motion.end_stops import check_slips, slides_at_stops
 from palpate.rig.motion.guarded_approach import GripPhase
-from palpate.rig.motion.slip_check import check_slips, slides_at_stops
-from palpate.rig.session.calibration_drift import calibration_used
-from palpate.rig.session.environment import Environment
-from palpate.rig.session.truth_event import Truth
+from palpate.rig.motion.hand import Environment
+from palpate.rig.session.calibration_drift import calibration_used, check_devices
+from palpate.rig.session.log_reader import SessionFile
+from palpate.rig.workers import BackgroundCall
 
-__all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
+TRUTH_EVENT = "truth"
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What lay on an emulated table, in the frame of the answers.
+
+    `placement`: how it lay when the fingers had left. `at_measurement`: where it was when each grip's
+    contacts were measured, None if that was not noted.
+    """
+
+    placement: Placement
+    at_measurement: Sequence[Configuration] | None = None
+
+    def values(self, part: PartTruth | None) -> dict[str, object]:
+        """Values of the event; `part`: how the part moves, None if nothing moves it."""
+        return {
+            "object": self.placement.model.name,
+            "state": self.placement.state.name,
+            "configuration": self.placement.configuration,
+            "at_measurement": self.at_measurement,
+            "part": part and asdict(part) | {"slip_n": part.slip_n},
+        }
+
+
+class _ConfigurationText(BaseModel):
+    x_mm: Number
+    y_mm: Number
+    theta_rad: Number
+
+    def value(self) -> Configuration:
+        return Configuration(self.x_mm, self.y_mm, self.theta_rad)
+
+
+class _TruthText(BaseModel):
+    configuration: _ConfigurationText
+    at_measurement: list[_ConfigurationText]
+
+
+def recorded_truth(file: SessionFile, placement: Placement) -> Truth | None:
+    """The truth that a session's log holds; None if it was recorded before logs held it.
+
+    `placement`: what lay on the table and where it was put. Raises InputError for an event that palpate does
+    not write.
+    """
+    events = file.told(TRUTH_EVENT)
+    if not events:
+        return None
+    try:
+        text = _TruthText.model_validate(events[-1])
+    except ValidationError:
+        raise InputError(
+            f'{file.path}: the event "{TRUTH_EVENT}" must have a configuration and the list at_measurement'
+        ) from None
+    at = text.configuration
+    placement = replace(placement, x_mm=at.x_mm, y_mm=at.y_mm, theta_rad=at.theta_rad)
+    return Truth(placement, [item.value() for item in text.at_measurement])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,9 +1,8 @@
-"""Signals that end a run in order: held back until the host next asks something of its environment, so that a
-recording says where they hit.
+"""Signals that end a run in order: held back until the host next asks something of its environment.
 
-Between two calls on clock and ports the host takes note of what it got, a few lines at most; an interrupt
-there could not be brought about again. In a long computation, where no call comes, it hits after
-`_PATIENCE_S` at latest. A moving rig makes hundreds of calls a second.
+So a recording says where they hit. Between two calls on clock and ports the host takes note of what it got,
+a few lines at most; an interrupt there could not be brought about again. In a long computation, where no
+call comes, it hits after `_MAX_HOLD_S` at latest. A moving rig makes hundreds of calls a second.
 """
 
 import os
@@ -12,9 +11,7 @@ import threading
 from types import FrameType, TracebackType
 from typing import Self
 
-__all__ = ["INTERRUPTS", "HeldInterrupts", "Interrupted"]
-
-_PATIENCE_S = 0.25
+_MAX_HOLD_S = 0.25
 
 INTERRUPTS = {
     signal.SIGINT: "interrupted",
@@ -82,7 +79,7 @@ class HeldInterrupts:
         del frame
         if self._pending is None:
             self._pending = number
-            self._timer = threading.Timer(_PATIENCE_S, self._remind, (number,))
+            self._timer = threading.Timer(_MAX_HOLD_S, self._remind, (number,))
             self._timer.daemon = True
             self._timer.start()
         elif self._overdue:

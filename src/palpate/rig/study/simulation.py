@@ -1,38 +1,89 @@
-"""One simulated identification of a study: its number and the study's seed decide all of it."""
+"""Simulated identification of a study: its number and the study's seed decide all of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, ObjectModel
 from palpate.base.vocabulary import ErrorSource, PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
-from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.study_result import RivalOut, StudyRunOut
-from palpate.drivers.emulators.part import Part
+from palpate.drivers.emulators import Part
 from palpate.recognizer import Catalogue, Recognition, Resolution
-from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of, resolution_of
-from palpate.rig.emulated.answer_error import compare
-from palpate.rig.emulated.array_noise import ArrayNoise, noise_of
+from palpate.rig.emulated.driven_tips import ArrayNoise, noise_of
+from palpate.rig.emulated.ground_truth import compare_answer, sticks_out_mm
 from palpate.rig.emulated.part_truth import draw_part, part_of
-from palpate.rig.emulated.scene import Placement
-from palpate.rig.emulated.scene_reachability import sticks_out_mm
+from palpate.rig.emulated.scene import Placement, put_down
 from palpate.rig.identification.loop import PushTables, search
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
 from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.rig.study.draws import draw_for_study, placed_within_mm
 from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
 
-__all__ = ["Simulation", "motion_of", "with_motion"]
+_PLACEMENT_RADIUS_SHARE = (
+    0.16  # of the workspace's radius, where a rig file does not say how far from the middle parts lie
+)
 
-_RIVALS_KEPT = 5  # of a run: those that lasted longest
-_DRAWS = 10  # of a part's feet, on which it may not be able to stand
+
+def placement_radius_mm(rig: RigFile) -> float:
+    """How far from the middle of the workspace a part's centre of area lies at most, by the rig file."""
+    emulation = rig.emulation
+    return (
+        _PLACEMENT_RADIUS_SHARE * rig.workspace.radius_mm
+        if emulation is None
+        else emulation.placement_radius_mm
+    )
+
+
+def has_probabilities(model: ObjectModel) -> bool:
+    """Whether all states of an object have a probability, and one of them is not 0."""
+    known = [item.probability for item in model.states if item.probability is not None]
+    return len(known) == len(model.states) and sum(known) > 0
+
+
+def state_shares(objects: ObjectsFile) -> Mapping[tuple[str, str], float]:
+    """Of all runs, by object and state: objects evenly, states by their probabilities or evenly."""
+    count = len(objects.objects)
+    return {
+        (model.name, state.name): share / count
+        for model in objects.objects
+        for state, share in zip(model.states, _shares(model).tolist(), strict=True)
+    }
+
+
+def draw_placement(
+    objects: ObjectsFile, radius_mm: float, rng: np.random.Generator, workspace_mm: float
+) -> Placement:
+    """An object, one of its states, and where it lies within `radius_mm` of the middle.
+
+    Unlike a scene of the emulated bench, whose states are all as frequent, this follows probabilities.
+    """
+    model = objects.objects[int(rng.integers(len(objects.objects)))]
+    if has_probabilities(model):
+        state = model.states[int(rng.choice(len(model.states), p=_shares(model)))]
+    else:
+        state = model.states[int(rng.integers(len(model.states)))]
+    return put_down(model, state, radius_mm, rng, workspace_mm)
+
+
+def _shares(model: ObjectModel) -> Floats:
+    """Of an object's runs that each state has (s,); probabilities of states that were left out are shared."""
+    if not has_probabilities(model):
+        return np.full(len(model.states), 1 / len(model.states))
+    found: Floats = np.array([item.probability for item in model.states], dtype=float)
+    return found / float(found.sum())
+
+
+_MAX_RIVALS = 5  # of a run: those that lasted longest
+_MAX_DRAWS = 10  # of a part's feet, on which it may not be able to stand
 
 
 def motion_of(rig: RigFile) -> PartMotion:
@@ -98,14 +149,14 @@ class Simulation:
     @property
     def within_mm(self) -> float:
         """How far from the middle of the workspace a part's centre of area lies at most."""
-        return placed_within_mm(self.rig) if self.placed_within_mm is None else self.placed_within_mm
+        return placement_radius_mm(self.rig) if self.placed_within_mm is None else self.placed_within_mm
 
     @cached_property
     def _catalogue(self) -> Catalogue:
         objects = self.objects.objects
         if self.halved is ErrorSource.TOLERANCE:
             objects = tuple(replace(item, tolerance_mm=item.tolerance_mm / 2) for item in objects)
-        return prepared_catalogue(objects, map(finger_of, self.rig.fingers))
+        return prepare_catalogue(objects, map(finger_of, self.rig.fingers))
 
     @cached_property
     def _reach(self) -> Reach:
@@ -135,8 +186,8 @@ class Simulation:
     def run(self, number: int, variation: str = "") -> StudyRunOut:
         """Draw a part and where it lies, and identify it. `variation`: how this simulation is called."""
         rng = np.random.default_rng([self.seed, number])
-        placement = draw_for_study(self.objects, self.within_mm, rng, self.rig.workspace.radius_mm)
-        watch = _Watch((placement.model.name, placement.state.name))
+        placement = draw_placement(self.objects, self.within_mm, rng, self.rig.workspace.radius_mm)
+        watch = _RivalRecorder((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
         result = search(
             self.rig,
@@ -150,7 +201,7 @@ class Simulation:
             pushes=self._pushes,
         )
         hypotheses = hypotheses_of(result)
-        truth = compare(touches.placement, hypotheses)
+        truth = compare_answer(touches.placement, hypotheses)
         best = hypotheses[0] if hypotheses else None
         return StudyRunOut(
             number=number,
@@ -187,13 +238,13 @@ def _part(
     config: EmulatedPartConfig | None, placement: Placement, rng: np.random.Generator
 ) -> tuple[Part, float]:
     """A part that stands, and the friction at tips."""
-    for draw in range(_DRAWS):
+    for draw in range(_MAX_DRAWS):
         truth = draw_part(config, placement, int(rng.integers(2**31)))
         assert truth is not None, "parts are to move"
         try:
             return part_of(truth, placement), truth.tip_friction
         except InputError:
-            if draw == _DRAWS - 1:
+            if draw == _MAX_DRAWS - 1:
                 raise
     raise AssertionError("unreachable")
 
@@ -208,7 +259,7 @@ def _middle_half(reach: Reach) -> Reach:
     return reach.only(np.array(sorted(kept), dtype=np.int64))
 
 
-class _Watch:
+class _RivalRecorder:
     """After how many touches and grips each other state was ruled out."""
 
     def __init__(self, truth: tuple[str, str]) -> None:
@@ -229,7 +280,7 @@ class _Watch:
     def rivals(self) -> tuple[RivalOut, ...]:
         """Those that lasted longest, with the touches after which they were still possible."""
         others = [(*lasted, name) for name, lasted in self._last.items() if name != self._truth]
-        longest: Sequence[tuple[int, int, tuple[str, str]]] = sorted(others, reverse=True)[:_RIVALS_KEPT]
+        longest: Sequence[tuple[int, int, tuple[str, str]]] = sorted(others, reverse=True)[:_MAX_RIVALS]
         return tuple(
             RivalOut(object=name[0], state=name[1], touches=touches, grips=grips)
             for touches, grips, name in longest

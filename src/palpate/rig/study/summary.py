@@ -26,10 +26,8 @@ from palpate.config.study_result import (
     VerdictCountOut,
 )
 
-__all__ = ["Advice", "Drawn", "Limits", "confusion_of", "is_wrong", "study_out"]
-
-_PAIRS = 200
-_WRONG_SHOWN = 20
+_MAX_PAIRS = 200
+_MAX_WRONG_RUNS = 20
 _NAMED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 
 
@@ -39,7 +37,7 @@ def is_wrong(run: StudyRunOut) -> bool:
 
 
 @dataclass(frozen=True)
-class Limits:
+class StudyGoals:
     """A rig file's goals, half widths in mm and rad, and its limit of grips."""
 
     goal_mm: float
@@ -54,7 +52,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class StudyDraws:
     """What runs draw: `shares` of them by object and state, and parts within `within_mm` of the middle.
 
     `by_probability`: of so many objects, states by their probabilities.
@@ -66,7 +64,7 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Advice:
+class StudyAdvice:
     """What a study says beside its runs: where fingers would help, and what errors cost."""
 
     separating: tuple[SeparatingStudiedOut, ...] = ()
@@ -84,9 +82,9 @@ def study_out(
     seed: int,
     parts: PartMotion = PartMotion.STILL,
     seconds: float = 0.0,
-    limits: Limits | None = None,
-    drawn: Drawn | None = None,
-    advice: Advice | None = None,
+    limits: StudyGoals | None = None,
+    drawn: StudyDraws | None = None,
+    advice: StudyAdvice | None = None,
 ) -> StudyOut:
     """The summary; `objects`, `rig`: their names. There is at least one run.
 
@@ -97,7 +95,7 @@ def study_out(
     identified = [run for run in runs if _is_identified(run)]
     true_errors = [run.position_error for run in identified if run.position_error is not None]
     grip_s = [run.grip_seconds for run in runs if run.grip_seconds is not None]
-    advice = advice or Advice()
+    advice = advice or StudyAdvice()
     return StudyOut(
         objects=objects,
         rig=rig,
@@ -126,7 +124,7 @@ def study_out(
         heights=advice.heights,
         best_heights=advice.best_heights,
         noise_budget=advice.noise_budget,
-        wrong_runs=tuple(wrong[:_WRONG_SHOWN]),
+        wrong_runs=tuple(wrong[:_MAX_WRONG_RUNS]),
         placed_within=drawn and drawn.within_mm,
         by_probability=drawn.by_probability if drawn else 0,
         goal=limits and (limits.goal_mm, limits.goal_rad),
@@ -148,7 +146,7 @@ def _is_identified(run: StudyRunOut) -> bool:
     return run.verdict is IdentificationVerdict.IDENTIFIED
 
 
-def _accuracy(identified: Sequence[StudyRunOut], limits: Limits | None) -> AccuracyOut | None:
+def _accuracy(identified: Sequence[StudyRunOut], limits: StudyGoals | None) -> AccuracyOut | None:
     """What answers of identified runs guarantee; None without goals, or any run."""
     bounds = [
         (run.position_bound, run.orientation_bound)
@@ -195,7 +193,7 @@ def confusion_of(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
 
 
 def _states(
-    runs: Sequence[StudyRunOut], limits: Limits | None, shares: Mapping[tuple[str, str], float]
+    runs: Sequence[StudyRunOut], limits: StudyGoals | None, shares: Mapping[tuple[str, str], float]
 ) -> tuple[StateStudiedOut, ...]:
     """Those that are identified least often first."""
     by_state: dict[tuple[str, str], list[StudyRunOut]] = defaultdict(list)
@@ -206,7 +204,7 @@ def _states(
 
 
 def _state(
-    name: tuple[str, str], runs: Sequence[StudyRunOut], limits: Limits | None, drawn: float | None
+    name: tuple[str, str], runs: Sequence[StudyRunOut], limits: StudyGoals | None, drawn: float | None
 ) -> StateStudiedOut:
     identified = [run for run in runs if _is_identified(run)]
     ended = Counter(run.verdict for run in runs)
@@ -247,7 +245,7 @@ def _pairs(runs: Sequence[StudyRunOut]) -> tuple[PairStudiedOut, ...]:
         )
         for pair, some in lasted.items()
     ]
-    return tuple(sorted(found, key=lambda item: (-item.left, -item.touches, -item.runs))[:_PAIRS])
+    return tuple(sorted(found, key=lambda item: (-item.left, -item.touches, -item.runs))[:_MAX_PAIRS])
 
 
 def _spread(values: Iterable[float]) -> tuple[float, float]:

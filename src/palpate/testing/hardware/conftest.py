@@ -8,14 +8,22 @@ import pytest
 
 from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig, RigFile
-from palpate.drivers.dynamixel.bus import Ping
+from palpate.drivers.dynamixel import Ping
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
+from palpate.rig.diagnostics.servo_bus import RigServo, list_servos
 from palpate.rig.motion.hand import Hand
-from palpate.testing.hardware.bench import FoundArray, FoundServo, Note, Recording, ping_all, record_arrays
+from palpate.testing.hardware.bench import (
+    AirPaths,
+    ArrayRecording,
+    ArrayUnderTest,
+    Note,
+    ServoUnderTest,
+    air_paths,
+    ping_all,
+    record_arrays,
+)
 from palpate.testing.hardware.plugin import RIG, ask_to_move
-from palpate.testing.hardware.ways import Ways, ways_in_air
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -79,7 +87,7 @@ def pings(rig: RigFile) -> Mapping[int, Ping | DeviceError]:
 
 
 @pytest.fixture
-def servo(wanted_servo: RigServo, pings: Mapping[int, Ping | DeviceError], note: Note) -> FoundServo:
+def servo(wanted_servo: RigServo, pings: Mapping[int, Ping | DeviceError], note: Note) -> ServoUnderTest:
     """A servo that answers; an error if it does not."""
     note("servo", f"{wanted_servo.dxl_id} ({wanted_servo.owner})")
     note("model", wanted_servo.model)
@@ -87,7 +95,7 @@ def servo(wanted_servo: RigServo, pings: Mapping[int, Ping | DeviceError], note:
     if isinstance(ping, DeviceError):
         _missing(ping)
     note("firmware", ping.firmware)
-    return FoundServo(wanted_servo, ping)
+    return ServoUnderTest(wanted_servo, ping)
 
 
 @pytest.fixture
@@ -99,15 +107,15 @@ def all_servos(pings: Mapping[int, Ping | DeviceError]) -> None:
 
 
 @pytest.fixture(scope="session")
-def recordings(rig: RigFile) -> Mapping[str, Recording | DeviceError]:
+def recordings(rig: RigFile) -> Mapping[str, ArrayRecording | DeviceError]:
     """Streams of all arrays at once, by finger."""
     return record_arrays(rig)
 
 
 @pytest.fixture
 def array(
-    wanted_array: FingerConfig, recordings: Mapping[str, Recording | DeviceError], note: Note
-) -> FoundArray:
+    wanted_array: FingerConfig, recordings: Mapping[str, ArrayRecording | DeviceError], note: Note
+) -> ArrayUnderTest:
     """An array that answers and sends frames; an error if it does not."""
     note("array", f"{wanted_array.name} on {wanted_array.array.port}")
     note("protocol", wanted_array.array.protocol)
@@ -121,7 +129,7 @@ def array(
     note("emulated", described.emulated)
     if len(found.frames) < 2:
         _missing(f"tactile array {wanted_array.name} sends no frames; power it off and on")
-    return FoundArray(wanted_array, found)
+    return ArrayUnderTest(wanted_array, found)
 
 
 @pytest.fixture
@@ -146,9 +154,9 @@ def hand(resting_hand: Hand) -> Hand:
 
 
 @pytest.fixture(scope="session")
-def ways(rig: RigFile) -> Ways:
+def ways(rig: RigFile) -> AirPaths:
     """Ways of all fingers in from where they wait."""
-    return ways_in_air(rig)
+    return air_paths(rig)
 
 
 def _missing(reason: object) -> NoReturn:

@@ -14,8 +14,6 @@ from palpate.base.errors import InputError
 from palpate.config import load_objects, shipped_objects
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 
-__all__ = ["RIG", "ask_to_move"]
-
 RIG = pytest.StashKey[RigOnBench]()
 """In a config's stash: the rig under test, if `--rig` names one."""
 

@@ -5,48 +5,54 @@ import pytest
 
 from palpate.base.errors import SafetyStop
 from palpate.config import RigFile
-from palpate.config.check_result import ServoCheckOut
-from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S, OperatingMode
-from palpate.drivers.dynamixel.errors import StatusError
-from palpate.drivers.dynamixel.guarded import guarded_move
-from palpate.drivers.dynamixel.models import model_named
-from palpate.drivers.dynamixel.state import StateReader
-from palpate.drivers.tactile.contact import ContactExtractor
-from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.config.diagnosis_results import ServoCheckOut
+from palpate.drivers.dynamixel import (
+    RETURN_DELAY_UNIT_S,
+    Bus,
+    OperatingMode,
+    StateReader,
+    StatusError,
+    guarded_move,
+    model_by_name,
+)
+from palpate.drivers.tactile import ContactExtractor
+from palpate.drivers.transport import MonotonicClock, open_port
 from palpate.rig.arrays import calibration_of, threshold_problem
-from palpate.rig.diagnostics.array_check import check_array
-from palpate.rig.diagnostics.frame_stream import comes_too_seldom, frame_rate_hz, loses_too_many
-from palpate.rig.diagnostics.servo_check import check_loop, check_servo, rate_in_run_hz
-from palpate.rig.servo_settings import ServoSettings, servo_settings
-from palpate.testing.hardware.bench import FoundArray, FoundServo, Note, open_bus
+from palpate.rig.diagnostics.array_examination import (
+    check_array,
+    frame_rate_hz,
+    is_loss_too_high,
+    is_rate_too_low,
+)
+from palpate.rig.diagnostics.servo_examination import check_loop, check_servo, rate_in_run_hz
+from palpate.rig.fingers import ServoSettings, servo_settings
+from palpate.testing.hardware.bench import ArrayUnderTest, Note, ServoUnderTest, open_bus
 
-_BEYOND_RAD = 0.02
+_BEYOND_RANGE_RAD = 0.02
 
 
-def test_servo_is_of_the_named_model(servo: FoundServo) -> None:
+def test_servo_is_of_the_named_model(servo: ServoUnderTest) -> None:
     """Its model number is that of the rig file's model."""
-    assert servo.ping.model_number == model_named(servo.wanted.model).number
+    assert servo.ping.model_number == model_by_name(servo.wanted.model).number
 
 
-def test_servo_is_healthy(servo: FoundServo, rig: RigFile, note: Note) -> None:
+def test_servo_is_healthy(servo: ServoUnderTest, rig: RigFile, note: Note) -> None:
     """Supply, temperature, no hardware error, torque off."""
-    found = _checked(rig, servo)
+    found = _servo_check(rig, servo)
     note("supply_v", found.voltage_v)
     note("temperature_c", found.temperature_c)
     assert not found.problems
 
 
-def test_servo_has_the_limits_of_a_run_in_its_eeprom(servo: FoundServo, rig: RigFile) -> None:
+def test_servo_has_the_limits_of_a_run_in_its_eeprom(servo: ServoUnderTest, rig: RigFile) -> None:
     """What a run would write before it moves is there already: `palpate setup-motors` has been here."""
-    found = _checked(rig, servo)
+    found = _servo_check(rig, servo)
     assert found.answers, found.problems
     differing = [f"{item.item} {item.found} → {item.wanted}" for item in found.settings]
     assert not differing, "`palpate setup-motors` writes them"
 
 
-def test_goals_out_of_range_are_refused(servo: FoundServo, rig: RigFile) -> None:
+def test_goals_out_of_range_are_refused(servo: ServoUnderTest, rig: RigFile) -> None:
     """By the host, with nothing sent; and by the servo itself where its mode has limits. Torque is off."""
     with open_bus(rig) as bus:
         item = _settings(rig, servo, bus)
@@ -54,7 +60,10 @@ def test_goals_out_of_range_are_refused(servo: FoundServo, rig: RigFile) -> None
         assert item.servo.read("Torque Enable") == 0
         reader = StateReader(bus, [item.servo])
         reader.arrange()
-        for beyond in (item.servo.range_rad[0] - _BEYOND_RAD, item.servo.range_rad[1] + _BEYOND_RAD):
+        for beyond in (
+            item.servo.range_rad[0] - _BEYOND_RANGE_RAD,
+            item.servo.range_rad[1] + _BEYOND_RANGE_RAD,
+        ):
             sent = bus.counts.instructions
             with pytest.raises(SafetyStop, match="nothing was sent"):
                 guarded_move(reader, MonotonicClock(), {item.servo: beyond})
@@ -87,18 +96,18 @@ def test_all_servos_are_read_at_the_sample_rate(rig: RigFile, note: Note) -> Non
     )
 
 
-def test_array_streams_without_loss(array: FoundArray, rig: RigFile, note: Note) -> None:
+def test_array_streams_without_loss(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
     """All arrays at once, for 5 s: frames arrive at the rate that was asked for, and hardly any gets lost."""
     found = array.recording
     rate, gone = frame_rate_hz(found.frames), found.gone
     note("frames", len(found.frames))
     note("lost", gone)
     note("rate_hz", rate)
-    assert not loses_too_many(gone, len(found.frames)), "lost or damaged"
-    assert not comes_too_seldom(rate, rig.closing.sample_rate_hz)
+    assert not is_loss_too_high(gone, len(found.frames)), "lost or damaged"
+    assert not is_rate_too_low(rate, rig.closing.sample_rate_hz)
 
 
-def test_array_is_quiet(array: FoundArray, rig: RigFile, note: Note) -> None:
+def test_array_is_quiet(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
     """Untouched, its noise stays below `contact_force_n`."""
     found = array.recording
     extractor = ContactExtractor(found.description, calibration_of(rig, array.spec, found.description))
@@ -108,7 +117,7 @@ def test_array_is_quiet(array: FoundArray, rig: RigFile, note: Note) -> None:
     assert threshold_problem(extractor, rig.closing) is None
 
 
-def test_array_has_no_dead_taxels(array: FoundArray, note: Note) -> None:
+def test_array_has_no_dead_taxels(array: ArrayUnderTest, note: Note) -> None:
     """None is dead, at full scale or unsteady but those that its calibration leaves out."""
     shown = array.untouched()
     if shown is None:
@@ -122,17 +131,17 @@ def test_array_has_no_dead_taxels(array: FoundArray, note: Note) -> None:
         pytest.skip("it is too quiet at rest to tell its dead taxels: press it all over in `palpate watch`")
 
 
-def test_array_examines_itself(array: FoundArray, rig: RigFile, note: Note) -> None:
+def test_array_examines_itself(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
     """Its self-test, if it has one, and a second of frames find nothing wrong."""
     found = check_array(rig, array.spec, MonotonicClock(), open_port)
     note("bad_taxels", "no self-test" if found.bad_taxels is None else found.bad_taxels)
     assert not found.problems
 
 
-def _settings(rig: RigFile, servo: FoundServo, bus: Bus) -> ServoSettings:
+def _settings(rig: RigFile, servo: ServoUnderTest, bus: Bus) -> ServoSettings:
     return next(item for item in servo_settings(rig, bus) if item.servo.dxl_id == servo.wanted.dxl_id)
 
 
-def _checked(rig: RigFile, servo: FoundServo) -> ServoCheckOut:
+def _servo_check(rig: RigFile, servo: ServoUnderTest) -> ServoCheckOut:
     with open_bus(rig) as bus:
         return check_servo(bus, _settings(rig, servo, bus))

@@ -8,22 +8,22 @@ from palpate.base.vocabulary import SESSIONS_FOLDER
 from palpate.config import RigFile
 from palpate.jobs.rig import open_rig
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.identification.exploration import exploring_grip, outside_fast
+from palpate.rig.identification.exploration import exploring_grip, fast_to_workspace
 from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 from palpate.testing.hardware.bench import Note
 
-_AIMS = 41
+_AIM_COUNT = 41
 _SESSIONS = Path(SESSIONS_FOLDER)
 
 
 @pytest.mark.moves("one finger after the other goes to the middle until one meets the part that lies there")
 def test_one_touch_of_a_part(rig: RigFile, hand: Hand, note: Note) -> None:
     """A finger meets it, measures it, presses no harder than it may, and comes back."""
-    for way in exploring_grip(reach_of(rig, aims=_AIMS), []):
+    for way in exploring_grip(reach_of(rig, aims=_AIM_COUNT), []):
         name = hand.fingers[way.finger_index].name
-        (touch,) = carry_out_grip(hand, [outside_fast(way, rig.workspace.radius_mm)], lambda _: None)
+        (touch,) = carry_out_grip(hand, [fast_to_workspace(way, rig.workspace.radius_mm)], lambda _: None)
         if touch.patch is None:
             note(f"{name}_touch", "none")
             continue

@@ -1,4 +1,4 @@
-"""One card of the picture of objects: names on top, the section with its pockets, numbers beneath."""
+"""One card of the picture of objects: names, section with pockets, side view, heights, numbers."""
 
 import math
 from collections.abc import Sequence
@@ -8,17 +8,12 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.base.errors import counted
-from palpate.base.geometry import Floats
+from palpate.base.errors import quantity
+from palpate.base.geometry import Floats, State
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import Level, Range
-from palpate.rig.catalogue.symmetry import SectionSymmetry, symmetry_of_region
-from palpate.rig.catalogue.tip_reach import unreached
-from palpate.views.catalogue.height_ladder import draw_ladder, shade
-from palpate.views.catalogue.known_heights import known_words
-from palpate.views.catalogue.layout import Card
-from palpate.views.catalogue.side_view import draw_side, side_rings
-from palpate.views.catalogue.style import (
+from palpate.rig.catalogue.section_stack import Level, Range, SectionSymmetry, symmetry_of_region
+from palpate.rig.catalogue.twins import unreached_region
+from palpate.views.catalogue.layout import (
     BAR_WIDTH,
     BOTTOM,
     CONCAVE,
@@ -26,22 +21,177 @@ from palpate.views.catalogue.style import (
     LINES,
     MARGIN,
     ROOM,
+    SHADES,
     SIDE,
     UNREACHED,
     UNREACHED_LINE,
     WIDTH,
+    Card,
+    known_words,
 )
-from palpate.views.svg import element, path_data, shorten, shorten_middle, text, text_width
+from palpate.views.svg import (
+    AXIS,
+    CARD,
+    FAINT,
+    FOUND,
+    FOUND_FILL,
+    INK,
+    MUTED,
+    PAPER,
+    RULE,
+    THIN,
+    TIP,
+    TRUTH,
+    element,
+    path_data,
+    shorten,
+    shorten_middle,
+    text,
+    text_width,
+)
 from palpate.views.table_picture.frame import nice_step
-from palpate.views.table_picture.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
 
-__all__ = ["CardFacts", "TwinNote", "draw_card", "ranges_words"]
+_SIDE_MARGIN = 4.0
 
-_FINE = 0.15  # SVG units that a drawn line may be off
-_BETWEEN = 14.0  # ladder and side view
-_MOST_RAYS = 12
-_MOST_RANGES = 4
-_RAY = 0.6  # of the way to the furthest corner
+
+def side_rings(state: State) -> tuple[Floats, ...]:
+    """Rings (n, 2) of (across, z), mm: of the file, or what sections show that are known everywhere."""
+    if state.side_mm or state.heights_mm is not None:
+        return state.side_mm
+    boxes = [
+        shapely.box(x.min(), section.z_mm[0], x.max(), section.z_mm[1])
+        for section in state.sections
+        for polygon in section.polygons
+        for x in (polygon.outer[:, 0],)
+    ]
+    parts = shapely.get_parts(shapely.union_all(boxes))
+    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
+    return tuple(np.asarray(ring.coords)[:-1] for ring in rings)
+
+
+def draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
+    """The view in a box as wide as the ladder of heights, on a line for the table."""
+    points = np.concatenate(rings)
+    low, high = points.min(axis=0), points.max(axis=0)
+    wide, tall = max(high[0] - low[0], 1e-9), max(high[1], 1e-9)
+    scale = min((BAR_WIDTH - 2 * _SIDE_MARGIN) / wide, (SIDE - 2 * _SIDE_MARGIN) / tall)
+    middle, bottom = left + BAR_WIDTH / 2, top + SIDE - _SIDE_MARGIN
+    origin = np.array([middle - scale * (low[0] + high[0]) / 2, bottom])
+    drawn = [origin + ring * (scale, -scale) for ring in rings]
+    part = element(
+        "path",
+        d=path_data(drawn),
+        fill=FOUND_FILL,
+        fill_rule="evenodd",
+        stroke=FOUND,
+        stroke_width=1.0,
+        stroke_linejoin="round",
+    )
+    line = element("line", x1=left, y1=bottom, x2=left + BAR_WIDTH, y2=bottom, stroke=INK, stroke_width=THIN)
+    return part + line
+
+
+_LADDER_WIDTH, _BEFORE = 14.0, 32.0
+_NUMBER_SPACING = 13.0  # of numbers beneath each other
+_NUMBER_SIZE = 11.0
+_THIN_BAND = 3.0
+
+
+def shade(z_mm: float, top_mm: float) -> str:
+    """Colour of a height: the higher, the darker."""
+    share = min(max(z_mm / top_mm, 0.0), 1.0)
+    low, high = SHADES
+    return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(low, high, strict=True))
+
+
+def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: float) -> str:
+    """The ladder, as high as its `room`, with its upper left corner at `left`, `top`."""
+    heights = [at.height_mm for at in fingers.at]
+    high = card.state.state.top_mm
+    ladder = _Ladder(left + _BEFORE, top + room - 4, (room - 14) / max(high, *heights))
+    drawn = [ladder.band((0.0, high), PAPER, AXIS, "2 2")]
+    drawn += [ladder.band(run, FAINT, RULE) for run in _runs(card.state.levels, ladder.scale)]
+    if card.is_stack:
+        for run in _runs(card.state.levels, ladder.scale):
+            drawn.append(ladder.band(run, shade(run[0], high), None))
+    else:
+        drawn += [ladder.band(found, FOUND, None) for found in card.ranges_mm]
+    ends = {"x1": ladder.left - 14, "x2": ladder.right + 14, "y1": ladder.bottom, "y2": ladder.bottom}
+    drawn.append(element("line", **ends, stroke=INK, stroke_width=THIN))
+    beside, above = ladder.left - 4, ladder.y(high) + 4
+    drawn.append(
+        text(
+            f"{high:.4g}", beside, min(above, ladder.bottom - 3), size=_NUMBER_SIZE, fill=MUTED, anchor="end"
+        )
+    )
+    if above < ladder.bottom - _NUMBER_SPACING - 3:
+        drawn.append(text("0", beside, ladder.bottom - 3, size=_NUMBER_SIZE, fill=MUTED, anchor="end"))
+    return "".join(drawn) + _fingers(heights, ladder)
+
+
+@dataclass(frozen=True)
+class _Ladder:
+    """Where heights (mm) are on the page."""
+
+    left: float
+    bottom: float
+    scale: float
+
+    @property
+    def right(self) -> float:
+        """Right side of the bar."""
+        return self.left + _LADDER_WIDTH
+
+    def y(self, z_mm: float) -> float:
+        """A height on the page."""
+        return self.bottom - self.scale * z_mm
+
+    def band(self, z_mm: Range, fill: str, stroke: str | None, dash: str | None = None) -> str:
+        """A part of the bar; never too thin to be seen."""
+        low, up = self.y(z_mm[0]), self.y(z_mm[1])
+        return element(
+            "rect",
+            x=self.left,
+            y=up,
+            width=_LADDER_WIDTH,
+            height=max(low - up, 0.5),
+            fill=fill,
+            stroke=stroke,
+            stroke_width=None if stroke is None else 0.8,
+            stroke_dasharray=dash,
+        )
+
+
+def _runs(levels: Sequence[Level], scale: float) -> list[Range]:
+    """The levels' ranges, with those that would be thinner than a few units joined to the one above."""
+    runs: list[Range] = []
+    for level in levels:
+        low, high = level.z_mm
+        if runs and runs[-1][1] == low and scale * (runs[-1][1] - runs[-1][0]) < _THIN_BAND:
+            runs[-1] = (runs[-1][0], high)
+        else:
+            runs.append((low, high))
+    return runs
+
+
+def _fingers(heights_mm: Sequence[float], ladder: _Ladder) -> str:
+    """A pointer at each height of fingers, with its number; numbers that are too near move up."""
+    drawn = []
+    below = math.inf
+    for height in heights_mm:
+        y = ladder.y(height)
+        tip = np.array([[ladder.right + 1, y], [ladder.right + 8, y - 4], [ladder.right + 8, y + 4]])
+        drawn.append(element("path", d=path_data([tip]), fill=TIP))
+        below = min(y + 4, below - _NUMBER_SPACING)
+        drawn.append(text(f"{height:.4g}", ladder.right + 11, below, size=_NUMBER_SIZE, fill=TIP))
+    return "".join(drawn)
+
+
+_LINE_TOLERANCE = 0.15  # SVG units that a drawn line may be off
+_LADDER_GAP = 14.0  # ladder and side view
+_MAX_RAYS = 12
+_MAX_RANGES = 4
+_RAY_SHARE = 0.6  # of the way to the furthest corner
 
 
 @dataclass(frozen=True)
@@ -78,7 +228,7 @@ def draw_card(
         drawing = _section(card.shown[0], page, tip_mm, symmetry)
         beneath = _section_words(card, facts, symmetry)
     beside, rings = left + WIDTH - MARGIN - BAR_WIDTH, side_rings(card.state.state)
-    ladder = draw_ladder(card, fingers, beside, top + LINES, ROOM - SIDE - _BETWEEN if rings else ROOM)
+    ladder = draw_ladder(card, fingers, beside, top + LINES, ROOM - SIDE - _LADDER_GAP if rings else ROOM)
     ladder += draw_side(rings, beside, top + LINES + ROOM - SIDE) if rings else ""
     return (
         frame
@@ -110,7 +260,7 @@ class _Page:
         """A region on the page, simplified to what is visible."""
         scale, (x, y) = self._scale, self._middle
         move = (scale, 0, 0, -scale, x - scale * self._centre[0], y + scale * self._centre[1])
-        return affinity.affine_transform(region, move).simplify(_FINE)
+        return affinity.affine_transform(region, move).simplify(_LINE_TOLERANCE)
 
     def point(self, at_mm: Floats) -> Floats:
         """A point on the page."""
@@ -167,7 +317,9 @@ def _pockets(level: Level, page: _Page, tip_mm: float) -> str:
     """What lies within the section's hull and outside of the section, and what of it no tip reaches."""
     region, hull = page.shape(level.region), page.shape(shapely.convex_hull(level.region))
     outside = _path(hull.difference(region), CONCAVE, None)
-    return outside + _path(page.shape(unreached(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2")
+    return outside + _path(
+        page.shape(unreached_region(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2"
+    )
 
 
 def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: SectionSymmetry) -> str:
@@ -177,10 +329,10 @@ def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: SectionSymm
     corners = shapely.get_coordinates(region) - symmetry.centre_mm
     furthest = corners[int(np.hypot(*corners.T).argmax())]
     centre = page.point(symmetry.centre_mm)
-    tip = _RAY * (page.point(symmetry.centre_mm + furthest) - centre)
+    tip = _RAY_SHARE * (page.point(symmetry.centre_mm + furthest) - centre)
     marks = [element("circle", cx=centre[0], cy=centre[1], r=2.4, fill=INK)]
     look: dict[str, str | float] = {"stroke": INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
-    if symmetry.order > _MOST_RAYS:
+    if symmetry.order > _MAX_RAYS:
         radius = float(np.hypot(*tip))
         marks.append(element("circle", cx=centre[0], cy=centre[1], r=radius, fill="none", **look))
         return "".join(marks)
@@ -231,7 +383,7 @@ def _heading(card: Card, left: float, top: float) -> str:
 def _section_words(card: Card, facts: CardFacts, symmetry: SectionSymmetry) -> str:
     if facts.symmetry_order == 0:
         return _fold(0)
-    words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
+    words = f"{quantity(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
     if facts.symmetry_order != symmetry.order:
         words += ", state not" if facts.symmetry_order == 1 else f", state {facts.symmetry_order}-fold"
     return words
@@ -260,21 +412,21 @@ def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
 def _twins_words(twins: TwinNote, room: float) -> str:
     """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
     for count in range(len(twins.names), 1, -1):
-        words = f"{twins.words} {'; '.join(twins.names[:count])}{_more(twins, count)}"
+        words = f"{twins.words} {'; '.join(twins.names[:count])}{_more_words(twins, count)}"
         if text_width(words, 11.5) <= room:
             return words
-    before, more = f"{twins.words} ", _more(twins, 1)
+    before, more = f"{twins.words} ", _more_words(twins, 1)
     left = room - text_width(before + more, 11.5)
     return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
 
 
-def _more(twins: TwinNote, shown: int) -> str:
+def _more_words(twins: TwinNote, shown: int) -> str:
     return f" and {len(twins.names) - shown} more" if len(twins.names) > shown else ""
 
 
 def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
     """At which heights it is known, with as many of the ranges as there is room for."""
-    for most in range(_MOST_RANGES, 0, -1):
+    for most in range(_MAX_RANGES, 0, -1):
         words = known_words(known_mm, top_mm, most)
         if text_width(words, 11.5) <= room:
             return words

@@ -1,17 +1,26 @@
-"""What `palpate objects check` found, in words for a terminal of 80 columns."""
+"""What `palpate objects check` found: in words for a terminal of 80 columns, and as a page."""
 
 import math
 from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from itertools import chain
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.vocabulary import TipShape
-from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightOut, RigHeightsOut, SeparatingOut
+from palpate.config.catalogue_results import (
+    ObjectsCheckOut,
+    PairOut,
+    RigHeightOut,
+    RigHeightsOut,
+    SeparatingOut,
+    StateListedOut,
+    StateNameOut,
+)
+from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
 
-__all__ = ["check_lines", "fit_words", "help_words", "pair_lines", "rig_words"]
-
-_SHOWN = 40  # pairs of a kind
-_RANGES_SHOWN = 4
-_NOTHING_MM = 0.005
+_MAX_PAIRS_PER_KIND = 40  # pairs of a kind
+_MAX_RANGES = 4
+_NEGLIGIBLE_MM = 0.005
 
 
 def check_lines(out: ObjectsCheckOut, *, every: bool = False) -> list[str]:
@@ -24,14 +33,14 @@ def check_lines(out: ObjectsCheckOut, *, every: bool = False) -> list[str]:
     lines = [
         *rig_words(out.rig),
         "",
-        f"{counted(out.states, 'state', 'states')}, {counted(out.pairs_compared, 'pair', 'pairs')}:",
+        f"{quantity(out.states, 'state', 'states')}, {quantity(out.pairs_compared, 'pair', 'pairs')}:",
         f"  {out.told_apart:5d} distinguished",
         f"  {len(never):5d} never distinguished",
         f"  {len(maybe):5d} may or may not be distinguished",
     ]
     if unknown:
         lines.append(f"  {len(unknown):5d} not distinguished as far as their sections are known")
-    most = None if every else _SHOWN
+    most = None if every else _MAX_PAIRS_PER_KIND
     for title, sign, pairs in (
         ("never distinguished", "=", never),
         ("may or may not be distinguished", "≈", maybe),
@@ -40,14 +49,14 @@ def check_lines(out: ObjectsCheckOut, *, every: bool = False) -> list[str]:
         if pairs:
             lines += ["", title]
             lines += [line for pair in pairs[:most] for line in _separating_lines(pair, sign, out.rig)]
-            lines += _more(pairs[most:])
+            lines += _more_line(pairs[most:])
     if out.not_known:
         lines += ["", "not known at the height of a finger; import them again for its height"]
         lines += [
             f"  {item.state.object}, {item.state.state}: {_heights(item.heights_mm)}"
             for item in out.not_known[:most]
         ]
-        lines += _more(out.not_known[most:])
+        lines += _more_line(out.not_known[most:])
     return lines
 
 
@@ -82,7 +91,7 @@ def fit_words(*pairs: PairOut) -> str:
     apart = f"{least if least == most else f'{least}–{most}'} mm apart at {at}"
     if pair.likeness == "doubtful":
         return f"{apart}; {pair.within_mm:.2f} mm are certain to be distinguished"
-    if max(found) < _NOTHING_MM:
+    if max(found) < _NEGLIGIBLE_MM:
         return f"the same at {at}"
     allowed = f", within their tolerances ({pair.tolerance_mm:.2f} mm)" if pair.tolerance_mm else ""
     return f"{apart}{allowed}"
@@ -111,10 +120,10 @@ def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
     balls = [item.tip_shape is TipShape.BALL for item in rig.heights]
     another = "a ball" if all(balls) else "an upright tip" if any(balls) else "a finger"
     if pair.separating_mm:
-        shown = [_inside(found) for found in pair.separating_mm[:_RANGES_SHOWN]]
+        shown = [_inside_words(found) for found in pair.separating_mm[:_MAX_RANGES]]
         more = len(pair.separating_mm) - len(shown)
         kind = "height" if all(balls) else "range"
-        rest = f" and {counted(more, f'more {kind}', f'more {kind}s')}" if more else ""
+        rest = f" and {quantity(more, f'more {kind}', f'more {kind}s')}" if more else ""
         at = " or ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
         return f"{another} at {at} mm{rest} would distinguish them"
     if all(balls):
@@ -124,7 +133,7 @@ def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
     return "no one height would distinguish them for certain"
 
 
-def _inside(range_mm: tuple[float, float]) -> str:
+def _inside_words(range_mm: tuple[float, float]) -> str:
     """A range to hundredths of a mm, rounded inward: all of what is said holds."""
     if range_mm[0] == range_mm[1]:
         return f"{range_mm[0]:g}"
@@ -139,5 +148,110 @@ def _heights(heights_mm: Sequence[float]) -> str:
     )
 
 
-def _more(left: Sequence[object]) -> list[str]:
+def _more_line(left: Sequence[object]) -> list[str]:
     return [f"  and {len(left)} more; --all lists them"] if left else []
+
+
+_MAX_PAIRS_ON_PAGE = 400  # pairs of a kind
+_KINDS = {
+    "same": "Never distinguished",
+    "doubtful": "May or may not be distinguished",
+    "unknown": "Not distinguished as far as their sections are known",
+}
+
+
+def catalogue_report(
+    found: ObjectsCheckOut, states: Sequence[StateListedOut], pages: Sequence[str], notices: Sequence[str]
+) -> str:
+    """The page. `pages`: pictures (SVG) of all sections; `notices`: what fingers cannot reach."""
+    counts = {kind: sum(pair.likeness == kind for pair in found.pairs) for kind in _KINDS}
+    parts = [
+        heading(_title(found, counts["same"]), f"catalogue {found.objects}, rig {found.rig.name}"),
+        section(
+            "Result",
+            table(
+                ("", ""),
+                [
+                    ("states", str(found.states)),
+                    ("pairs compared", str(found.pairs_compared)),
+                    ("distinguished for certain", str(found.told_apart)),
+                    *((words.lower(), str(counts[kind])) for kind, words in _KINDS.items() if counts[kind]),
+                ],
+            ),
+            *map(paragraph, notices),
+        ),
+        *chain.from_iterable(_pairs_section(found, kind) for kind in _KINDS),
+        *_not_known(found),
+        section("States", _states(states)),
+        section("Sections", *map(picture, pages), kind="sections"),
+        section("Rig", lines("\n".join(rig_words(found.rig)))),
+        section("Versions", paragraph(f"palpate {version('palpate')}")),
+    ]
+    return page(f"{found.objects} on rig {found.rig.name}", parts)
+
+
+def _title(found: ObjectsCheckOut, never: int) -> str:
+    if never:
+        return f"{quantity(never, 'pair', 'pairs')} of states can never be distinguished"
+    if found.pairs:
+        return f"{quantity(len(found.pairs), 'pair', 'pairs')} of states may not be distinguished"
+    return "Every state is distinguished from every other"
+
+
+def _pairs_section(found: ObjectsCheckOut, kind: str) -> Iterator[str]:
+    pairs: list[SeparatingOut] = [pair for pair in found.pairs if pair.likeness == kind]
+    if not pairs:
+        return
+    names = ("one", "other", "how alike", "what would help")
+    rows = [
+        (_state_name(pair.first), _state_name(pair.second), fit_words(pair), help_words(pair, found.rig))
+        for pair in pairs[:_MAX_PAIRS_ON_PAGE]
+    ]
+    more = (
+        [paragraph(f"and {len(pairs) - _MAX_PAIRS_ON_PAGE} more")] if len(pairs) > _MAX_PAIRS_ON_PAGE else []
+    )
+    yield section(_KINDS[kind], table(names, rows), *more)
+
+
+def _not_known(found: ObjectsCheckOut) -> Iterator[str]:
+    if found.not_known:
+        rows = [
+            (_state_name(item.state), ", ".join(f"{height:g} mm" for height in item.heights_mm))
+            for item in found.not_known
+        ]
+        yield section(
+            "Not known at the height of a finger",
+            paragraph("Import these again for the fingers' heights."),
+            table(("state", "heights"), rows),
+        )
+
+
+def _states(states: Sequence[StateListedOut]) -> str:
+    names = (
+        "object",
+        "state",
+        "probability",
+        "height, mm",
+        "± mm",
+        "symmetry",
+        "fingers that meet it",
+        "when pushed",
+    )
+    rows = [
+        (
+            item.object,
+            item.state,
+            "" if item.probability is None else f"{100 * item.probability:.1f} %",
+            f"{item.top_mm:g}",
+            f"{item.tolerance_mm:g}",
+            "any turn" if item.symmetry_order == 0 else str(item.symmetry_order),
+            item.fingers,
+            item.when_pushed.value + (f": {item.why}" if item.why else ""),
+        )
+        for item in states
+    ]
+    return table(names, rows, numbers=names[2:6])
+
+
+def _state_name(item: StateNameOut) -> str:
+    return f"{item.object}, {item.state}"

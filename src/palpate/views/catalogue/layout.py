@@ -1,27 +1,23 @@
-"""Layout of the picture of objects: which sections share a card, and what is left out of a large file.
+"""Layout of the picture of objects: sizes, colours, which sections share a card, words that fit."""
 
-A state with a few different sections gets a card for each, one with many gets one card with some of them over
-each other; so do all in a file that would need too many. Sections that differ by less than is drawn are one.
-"""
-
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
+from palpate.base.errors import quantity
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range, StateSections
 
-__all__ = ["MOST_CARDS", "MOST_CONTOURS", "Card", "cards_of"]
-
-MOST_CARDS = 960
+MAX_CARDS = 960
 """Of all pages."""
-MOST_CONTOURS = 12
+MAX_CONTOURS = 12
 """Sections drawn over each other in one card."""
-_FEW = 3
+_MAX_SECTION_CARDS = 3
 """Different sections of a state that get cards of their own."""
-_ALIKE = 0.015
+_ALIKE_SHARE = 0.015
 """Share of a section's size: sections that are as near are one card."""
 
 
@@ -48,21 +44,21 @@ def cards_of(
     states: Sequence[StateSections], fingers: RigFingers
 ) -> tuple[tuple[Card, ...], tuple[StateSections, ...]]:
     """The cards in the states' order, and the states for which there is no room."""
-    sections = [_different(state) for state in states]
-    single = sum(len(found) if len(found) <= _FEW else 1 for found in sections) > MOST_CARDS
+    sections = [_distinct_sections(state) for state in states]
+    single = sum(len(found) if len(found) <= _MAX_SECTION_CARDS else 1 for found in sections) > MAX_CARDS
     cards: list[Card] = []
-    for state, found in zip(states[:MOST_CARDS], sections[:MOST_CARDS], strict=True):
-        if len(found) == 1 or (len(found) <= _FEW and not single):
+    for state, found in zip(states[:MAX_CARDS], sections[:MAX_CARDS], strict=True):
+        if len(found) == 1 or (len(found) <= _MAX_SECTION_CARDS and not single):
             cards += [
-                Card(state, levels[:1], len(found), number, _joined([level.z_mm for level in levels]))
+                Card(state, levels[:1], len(found), number, _unite_ranges([level.z_mm for level in levels]))
                 for number, levels in enumerate(found, 1)
             ]
         else:
-            cards.append(Card(state, _chosen(state.levels, fingers), len(found)))
-    return tuple(cards), tuple(states[MOST_CARDS:])
+            cards.append(Card(state, _choose_levels(state.levels, fingers), len(found)))
+    return tuple(cards), tuple(states[MAX_CARDS:])
 
 
-def _joined(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
+def _unite_ranges(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
     """Ranges of height with those that touch as one, ascending."""
     joined: list[Range] = []
     for low, high in sorted(ranges_mm):
@@ -73,36 +69,94 @@ def _joined(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
     return tuple(joined)
 
 
-def _different(state: StateSections) -> list[tuple[Level, ...]]:
+def _distinct_sections(state: StateSections) -> list[tuple[Level, ...]]:
     """The state's different sections from the bottom up, each with all levels at which it is found.
 
     No more are told apart than matters to the layout: the last one then has the rest.
     """
     found: list[list[Level]] = []
     for level in state.levels:
-        same = next((levels for levels in found if _alike(levels[0].region, level.region)), None)
+        same = next((levels for levels in found if _are_drawn_alike(levels[0].region, level.region)), None)
         if same is not None:
             same.append(level)
-        elif len(found) <= _FEW:
+        elif len(found) <= _MAX_SECTION_CARDS:
             found.append([level])
         else:
             found[-1].append(level)
     return [tuple(levels) for levels in found]
 
 
-def _alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
+def _are_drawn_alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
     """Whether two sections would be drawn alike."""
     west, south, east, north = one.bounds
-    within_mm = _ALIKE * max(east - west, north - south)
+    within_mm = _ALIKE_SHARE * max(east - west, north - south)
     if np.abs(np.subtract(one.bounds, other.bounds)).max() > within_mm:
         return False
     return bool(shapely.hausdorff_distance(one.boundary, other.boundary) <= within_mm)
 
 
-def _chosen(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
+def _choose_levels(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
     """The lowest, the highest, those that fingers meet, and some evenly between."""
     spans = [at.span_mm for at in fingers.at]
     met = [k for k, level in enumerate(levels) if any(level.is_within(span) for span in spans)]
-    met = met[: MOST_CONTOURS - 2]
-    even = np.linspace(0, len(levels) - 1, min(len(levels), MOST_CONTOURS - len(met))).round().astype(int)
+    met = met[: MAX_CONTOURS - 2]
+    even = np.linspace(0, len(levels) - 1, min(len(levels), MAX_CONTOURS - len(met))).round().astype(int)
     return tuple(levels[k] for k in sorted({*even.tolist(), *met}))
+
+
+MARGIN, GAP = 14.0, 14.0
+ROOM = 190.0
+"""Side of the square in which a section is drawn."""
+BAR_WIDTH = 78.0
+"""Width of the ladder of heights with its numbers."""
+SIDE = 76.0
+"""Height of the side view, beneath the ladder."""
+WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
+LINES, BOTTOM = 102.0, 102.0
+HEIGHT = LINES + ROOM + BOTTOM
+
+CONCAVE = "#f6ecd4"
+UNREACHED, UNREACHED_LINE = "#e6cfdd", "#8f5a7e"
+SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
+"""Colours of the lowest and of the highest section."""
+
+
+_STEPS_PER_MM = 100  # in a mm, to which heights are rounded
+_ROUNDING_STEPS = 1e-6  # of a step: binary fractions of what is a whole number of them
+
+
+def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
+    """Such as "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
+
+    `known_mm`: ascending ranges, both ends included; `top_mm`: how high the part is. Ends are rounded to
+    0.01 mm so that no more is called known than is. `most`: how many ranges are listed.
+    """
+    ends = [0.0, *(z for found in known_mm for z in found), top_mm]
+    gaps = [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if low < high]
+    if gaps and sum(high - low for low, high in gaps) < top_mm / 2:
+        return f"not known at {_ranges([_outside(*gap) for gap in gaps], most)}"
+    return f"known at {_ranges([_inside(*found) for found in known_mm], most)} only"
+
+
+def _outside(low: float, high: float) -> Range:
+    return math.floor(_STEPS_PER_MM * low + _ROUNDING_STEPS) / _STEPS_PER_MM, math.ceil(
+        _STEPS_PER_MM * high - _ROUNDING_STEPS
+    ) / _STEPS_PER_MM
+
+
+def _inside(low: float, high: float) -> Range:
+    """Rounded inward; as it is where nothing would be left."""
+    first = math.ceil(_STEPS_PER_MM * low - _ROUNDING_STEPS) / _STEPS_PER_MM
+    last = math.floor(_STEPS_PER_MM * high + _ROUNDING_STEPS) / _STEPS_PER_MM
+    return (first, last) if first < last else (low, high)
+
+
+def _ranges(ranges_mm: Sequence[Range], most: int) -> str:
+    words = [f"{low:.6g}–{high:.6g}" for low, high in ranges_mm[:most]]
+    more = len(ranges_mm) - len(words)
+    if not words:
+        return quantity(more, "range of height", "ranges of height")
+    if more:
+        return f"{', '.join(words)} mm and {quantity(more, 'more range', 'more ranges')}"
+    *before, last = words
+    return f"{', '.join(before)} and {last} mm" if before else f"{last} mm"

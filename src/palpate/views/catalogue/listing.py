@@ -1,11 +1,9 @@
-"""The listing of `palpate objects show`: a table of states, then twins.
-
-What goes on a screen is what a person reads there; `--all` lists every state and every pair.
-"""
+"""The listing of `palpate objects show`: a table of states, then twins, in groups."""
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby
 
 from rich.cells import cell_len, set_cell_size
@@ -13,20 +11,89 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.vocabulary import PushResponse
-from palpate.config.objects_result import ObjectsListingOut, StateListedOut, StateNameOut
+from palpate.config.catalogue_results import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
 from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
-from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
-from palpate.views.catalogue.known_heights import known_words
+from palpate.views.catalogue.layout import known_words
 from palpate.views.tables import table
 
-__all__ = ["print_listing"]
+_Name = tuple[str, str]
+_Relation = tuple[object, ...]
 
-_SHOWN = 20  # twins, and states of an object
-_RANGES = 3
-_SHOWN_PUSHED = 6
-_NAME = 20  # columns for a name
+
+@dataclass(frozen=True)
+class TwinGroup:
+    """Every state of `first` with every one of `second`; if that is empty, all of `first` with each other.
+
+    `pairs`: all of them, at least one. They are alike in everything but `apart_mm`.
+    """
+
+    first: tuple[StateNameOut, ...]
+    second: tuple[StateNameOut, ...]
+    pairs: tuple[PairOut, ...]
+
+
+def group_pairs(pairs: Sequence[PairOut]) -> tuple[TwinGroup, ...]:
+    """The pairs in groups, ordered by the first pair of each."""
+    names = {_key(item): item for pair in pairs for item in (pair.first, pair.second)}
+    relations: dict[_Name, dict[_Name, _Relation]] = {name: {} for name in names}
+    for pair in pairs:
+        one, other = _key(pair.first), _key(pair.second)
+        relations[one][other] = relations[other][one] = _relation(pair)
+    groups = _groups(relations)
+    group_of = {name: number for number, group in enumerate(groups) for name in group}
+    together: dict[tuple[int, int], list[PairOut]] = {}
+    for pair in pairs:
+        first, second = group_of[_key(pair.first)], group_of[_key(pair.second)]
+        together.setdefault((min(first, second), max(first, second)), []).append(pair)
+    members = [tuple(names[name] for name in group) for group in groups]
+    return tuple(
+        TwinGroup(members[one], () if one == other else members[other], tuple(found))
+        for (one, other), found in together.items()
+    )
+
+
+def _groups(relations: dict[_Name, dict[_Name, _Relation]]) -> list[list[_Name]]:
+    """The states in groups. Standing alike to all others is transitive: one of a group stands for it."""
+    groups: list[list[_Name]] = []
+    for name, own in relations.items():
+        for group in groups:
+            if _are_equivalent(name, own, group[0], relations[group[0]]):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return groups
+
+
+def _are_equivalent(
+    one: _Name, to_one: dict[_Name, _Relation], other: _Name, to_other: dict[_Name, _Relation]
+) -> bool:
+    if len(to_one) != len(to_other):
+        return False
+    return all(to_other.get(name) == how for name, how in _other_relations(to_one, other)) and all(
+        to_one.get(name) == how for name, how in _other_relations(to_other, one)
+    )
+
+
+def _other_relations(relations: dict[_Name, _Relation], name: _Name) -> Iterator[tuple[_Name, _Relation]]:
+    return ((other, how) for other, how in relations.items() if other != name)
+
+
+def _key(state: StateNameOut) -> _Name:
+    return state.object, state.state
+
+
+def _relation(pair: PairOut) -> _Relation:
+    """All that is said of a pair but its distance."""
+    return pair.likeness, pair.compared_mm, pair.apart_mm is None, pair.tolerance_mm, pair.within_mm
+
+
+_MAX_ROWS = 20  # twins, and states of an object
+_MAX_RANGES = 3
+_MAX_PUSHED = 6
+_NAME_COLUMNS = 20  # columns for a name
 _MET = {"all": "all", "some": "some", "none": "none", "unknown": "?*"}
 _SIGNS = {"same": "=", "doubtful": "≈", "unknown": "?"}
 
@@ -38,8 +105,8 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
     """
     objects = len({item.object for item in out.states})
     console.print(
-        f"{out.objects}: {counted(objects, 'object', 'objects')}, "
-        f"{counted(len(out.states), 'state', 'states')}\n"
+        f"{out.objects}: {quantity(objects, 'object', 'objects')}, "
+        f"{quantity(len(out.states), 'state', 'states')}\n"
     )
     console.print(_table(out, every=every))
     console.print()
@@ -55,18 +122,18 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
     more = f" to {out.pictures[-1]}" if len(out.pictures) > 1 else ""
     console.print(f"picture {out.picture}{more}")
     if out.left_out:
-        console.print(f"not in it, for want of room: {counted(len(out.left_out), 'state', 'states')}")
+        console.print(f"not in it, for want of room: {quantity(len(out.left_out), 'state', 'states')}")
 
 
 def _table(out: ObjectsListingOut, *, every: bool) -> Table:
     numbers = "sections", "edges", "top mm", "symmetry", "prob.", "tips", "met by"
-    rows = table(Column("object", width=_NAME, no_wrap=True), *numbers, numbers=numbers)
+    rows = table(Column("object", width=_NAME_COLUMNS, no_wrap=True), *numbers, numbers=numbers)
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
         first = listed[0]
-        tolerance = f" ±{_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
-        rows.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
-        shown = len(listed) if every or len(listed) <= _SHOWN + 1 else _SHOWN
+        tolerance = f" ±{_round_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
+        rows.add_row(Text(f"{_shorten(name, _NAME_COLUMNS - len(tolerance))}{tolerance}", style="bold"))
+        shown = len(listed) if every or len(listed) <= _MAX_ROWS + 1 else _MAX_ROWS
         for state in listed[:shown]:
             rows.add_row(*_cells(state))
         if shown < len(listed):
@@ -78,7 +145,7 @@ def _cells(state: StateListedOut) -> list[str]:
     low, high = state.edges
     tips = state.tipping_angle_rad
     return [
-        f"  {_cut(state.state, _NAME - 2)}",
+        f"  {_shorten(state.state, _NAME_COLUMNS - 2)}",
         str(state.sections),
         str(low) if low == high else f"{low}–{high}",
         f"{state.top_mm:.4g}",
@@ -89,7 +156,7 @@ def _cells(state: StateListedOut) -> list[str]:
     ]
 
 
-def _up(tolerance_mm: float) -> float:
+def _round_up(tolerance_mm: float) -> float:
     """Rounded up to thousandths."""
     return math.ceil(1000 * tolerance_mm - 1e-6) / 1000
 
@@ -102,15 +169,17 @@ def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator
     alike: dict[tuple[str, str], list[StateNameOut]] = {}
     for item in out.states:
         if item.heights_mm is not None and (every or item.fingers == "unknown"):
-            words = known_words(item.heights_mm, item.top_mm, len(item.heights_mm) + 1 if every else _RANGES)
+            words = known_words(
+                item.heights_mm, item.top_mm, len(item.heights_mm) + 1 if every else _MAX_RANGES
+            )
             name = StateNameOut(object=item.object, state=item.state)
             alike.setdefault((item.object, words), []).append(name)
-    shown = len(alike) if every or len(alike) <= _SHOWN + 1 else _SHOWN
+    shown = len(alike) if every or len(alike) <= _MAX_ROWS + 1 else _MAX_ROWS
     for (_, words), states in list(alike.items())[:shown]:
-        yield from _wrapped(f"{_names(states)} {'is' if len(states) == 1 else 'are'} {words}", "* ", width)
+        yield from _wrap(f"{_names(states)} {'is' if len(states) == 1 else 'are'} {words}", "* ", width)
     left = sum(len(states) for states in list(alike.values())[shown:])
     if left:
-        yield f"* and {counted(left, 'more state is', 'more states are')} not known there; --all"
+        yield f"* and {quantity(left, 'more state is', 'more states are')} not known there; --all"
 
 
 def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
@@ -119,11 +188,11 @@ def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterato
     if not unsteady:
         return
     yield "when pushed (bounds hold for parts that slide):"
-    shown = len(unsteady) if every or len(unsteady) <= _SHOWN_PUSHED + 1 else _SHOWN_PUSHED
+    shown = len(unsteady) if every or len(unsteady) <= _MAX_PUSHED + 1 else _MAX_PUSHED
     for item in unsteady[:shown]:
-        yield from _wrapped(f"{item.object}, {item.state} {item.why}", "  ", width)
+        yield from _wrap(f"{item.object}, {item.state} {item.why}", "  ", width)
     if shown < len(unsteady):
-        yield f"  and {counted(len(unsteady) - shown, 'more state', 'more states')}; --all"
+        yield f"  and {quantity(len(unsteady) - shown, 'more state', 'more states')}; --all"
     yield ""
 
 
@@ -136,11 +205,11 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
             lines += pair_lines(pair, _SIGNS[pair.likeness])
     else:
         groups = group_pairs(out.twins)
-        for group in groups[:_SHOWN]:
+        for group in groups[:_MAX_ROWS]:
             lines += _group_lines(group, width)
-        if len(groups) > _SHOWN:
-            pairs = sum(len(group.pairs) for group in groups[_SHOWN:])
-            lines.append(f"  and {counted(pairs, 'more pair', 'more pairs')}; --all lists them")
+        if len(groups) > _MAX_ROWS:
+            pairs = sum(len(group.pairs) for group in groups[_MAX_ROWS:])
+            lines.append(f"  and {quantity(pairs, 'more pair', 'more pairs')}; --all lists them")
     return [*lines, "`palpate objects check` says which heights would distinguish them", ""]
 
 
@@ -151,10 +220,10 @@ def _group_lines(group: TwinGroup, width: int) -> Iterator[str]:
         yield from pair_lines(group.pairs[0], sign)
         return
     if group.second:
-        yield from _wrapped(f"each of {_names(group.first)}", f"  {sign} ", width)
-        yield from _wrapped(f"and each of {_names(group.second)}", "    ", width)
+        yield from _wrap(f"each of {_names(group.first)}", f"  {sign} ", width)
+        yield from _wrap(f"and each of {_names(group.second)}", "    ", width)
     else:
-        yield from _wrapped(f"each two of {_names(group.first)}", f"  {sign} ", width)
+        yield from _wrap(f"each two of {_names(group.first)}", f"  {sign} ", width)
     yield f"      {fit_words(*group.pairs)}"
 
 
@@ -166,11 +235,11 @@ def _names(states: Iterable[StateNameOut]) -> str:
     )
 
 
-def _wrapped(words: str, begin: str, width: int) -> list[str]:
+def _wrap(words: str, begin: str, width: int) -> list[str]:
     return textwrap.wrap(
         words, width, initial_indent=begin, subsequent_indent=" " * (len(begin) + 2), break_long_words=False
     )
 
 
-def _cut(name: str, room: int) -> str:
+def _shorten(name: str, room: int) -> str:
     return name if cell_len(name) <= room else f"{set_cell_size(name, room - 1).rstrip()}…"

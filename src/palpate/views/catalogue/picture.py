@@ -1,20 +1,15 @@
-"""The picture of a file's objects: a card for every state and section, in rows of one SVG document.
-
-Pure and deterministic: equal values give equal text.
-"""
+"""The picture of a file's objects: a card for every state and section, in rows of one SVG document."""
 
 from collections.abc import Mapping, Sequence
 
 import shapely
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.vocabulary import TipShape
-from palpate.rig.catalogue.finger_model import RigFingers, heights_in_words
+from palpate.rig.catalogue.finger_model import RigFingers, finger_heights_text
 from palpate.rig.catalogue.section_stack import StateSections
-from palpate.views.catalogue.card import CardFacts, draw_card
-from palpate.views.catalogue.height_ladder import shade
-from palpate.views.catalogue.layout import Card, cards_of
-from palpate.views.catalogue.style import (
+from palpate.views.catalogue.card import CardFacts, draw_card, shade
+from palpate.views.catalogue.layout import (
     CONCAVE,
     GAP,
     HEIGHT,
@@ -22,16 +17,15 @@ from palpate.views.catalogue.style import (
     UNREACHED,
     UNREACHED_LINE,
     WIDTH,
+    Card,
+    cards_of,
 )
-from palpate.views.svg import element, escape, number, text, text_width, wrap
-from palpate.views.table_picture.style import INK, MUTED, PAPER, TIP
+from palpate.views.svg import INK, MUTED, PAPER, TIP, element, escape, number, text, text_width, wrap
 
-__all__ = ["draw_objects"]
-
-_EDGE = 28.0
+_PAGE_MARGIN = 28.0
 _COLUMNS = 4
-_PER_PAGE = 60
-_NAMES_LEFT_OUT = 6
+_MAX_CARDS_PER_PAGE = 60
+_MAX_NAMES_LEFT_OUT = 6
 
 
 def draw_objects(
@@ -43,10 +37,10 @@ def draw_objects(
     """
     cards, left_out = cards_of(states, fingers)
     scales = _scales(cards)
-    count = max(-(-len(cards) // _PER_PAGE), 1)
+    count = max(-(-len(cards) // _MAX_CARDS_PER_PAGE), 1)
     pages = []
     for page in range(count):
-        some = cards[page * _PER_PAGE : (page + 1) * _PER_PAGE]
+        some = cards[page * _MAX_CARDS_PER_PAGE : (page + 1) * _MAX_CARDS_PER_PAGE]
         heading = title if count == 1 else f"{title}, page {page + 1} of {count}"
         end = left_out if page == count - 1 else ()
         pages.append(_page(heading, states, some, facts, fingers, scales, end))
@@ -64,18 +58,18 @@ def _page(
 ) -> str:
     """One page: the heading, the cards, and at the end which states are left out."""
     columns = min(_COLUMNS, max(len(cards), 2))
-    width = 2 * _EDGE + columns * WIDTH + (columns - 1) * GAP
-    head, y = _head(title, states, cards, fingers, width - 2 * _EDGE)
+    width = 2 * _PAGE_MARGIN + columns * WIDTH + (columns - 1) * GAP
+    head, y = _head(title, states, cards, fingers, width - 2 * _PAGE_MARGIN)
     drawn = []
     for index, card in enumerate(cards):
         row, column = divmod(index, columns)
-        corner = (_EDGE + column * (WIDTH + GAP), y + row * (HEIGHT + GAP))
+        corner = (_PAGE_MARGIN + column * (WIDTH + GAP), y + row * (HEIGHT + GAP))
         drawn.append(draw_card(card, facts[card.state], fingers, corner, scales[card.state.object_name]))
     y += -(-len(cards) // columns) * (HEIGHT + GAP)
-    for line in _left_out_lines(left_out, width - 2 * _EDGE):
+    for line in _left_out_lines(left_out, width - 2 * _PAGE_MARGIN):
         y += 20
-        drawn.append(text(line, _EDGE, y, size=13, fill=INK))
-    height = y + _EDGE
+        drawn.append(text(line, _PAGE_MARGIN, y, size=13, fill=INK))
+    height = y + _PAGE_MARGIN
     picture = element(
         "svg",
         element("title", escape(title)),
@@ -99,19 +93,19 @@ def _head(
     """Title, what it is of, and the meaning of the colours; where they end."""
     objects = len({state.object_name for state in states})
     where = (
-        f"{counted(len(states), 'state', 'states')} of {counted(objects, 'object', 'objects')}; "
-        f"fingers of rig {fingers.rig_name} at {heights_in_words(fingers.at)}"
+        f"{quantity(len(states), 'state', 'states')} of {quantity(objects, 'object', 'objects')}; "
+        f"fingers of rig {fingers.rig_name} at {finger_heights_text(fingers.at)}"
     )
-    y = _EDGE - 8
+    y = _PAGE_MARGIN - 8
     head = []
     for line in wrap(title, 22, room, most_lines=2, bold=True):
         y += 28
-        head.append(text(line, _EDGE, y, size=22, fill=INK, weight="bold"))
+        head.append(text(line, _PAGE_MARGIN, y, size=22, fill=INK, weight="bold"))
     for line in wrap(where, 13.5, room, most_lines=2):
         y += 21
-        head.append(text(line, _EDGE, y, size=13.5, fill=MUTED))
+        head.append(text(line, _PAGE_MARGIN, y, size=13.5, fill=MUTED))
     stacks = any(card.is_stack for card in cards)
-    legend, y = _legend(fingers, y + 26, _EDGE + room, stacks=stacks)
+    legend, y = _legend(fingers, y + 26, _PAGE_MARGIN + room, stacks=stacks)
     return [*head, *legend], y + 22
 
 
@@ -147,12 +141,12 @@ def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tup
         entries.append(("".join(lines), "sections, the higher the darker"))
         line = element("path", d="M0,-4H20", stroke=TIP, stroke_width=2.0)
         entries.append((line, "sections at heights of fingers"))
-    x = _EDGE
+    x = _PAGE_MARGIN
     drawn = []
     for mark, words in entries:
         wide = 30 + text_width(words, 12) + 12
-        if x > _EDGE and x + wide > right:
-            x, y = _EDGE, y + 21
+        if x > _PAGE_MARGIN and x + wide > right:
+            x, y = _PAGE_MARGIN, y + 21
         drawn.append(element("g", mark, transform=f"translate({number(x)} {number(y)})"))
         drawn.append(text(words, x + 28, y, size=12, fill=INK))
         x += wide
@@ -172,10 +166,10 @@ def _scales(cards: Sequence[Card]) -> dict[str, float]:
 def _left_out_lines(left_out: Sequence[StateSections], room: float) -> list[str]:
     if not left_out:
         return []
-    names = "; ".join(state.name for state in left_out[:_NAMES_LEFT_OUT])
-    more = f"; and {len(left_out) - _NAMES_LEFT_OUT} more" if len(left_out) > _NAMES_LEFT_OUT else ""
+    names = "; ".join(state.name for state in left_out[:_MAX_NAMES_LEFT_OUT])
+    more = f"; and {len(left_out) - _MAX_NAMES_LEFT_OUT} more" if len(left_out) > _MAX_NAMES_LEFT_OUT else ""
     return wrap(
-        f"Not drawn, for want of room: {counted(len(left_out), 'state', 'states')}: {names}{more}.",
+        f"Not drawn, for want of room: {quantity(len(left_out), 'state', 'states')}: {names}{more}.",
         13,
         room,
         most_lines=4,
@@ -189,7 +183,7 @@ def _description(states: Sequence[StateSections], facts: Mapping[StateSections, 
         twins = facts[state].twins
         like = "".join(f"; {item.words} {', '.join(item.names)}" for item in twins)
         words.append(
-            f"{state.name}: {counted(len(state.levels), 'section', 'sections')} up to "
+            f"{state.name}: {quantity(len(state.levels), 'section', 'sections')} up to "
             f"{state.state.top_mm:.4g} mm{like}."
         )
     return " ".join(words)

@@ -9,18 +9,16 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from palpate.base.errors import InputError, OutputError
-from palpate.rig.session.run_record import places_touched
-from palpate.rig.session.samples import (
+from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
     Sample,
     ServoSample,
     SessionSamples,
     TipSample,
+    places_touched,
 )
-from palpate.views.logged_hypotheses import answered
-
-__all__ = ["write_csv"]
+from palpate.views.exports.scene import result_hypotheses
 
 _Row = list[object]
 
@@ -117,7 +115,7 @@ def _rows(sample: Sample) -> Iterator[tuple[str, Callable[[], Iterable[str]], _R
             row: _Row = [sample.t_s, frame.sequence, frame.device_time_s, *frame.counts.ravel().tolist()]
             yield f"array-{sample.finger}", lambda: _taxel_names(sample), row
         case EventSample(t_s, kind, values):
-            yield "events", lambda: _EVENTS, [t_s, kind, json.dumps(_without_traces(values))]
+            yield "events", lambda: _EVENTS, [t_s, kind, json.dumps(_drop_traces(values))]
             if kind == "touches":
                 for touch in values["touches"]:
                     for place in places_touched(touch):
@@ -127,11 +125,11 @@ def _rows(sample: Sample) -> Iterator[tuple[str, Callable[[], Iterable[str]], _R
                     yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, values["grip"], values, item)
             if kind == "result":
                 result = values["result"]
-                for item in answered(result):
+                for item in result_hypotheses(result):
                     yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, None, result, item)
 
 
-def _without_traces(values: Mapping[str, Any]) -> Mapping[str, Any]:
+def _drop_traces(values: Mapping[str, Any]) -> Mapping[str, Any]:
     """Loads over time, thousands of numbers, are more than readers of CSV take in one field."""
     if "touches" not in values:
         return values

@@ -14,19 +14,16 @@ from typing import Any
 
 from palpate.base.errors import InputError, OutputError
 from palpate.base.geometry import ObjectModel
-from palpate.base.optional_imports import needed
+from palpate.base.optional_imports import import_extra
 from palpate.config import RigFile
-from palpate.rig.session.samples import EventSample, FrameSample, Sample, SessionSamples, TipSample
-from palpate.views.exports.clock import LogClock
-from palpate.views.exports.scene import COLOURS, Outline, Scene, Tip, scene_changes
-
-__all__ = ["write_mcap"]
+from palpate.rig.session.recorded_session import EventSample, FrameSample, Sample, SessionSamples, TipSample
+from palpate.views.exports.scene import COLOURS, LogClock, Outline, SceneSnapshot, TipPosition, scene_changes
 
 _FRAME = "W"
-_M = 1e-3
+_M_PER_MM = 1e-3
 _TIP_COLOUR = (0.3, 0.75, 0.6)
 _TIP_HEIGHT_MM = 20.0
-_LEAST_ALPHA = 0.25
+_MIN_ALPHA = 0.25
 _DECIMALS = 9
 
 
@@ -48,9 +45,9 @@ def write_mcap(samples: SessionSamples, path: Path) -> dict[str, int]:
 
 class _Writer:
     def __init__(self, path: Path, clock: LogClock, rig: RigFile, objects: Sequence[ObjectModel]) -> None:
-        self._foxglove = needed("foxglove", "export", "writing MCAP files")
-        self._messages = needed("foxglove.messages", "export", "writing MCAP files")
-        self._channels = needed("foxglove.channels", "export", "writing MCAP files")
+        self._foxglove = import_extra("foxglove", "export", "writing MCAP files")
+        self._messages = import_extra("foxglove.messages", "export", "writing MCAP files")
+        self._channels = import_extra("foxglove.channels", "export", "writing MCAP files")
         self._path, self._clock, self._rig, self._objects = path, clock, rig, objects
         self._counts: Counter[str] = Counter()
         self._json: dict[str, Any] = {}
@@ -100,7 +97,7 @@ class _Writer:
         self._json[topic].log(json.dumps(values).encode(), log_time=self._clock.ns(t_s))
         self._counts[topic] += 1
 
-    def _log_scene(self, scene: Scene) -> None:
+    def _log_scene(self, scene: SceneSnapshot) -> None:
         m, stamp = self._messages, self._stamp(scene.t_s)
         shapes: dict[str, dict[str, list[Any]]] = {
             item.name: {"lines": [self._line(item)]} for item in scene.outlines
@@ -121,9 +118,9 @@ class _Writer:
     def _line(self, item: Outline) -> Any:
         m = self._messages
         kind = m.LinePrimitiveLineType.LineLoop if item.is_closed else m.LinePrimitiveLineType.LineStrip
-        z = item.height_mm * _M
-        points = [m.Point3(x=x * _M, y=y * _M, z=z) for x, y in item.points_mm.tolist()]
-        alpha = max(min(item.weight, 1.0), _LEAST_ALPHA)
+        z = item.height_mm * _M_PER_MM
+        points = [m.Point3(x=x * _M_PER_MM, y=y * _M_PER_MM, z=z) for x, y in item.points_mm.tolist()]
+        alpha = max(min(item.weight, 1.0), _MIN_ALPHA)
         return m.LinePrimitive(
             type=kind,
             pose=self._pose((0.0, 0.0), 0.0),
@@ -133,11 +130,11 @@ class _Writer:
             color=self._colour(COLOURS[item.kind], alpha),
         )
 
-    def _tip(self, tip: Tip) -> dict[str, list[Any]]:
-        m, across = self._messages, 2 * tip.radius_mm * _M
+    def _tip(self, tip: TipPosition) -> dict[str, list[Any]]:
+        m, across = self._messages, 2 * tip.radius_mm * _M_PER_MM
         cylinder = m.CylinderPrimitive(
             pose=self._pose(tip.at_mm, tip.height_mm),
-            size=m.Vector3(x=across, y=across, z=_TIP_HEIGHT_MM * _M),
+            size=m.Vector3(x=across, y=across, z=_TIP_HEIGHT_MM * _M_PER_MM),
             bottom_scale=1.0,
             top_scale=1.0,
             color=self._colour(_TIP_COLOUR, 0.8),
@@ -154,7 +151,7 @@ class _Writer:
 
     def _pose(self, at_mm: tuple[float, float], height_mm: float) -> Any:
         m = self._messages
-        place = m.Vector3(x=at_mm[0] * _M, y=at_mm[1] * _M, z=height_mm * _M)
+        place = m.Vector3(x=at_mm[0] * _M_PER_MM, y=at_mm[1] * _M_PER_MM, z=height_mm * _M_PER_MM)
         return m.Pose(position=place, orientation=m.Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
 
     def _colour(self, rgb: tuple[float, float, float], alpha: float) -> Any:

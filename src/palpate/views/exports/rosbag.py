@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from palpate.base.errors import InputError, OutputError
-from palpate.base.optional_imports import needed
-from palpate.rig.session.samples import (
+from palpate.base.optional_imports import import_extra
+from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
     Sample,
@@ -23,15 +23,19 @@ from palpate.rig.session.samples import (
     SessionSamples,
     TipSample,
 )
-from palpate.views.exports.clock import LogClock
-from palpate.views.exports.scene import COLOURS, Outline, Scene, scene_changes
-from palpate.views.logged_hypotheses import answered, heaviest_first
-
-__all__ = ["write_rosbag"]
+from palpate.views.exports.scene import (
+    COLOURS,
+    LogClock,
+    Outline,
+    SceneSnapshot,
+    result_hypotheses,
+    scene_changes,
+    sort_by_weight,
+)
 
 _FRAME = "W"
-_M = 1e-3
-_WHAT = "writing ROS 2 bags"
+_M_PER_MM = 1e-3
+_PURPOSE = "writing ROS 2 bags"
 _BAG_VERSION = 9
 _LINE_STRIP, _ADD, _DELETE_ALL = 4, 0, 3  # visualization_msgs/Marker
 
@@ -53,8 +57,8 @@ def write_rosbag(samples: SessionSamples, folder: Path) -> dict[str, int]:
 
 class _Writer:
     def __init__(self, folder: Path, clock: LogClock) -> None:
-        stores = needed("rosbags.typesys", "export", _WHAT)
-        self._rosbag2 = needed("rosbags.rosbag2", "export", _WHAT)
+        stores = import_extra("rosbags.typesys", "export", _PURPOSE)
+        self._rosbag2 = import_extra("rosbags.rosbag2", "export", _PURPOSE)
         self._store = stores.get_typestore(stores.Stores.ROS2_HUMBLE)
         self._folder, self._clock = folder, clock
         self._counts: Counter[str] = Counter()
@@ -94,7 +98,9 @@ class _Writer:
                 )
                 self._put("/joint_states", sample.t_s, message)
             case TipSample():
-                point = make("geometry_msgs/msg/Point", x=sample.x_mm * _M, y=sample.y_mm * _M, z=0.0)
+                point = make(
+                    "geometry_msgs/msg/Point", x=sample.x_mm * _M_PER_MM, y=sample.y_mm * _M_PER_MM, z=0.0
+                )
                 stamped = make("geometry_msgs/msg/PointStamped", header=self._header(sample.t_s), point=point)
                 self._put(f"/tips/{sample.finger}", sample.t_s, stamped)
             case FrameSample():
@@ -117,19 +123,19 @@ class _Writer:
                 if sample.kind == "recognised":
                     self._answer(sample.t_s, sample.values["hypotheses"])
                 if sample.kind == "result":
-                    self._answer(sample.t_s, answered(sample.values["result"]))
+                    self._answer(sample.t_s, result_hypotheses(sample.values["result"]))
 
     def _answer(self, t_s: float, hypotheses: Sequence[Mapping[str, Any]]) -> None:
         if not hypotheses:
             return
-        at = heaviest_first(hypotheses)[0]["configuration"]
+        at = sort_by_weight(hypotheses)[0]["configuration"]
         make, half = self._make, at["theta_rad"] / 2
-        place = make("geometry_msgs/msg/Point", x=at["x_mm"] * _M, y=at["y_mm"] * _M, z=0.0)
+        place = make("geometry_msgs/msg/Point", x=at["x_mm"] * _M_PER_MM, y=at["y_mm"] * _M_PER_MM, z=0.0)
         turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
         self._put("/answer", t_s, make("geometry_msgs/msg/PoseStamped", header=self._header(t_s), pose=pose))
 
-    def _markers(self, scene: Scene) -> None:
+    def _markers(self, scene: SceneSnapshot) -> None:
         clear = self._marker(scene.t_s, Outline("", "workspace", np.empty((0, 2)), 0.0), 0, _DELETE_ALL)
         drawn = [self._marker(scene.t_s, item, number, _ADD) for number, item in enumerate(scene.outlines)]
         message = self._make("visualization_msgs/msg/MarkerArray", markers=[clear, *drawn])
@@ -137,9 +143,9 @@ class _Writer:
 
     def _marker(self, t_s: float, item: Outline, number: int, action: int) -> Any:
         make = self._make
-        ring = item.points_mm * _M
+        ring = item.points_mm * _M_PER_MM
         closed = np.vstack([ring, ring[:1]]) if item.is_closed and len(ring) else ring
-        z = item.height_mm * _M
+        z = item.height_mm * _M_PER_MM
         red, green, blue = COLOURS[item.kind]
         zero = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
         level = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
@@ -151,7 +157,7 @@ class _Writer:
             type=_LINE_STRIP,
             action=action,
             pose=make("geometry_msgs/msg/Pose", position=zero, orientation=level),
-            scale=make("geometry_msgs/msg/Vector3", x=0.5 * _M, y=0.0, z=0.0),
+            scale=make("geometry_msgs/msg/Vector3", x=0.5 * _M_PER_MM, y=0.0, z=0.0),
             color=make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
             lifetime=make("builtin_interfaces/msg/Duration", sec=0, nanosec=0),
             frame_locked=False,

@@ -1,28 +1,39 @@
-"""Frames of the live view: what the page draws, 20 times a second of the rig's time, made of samples."""
+"""Frames of the live view: what its page draws, 20 times a second, from a log as it is written."""
 
 import base64
 import json
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.base.vocabulary import TipShape
-from palpate.config import RigFile
-from palpate.rig.session.run_record import places_touched
-from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
-from palpate.views.logged_hypotheses import answered, heaviest_first
-
-__all__ = ["FrameStore", "setting_of"]
+from palpate.config import RigFile, load_objects
+from palpate.drivers.transport import SessionEvent
+from palpate.rig.calibrated_rig import load_calibrated
+from palpate.rig.session.log_file import check_session
+from palpate.rig.session.log_reader import LogTail
+from palpate.rig.session.recorded_session import (
+    EventSample,
+    FrameSample,
+    Sample,
+    SampleDecoder,
+    ServoSample,
+    TipSample,
+    places_touched,
+)
+from palpate.views.exports.scene import result_hypotheses, sort_by_weight
 
 _PERIOD_S = 0.05
-_AT_REST = 20  # frames of an array, at its start, that show it untouched
-_LEAST_SCALE = 150.0  # counts over rest that are drawn at full strength, at least
-_SHOWN = 40  # hypotheses, the heaviest
-_MOST = 40_000  # frames kept: half an hour of rig time
+_REST_FRAMES = 20  # frames of an array, at its start, that show it untouched
+_MIN_SCALE_COUNTS = 150.0  # counts over rest that are drawn at full strength, at least
+_MAX_HYPOTHESES = 40  # hypotheses, the heaviest
+_MAX_FRAMES = 40_000  # frames kept: half an hour of rig time
 
 
 class FrameStore:
@@ -84,7 +95,7 @@ class FrameStore:
         # Texts first: another thread looks up times.
         self.texts.append(json.dumps(self._state | {"arrays": arrays}, separators=(",", ":")))
         self.times_s.append(self._state["t"])
-        if len(self.texts) > _MOST:
+        if len(self.texts) > _MAX_FRAMES:
             self.dropped += 1
             del self.times_s[0]
             del self.texts[0]
@@ -99,7 +110,7 @@ class FrameStore:
             case "said":
                 state["doing"] = values["words"]
             case "touches":
-                state["contacts"] = [*state["contacts"], *map(_contact, _with_grip(values))]
+                state["contacts"] = [*state["contacts"], *map(_contact, _touches_with_grip(values))]
             case "moved":
                 state["contacts"] = []
             case "recognised":
@@ -111,14 +122,16 @@ class FrameStore:
                 state["truth"] = _place(values)
             case "result":
                 state["verdict"], state["plan"] = values["result"]["verdict"], []
-                self._show(answered(values["result"]))
+                self._show(result_hypotheses(values["result"]))
             case "end":
                 state["plan"] = []
                 state["end"] = {"how": values.get("how"), "message": values.get("message")}
                 self.is_ended = True
 
     def _show(self, hypotheses: Sequence[Mapping[str, Any]]) -> None:
-        self._state["hypotheses"] = [_hypothesis(item) for item in heaviest_first(hypotheses)[:_SHOWN]]
+        self._state["hypotheses"] = [
+            _hypothesis(item) for item in sort_by_weight(hypotheses)[:_MAX_HYPOTHESES]
+        ]
         self._state["left"] = len(hypotheses)
 
 
@@ -128,11 +141,11 @@ class _Taxels:
     def __init__(self) -> None:
         self._at_rest: list[Floats] = []
         self._newest: Floats = np.zeros((1, 1))
-        self._scale = _LEAST_SCALE
+        self._scale = _MIN_SCALE_COUNTS
 
     def take(self, counts: Any) -> None:
         values: Floats = np.asarray(counts, dtype=float)
-        if len(self._at_rest) < _AT_REST:
+        if len(self._at_rest) < _REST_FRAMES:
             self._at_rest.append(values)
         self._newest = values - np.mean(self._at_rest, axis=0)
         self._scale = max(self._scale, float(self._newest.max()))
@@ -149,7 +162,7 @@ class _Taxels:
         }
 
 
-def _with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping[str, Any]]]:
+def _touches_with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping[str, Any]]]:
     return ((values["grip"], touch) for touch in values["touches"])
 
 
@@ -231,3 +244,41 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
         "workspace": rig.workspace.radius_mm,
         "outlines": outlines,
     }
+
+
+class SessionFeed:
+    """Brings a frame store up to date with a session, as far as it is recorded."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a folder without a log, or without the rig file of its run."""
+        self.store = FrameStore()
+        self._folder = folder
+        self._tail = LogTail(folder)
+        self._decoder: SampleDecoder | None = None
+        check_session(folder)
+        path = folder / "objects.json"
+        objects = load_objects(path).objects if path.exists() else ()
+        self.setting: Mapping[str, object] = setting_of(self._rig(calibration=False), objects)
+
+    def update(self) -> None:
+        """Take what was written since. A log that cannot be read any further ends the frames and says why."""
+        if self.store.is_ended:
+            return
+        was_written = self._tail.is_written
+        try:
+            for entry in self._tail.read():
+                what = entry.what
+                if isinstance(what, SessionEvent) and what.kind == "session":
+                    self._decoder = SampleDecoder(
+                        self._rig(calibration=what.values.get("calibration") is True)
+                    )
+                    self.store.take([EventSample(0.0, what.kind, what.values)])
+                elif self._decoder is not None:
+                    self.store.take(self._decoder.feed(entry))
+        except InputError as error:
+            self.store.take([EventSample(0.0, "end", {"how": "unreadable", "message": str(error)})])
+        if not was_written:  # what was written before it was given up has been read
+            self.store.is_ended = True
+
+    def _rig(self, *, calibration: bool) -> RigFile:
+        return load_calibrated(self._folder / "rig.toml", calibration=calibration).rig

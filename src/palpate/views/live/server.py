@@ -1,9 +1,4 @@
-"""Server of the live view: one page and its data, on the loopback interface of this computer only.
-
-It reads the session's log as it is written, so the run knows nothing of it and cannot be slowed by it.
-Requests by another host name (DNS rebinding) or of another site's page are refused; what acts on the rig
-needs the token that only the page has.
-"""
+"""Server of the live view: one page and its data, on the loopback interface of this computer only."""
 
 import asyncio
 import json
@@ -14,15 +9,13 @@ from contextlib import asynccontextmanager, closing, suppress
 from importlib.resources import files
 from typing import Any
 
-from palpate.base.optional_imports import needed
+from palpate.base.optional_imports import import_extra
 from palpate.views.live.frames import FrameStore
 
-__all__ = ["HOST", "LiveView", "serve"]
-
 HOST = "127.0.0.1"
-_NAMES = ("127.0.0.1", "localhost")
+_HOST_NAMES = ("127.0.0.1", "localhost")
 _PERIOD_S = 0.05
-_CLIENTS = 32
+_MAX_CLIENTS = 32
 """Pages that are served at a time; more are told to come back."""
 
 _PAGE_FILES = {"page.js": "text/javascript", "page.css": "text/css"}
@@ -54,9 +47,9 @@ class LiveView:
 
 def application(view: LiveView, port: int) -> Any:
     """The ASGI application."""
-    applications = needed("starlette.applications", "view", "the live view")
-    responses = needed("starlette.responses", "view", "the live view")
-    routing = needed("starlette.routing", "view", "the live view")
+    applications = import_extra("starlette.applications", "view", "the live view")
+    responses = import_extra("starlette.responses", "view", "the live view")
+    routing = import_extra("starlette.routing", "view", "the live view")
 
     async def page(_: Any) -> Any:
         text = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
@@ -87,8 +80,8 @@ def application(view: LiveView, port: int) -> Any:
         return responses.Response(text or "null", media_type="application/json")
 
     async def stream(_: Any) -> Any:
-        if view.pages >= _CLIENTS:
-            return responses.PlainTextResponse(f"{_CLIENTS} pages are open already", 503)
+        if view.pages >= _MAX_CLIENTS:
+            return responses.PlainTextResponse(f"{_MAX_CLIENTS} pages are open already", 503)
         headers = {"Cache-Control": "no-store"}
         return responses.StreamingResponse(_frames(view), media_type="text/event-stream", headers=headers)
 
@@ -126,7 +119,7 @@ class _Guard:
 
     def __init__(self, application: Any, port: int) -> None:
         self._application = application
-        self._hosts = {f"{name}:{port}" for name in _NAMES}
+        self._hosts = {f"{name}:{port}" for name in _HOST_NAMES}
         self._origins = {f"http://{host}" for host in self._hosts}
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
@@ -138,10 +131,10 @@ class _Guard:
             if headers.get("host") not in self._hosts or (origin is not None and origin not in self._origins):
                 await _refuse(send)
                 return
-        await self._application(scope, receive, _with_policy(send))
+        await self._application(scope, receive, _add_policy(send))
 
 
-def _with_policy(send: Any) -> Any:
+def _add_policy(send: Any) -> Any:
     async def sent(message: Any) -> None:
         if message["type"] == "http.response.start":
             added = {
@@ -193,7 +186,7 @@ async def _frames(view: LiveView) -> AsyncIterator[str]:
 def serve(view: LiveView, port: int, ready: Callable[[str], None]) -> None:
     """Serve until interrupted; `ready` is told the page's address. Raises OSError if the port is taken."""
     listening = socket.create_server((HOST, port))
-    uvicorn = needed("uvicorn", "view", "the live view")
+    uvicorn = import_extra("uvicorn", "view", "the live view")
     config = uvicorn.Config(
         application(view, port),
         log_level="error",

@@ -3,8 +3,6 @@
 from collections.abc import Iterable, Sequence
 from html import escape
 
-__all__ = ["columns", "heading", "lines", "page", "paragraph", "picture", "section", "table"]
-
 _STYLE = """
 :root { color-scheme: light dark; --ink: #1d2b36; --paper: #fff; --muted: #5b6b78; --line: #d5dde3; }
 @media (prefers-color-scheme: dark) {

@@ -1,29 +1,194 @@
 """Report of a run: verdict and bounds, each grip, why each rival fell, timing, devices, settings."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
+from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
 from palpate.config.identification_result import IdentificationOut
-from palpate.config.sessions_result import SessionOut
-from palpate.drivers.transport.recording import PortOpened
-from palpate.recognizer import Catalogue
-from palpate.recognizer.explanation import explain_object
+from palpate.config.session_results import SessionOut
+from palpate.drivers.transport import PortOpened
+from palpate.recognizer import Catalogue, explain_object
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.run_record import GripRecord, contacts_in, grip_records
-from palpate.rig.session.samples import SessionSamples
+from palpate.rig.session.recorded_session import (
+    GripRecord,
+    SessionSamples,
+    contacts_in,
+    grip_records,
+    places_touched,
+)
 from palpate.views.answer import answer_lines
-from palpate.views.explanation import ContactRecord, why_lines
-from palpate.views.report.grips import grip_sections, name_of
-from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
+from palpate.views.exports.scene import outlines_in_w, sort_by_weight
+from palpate.views.recognition_text import ContactRecord, why_lines
+from palpate.views.report.page import columns, heading, lines, page, paragraph, picture, section, table
 from palpate.views.sessions_text import info_lines, instant_words
+from palpate.views.table_picture.picture import draw
+from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
 
-__all__ = ["run_report"]
+_MAX_DRAWN = 8  # hypotheses in a picture
+_MAX_LISTED = 20
+_POINT_ROWS = (
+    "Of a pad the touched points of its face are listed, each with its own bound and with how far to the "
+    "left of the face's middle it is, and of its misses the middle of the face. It measures no normal."
+)
 
-_EXPLAINED = 40  # rivals whose elimination is explained; more would take minutes
+
+def grip_sections(
+    grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: Mapping[str, Any] | None
+) -> list[str]:
+    """A section for each grip."""
+    models = {model.name: model for model in objects}
+    found, before = [], None
+    for at, grip in enumerate(grips):
+        marks = tuple(_mark(item.number, touch) for item in grips[: at + 1] for touch in item.touches)
+        parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
+        parts.append(columns(_touches(grip), _hypotheses(grip)))
+        parts += [paragraph(_POINT_ROWS)] if any(map(_is_of_pad, grip.touches)) else []
+        parts.append(paragraph(_words(grip, before)))
+        found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
+        before = grip if grip.verdict is not None else before
+    return found
+
+
+def name_of(item: Mapping[str, Any]) -> str:
+    """Object and state of a hypothesis."""
+    return f"{item['object']}, {item['state']}"
+
+
+def _words(grip: GripRecord, before: GripRecord | None) -> str:
+    """Why the grip was made, and what it changed."""
+    words = [_kind(grip, before)]
+    if grip.is_moved:
+        words.append(
+            "Earlier grips no longer count: it contradicts them, or fingers may have moved the part too far."
+        )
+    if grip.verdict is None:
+        return " ".join([*words, "Its contacts were not interpreted."])
+    left = {name_of(item) for item in grip.hypotheses}
+    if before is not None:
+        fell = sorted({name_of(item) for item in before.hypotheses} - left)
+        words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out no state.")
+    words.append(f"Left: {quantity(len(grip.hypotheses), 'hypothesis', 'hypotheses')}.")
+    return " ".join(words)
+
+
+def _kind(grip: GripRecord, before: GripRecord | None) -> str:
+    if grip.planned is None:
+        return "An exploring grip: too little was known for a plan."
+    if before is not None and len(before.hypotheses) == 1:
+        return "A grip that narrows the only hypothesis, or confirms it: does it predict the contacts?"
+    if grip.planned["decisive"]:
+        return "A planned grip, decisive: whatever it finds, hypotheses fall."
+    return "A planned grip: what it is expected to find rules out most."
+
+
+def _title(grip: GripRecord, first: Mapping[str, Any] | None) -> str:
+    """What the contacts say."""
+    if grip.verdict is None:
+        return "not interpreted"
+    return "nothing agrees" if first is None else name_of(first)
+
+
+def _touches(grip: GripRecord) -> str:
+    rows = []
+    for touch in grip.touches:
+        force = (touch.get("patch") or {}).get("force_n")
+        for contact in places_touched(touch):
+            x, y = contact["end_mm"]
+            rows.append(
+                (
+                    contact["name"],
+                    "touched" if contact["touched"] else "missed",
+                    f"{x:.2f}",
+                    f"{y:.2f}",
+                    f"± {math.ceil(100 * contact['position_bound_mm']) / 100:.2f}",
+                    _normal(contact.get("normal")),
+                    "" if force is None else f"{force:.2f}",
+                )
+            )
+    names = ("finger", "", "x, mm", "y, mm", "bound, mm", "normal, °", "force, N")
+    return table(names, rows, names[2:])
+
+
+def _normal(normal: Mapping[str, float] | None) -> str:
+    if normal is None:
+        return ""
+    lo, hi = math.degrees(normal["lo_rad"]), math.degrees(normal["hi_rad"])
+    return f"{(lo + hi) / 2 % 360:.0f} ± {(hi - lo) / 2:.0f}"
+
+
+def _hypotheses(grip: GripRecord) -> str:
+    heaviest = sort_by_weight(grip.hypotheses)
+    rows = []
+    for item in heaviest[:_MAX_LISTED]:
+        at = item["configuration"]
+        theta = "any" if item["symmetry_order"] == 0 else f"{math.degrees(at['theta_rad']):.1f}"
+        weight = 100 * (item["weight"] or 0.0)
+        rows.append((name_of(item), f"{weight:.1f}", f"{at['x_mm']:.2f}", f"{at['y_mm']:.2f}", theta))
+    if len(heaviest) > _MAX_LISTED:
+        rows.append((f"and {len(heaviest) - _MAX_LISTED} more", "", "", "", ""))
+    return table(("hypothesis", "%", "x, mm", "y, mm", "θ, °"), rows, ("%", "x, mm", "y, mm", "θ, °"))
+
+
+def _picture(
+    grip: GripRecord,
+    marks: tuple[TouchMark, ...],
+    rig: RigFile,
+    models: Mapping[str, ObjectModel],
+    truth: Mapping[str, Any] | None,
+) -> str:
+    heaviest = sort_by_weight(grip.hypotheses)
+    first = heaviest[0] if heaviest else None
+    others = [
+        OtherHypothesis(item["object"], f"still possible, {100 * (item['weight'] or 0):.0f} %", rings)
+        for item in heaviest[1:_MAX_DRAWN]
+        if (rings := outlines_in_w(item, models))
+    ]
+    return draw(
+        Picture(
+            title=f"After grip {grip.number}: {_title(grip, first)}",
+            found=() if first is None else outlines_in_w(first, models),
+            pose=None if first is None else _pose(first),
+            truth=() if truth is None else outlines_in_w(truth, models),
+            others=tuple(others),
+            touches=marks,
+            bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
+            workspace_radius_mm=rig.workspace.radius_mm,
+        )
+    )
+
+
+def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
+    contact, is_pad = touch["contact"], _is_of_pad(touch)
+    normal = None if is_pad else contact.get("normal")
+    return TouchMark(
+        contact["name"],
+        number,
+        tuple(contact["start_mm"]),
+        tuple(contact["end_mm"]),
+        contact["finger"]["tip_radius_mm"],
+        contact["touched"],
+        None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
+        is_pad,
+        tuple(tuple(item["end_mm"]) for item in places_touched(touch) if is_pad and item["touched"]),
+    )
+
+
+def _is_of_pad(touch: Mapping[str, Any]) -> bool:
+    return bool(touch["contact"]["finger"].get("shape") == TipShape.PAD)
+
+
+def _pose(item: Mapping[str, Any]) -> BoundedPose:
+    at, bounds = item["configuration"], item["bounds"]
+    x, y, theta = ((at[name], *bounds[name]) for name in ("x_mm", "y_mm", "theta_rad"))
+    return BoundedPose(x, y, theta)
+
+
+_MAX_RIVALS_EXPLAINED = 40  # rivals whose elimination is explained; more would take minutes
 
 
 def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> str:
@@ -45,7 +210,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
         section("Devices", _devices(samples.rig, file)),
         section("Calibration", _calibration(answer, summary)),
         section("Versions", _versions(file, summary)),
-        section("Rig file", lines(_text(folder / "rig.toml")), kind="settings"),
+        section("Rig file", lines(_read(folder / "rig.toml")), kind="settings"),
     ]
     return page(title, parts)
 
@@ -63,7 +228,7 @@ def _answer_parts(answer: IdentificationOut | None, summary: SessionOut, folder:
     yield lines("\n".join(answer_lines(answer)))
     drawn = folder / "picture.svg"
     if drawn.is_file():
-        yield picture(_text(drawn))
+        yield picture(_read(drawn))
 
 
 def _rivals(grips: Sequence[GripRecord], objects: Sequence[ObjectModel]) -> str:
@@ -87,7 +252,7 @@ def _rivals(grips: Sequence[GripRecord], objects: Sequence[ObjectModel]) -> str:
             rows.append((name, f"grip {by}", "it agreed with the grips before"))
             continue
         why = "by its contacts"
-        if explained < _EXPLAINED:
+        if explained < _MAX_RIVALS_EXPLAINED:
             explained += 1
             told = explain_object(catalogue, contacts, state.object_name, state.state.name)
             why = why_lines(told, record)[0].removeprefix(f"{name}: ").removeprefix("ruled out ")
@@ -144,15 +309,17 @@ def _versions(file: SessionFile, summary: SessionOut) -> str:
     """What the run began with; whether devices were emulated, and the seed, as far as it counts."""
     known = {**file.header, "emulated": summary.emulated, "seed": summary.seed}
     left_out = ("format", "sum", *(name for name, value in known.items() if value is None))
-    rows = [(name.replace("_", " "), _shown(value)) for name, value in known.items() if name not in left_out]
+    rows = [
+        (name.replace("_", " "), _value_text(value)) for name, value in known.items() if name not in left_out
+    ]
     return table(("", ""), rows)
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     return {True: "yes", False: "no"}.get(value, str(value)) if isinstance(value, bool) else str(value)
 
 
-def _text(path: Path) -> str:
+def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:

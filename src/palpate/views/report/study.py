@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from typing import TypeVar
 
-from palpate.base.errors import counted
+from palpate.base.errors import quantity
 from palpate.base.geometry import ObjectModel
 from palpate.base.vocabulary import PartMotion
 from palpate.config.study_result import ComparedOut, StateStudiedOut, StudyOut
 from palpate.views.report.page import heading, page, paragraph, picture, section, table
-from palpate.views.study_pictures import (
+from palpate.views.report.study_pictures import (
     MATRIX_STATES,
     budget_picture,
     confusion_picture,
@@ -19,27 +19,25 @@ from palpate.views.study_pictures import (
     states_picture,
     touches_picture,
 )
-from palpate.views.study_words import (
+from palpate.views.report.study_text import (
     SOURCE_WORDS,
-    VARIED_SHARE,
+    VARIATION_DIVISOR,
     best_heights_words,
     bounds_words,
-    drawn_words,
+    draws_words,
     goal_words,
+    hard_pairs,
     may_be_chance,
     more_runs_words,
     no_budget_words,
-    pairs_lasting,
-    placed_words,
-    signed,
+    placement_words,
+    signed_text,
     up,
     verdict_words,
-    wrong_words,
+    wrong_answers_words,
 )
 
-__all__ = ["study_report"]
-
-_PAIRS = 40
+_MAX_PAIRS = 40
 _Value = TypeVar("_Value", int, float)
 _SIMULATED = {
     PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, "
@@ -58,7 +56,7 @@ def study_report(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequ
             f"catalogue {out.objects}, rig {out.rig}, strategy {out.strategy.value}, seed {out.seed}, "
             f"parts {'move' if out.parts is PartMotion.MOVING else 'lie still'}",
         ),
-        *(() if out.wrong else (paragraph(_sentence(wrong_words(out))),)),
+        *(() if out.wrong else (paragraph(_sentence(wrong_answers_words(out))),)),
         _verdicts(out),
         *_accuracy(out),
         section("Touches needed", _costs(out), picture(touches_picture(out.touches_of))),
@@ -67,7 +65,7 @@ def study_report(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequ
         *_heights(out, heights_mm),
         *_budget(out),
         _states(out),
-        _simulated(out),
+        _simulation_section(out),
     ]
     return page(f"Study of {out.objects} on rig {out.rig}", parts)
 
@@ -75,14 +73,14 @@ def study_report(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequ
 def _headline(out: StudyOut) -> str:
     """Wrong answers, if there are any; else how many are identified, what stays alike, the worst bounds."""
     if out.wrong:
-        return wrong_words(out)
+        return wrong_answers_words(out)
     identified = sum(item.identified for item in out.states)
-    parts = [f"{100 * identified / out.runs:.0f} % of {counted(out.runs, 'run', 'runs')} identified"]
+    parts = [f"{100 * identified / out.runs:.0f} % of {quantity(out.runs, 'run', 'runs')} identified"]
     if out.accuracy is not None:
         worst = bounds_words(out.accuracy.position[-1], out.accuracy.orientation[-1])
         parts.append(f"known to {worst} at worst")
     if out.twins:
-        parts.append(f"{counted(len(out.twins), 'set', 'sets')} of states no touch tells apart")
+        parts.append(f"{quantity(len(out.twins), 'set', 'sets')} of states no touch tells apart")
     return "; ".join(parts)
 
 
@@ -118,7 +116,7 @@ def _accuracy(out: StudyOut) -> Iterator[str]:
         table(("", *numbers), rows, numbers=numbers),
         paragraph(_sentence(goal_words(out.accuracy, out.goal))),
         paragraph(
-            f"Of the {counted(out.accuracy.runs, 'run', 'runs')} that identified a part. Guaranteed is what "
+            f"Of the {quantity(out.accuracy.runs, 'run', 'runs')} that identified a part. Guaranteed is what "
             "answers give as bounds; the true error is known to the simulator only."
         ),
     )
@@ -158,7 +156,7 @@ def _confusion(out: StudyOut) -> Iterator[str]:
 
 
 def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence[float]) -> Iterator[str]:
-    pairs = pairs_lasting(out.hardest)
+    pairs = hard_pairs(out.hardest)
     if not pairs:
         return
     names = ("one", "other", "still possible after touches", "in runs", "at the end of")
@@ -170,7 +168,7 @@ def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence
             str(item.runs),
             str(item.left),
         )
-        for item in pairs[:_PAIRS]
+        for item in pairs[:_MAX_PAIRS]
     ]
     yield section(
         "Hardest to tell apart",
@@ -189,7 +187,7 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
         return
     parts = [paragraph(_sentence(best_heights_words(out.best_heights, heights_mm, others=bool(out.heights))))]
     if out.best_heights.compared is not None:
-        parts.append(_compared([("fingers at these heights", out.best_heights.compared)]))
+        parts.append(_comparison_table([("fingers at these heights", out.best_heights.compared)]))
     if len(out.heights) > 1:
         parts.append(picture(heights_picture(out.heights, heights_mm, out.best_heights.heights)))
     rows = [
@@ -204,24 +202,24 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
 def _budget(out: StudyOut) -> Iterator[str]:
     costs = out.noise_budget
     if not costs:
-        if out.runs < VARIED_SHARE:
+        if out.runs < VARIATION_DIVISOR:
             yield section("What errors cost", paragraph(_sentence(no_budget_words(out))))
         return
     drawn, more = budget_picture(costs), more_runs_words(costs, out.runs)
     yield section(
         "What errors cost",
         paragraph(
-            f"The first {counted(costs[0].runs, 'run', 'runs')} again with one thing changed: the same parts "
-            "at the same places. Touches and bounds are of runs that were identified both ways. What "
+            f"The first {quantity(costs[0].runs, 'run', 'runs')} again with one thing changed: the same "
+            "parts at the same places. Touches and bounds are of runs that were identified both ways. What "
             "is marked ? may be chance, the rest is not, with 95 % confidence for all lines together."
         ),
         *((picture(drawn),) if drawn else ()),
-        _compared([(SOURCE_WORDS[item.source], item) for item in costs]),
+        _comparison_table([(SOURCE_WORDS[item.source], item) for item in costs]),
         *((paragraph(_sentence(more)),) if more else ()),
     )
 
 
-def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
+def _comparison_table(rows: Sequence[tuple[str, ComparedOut]]) -> str:
     """Values as they are and as they become."""
     names = ("runs", "identified", "both ways", "touches fewer", "position ± mm", "orientation ± °")
     return table(
@@ -232,7 +230,7 @@ def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
                 str(item.runs),
                 _change(item.identified, str) + _chance(item, "identified"),
                 str(item.pairs),
-                _fewer(item),
+                _fewer_touches_words(item),
                 _change(item.position_bound, up) + _chance(item, "bounds"),
                 _change(item.orientation_bound, _degrees) + _chance(item, "bounds"),
             )
@@ -242,11 +240,11 @@ def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
     )
 
 
-def _fewer(item: ComparedOut) -> str:
+def _fewer_touches_words(item: ComparedOut) -> str:
     if item.fewer_touches is None or item.fewer_interval is None:
         return "too few"
-    low, high = (signed(value, ".1f") for value in item.fewer_interval)
-    return f"{signed(item.fewer_touches, '.1f')} ({low} to {high}){_chance(item, 'touches')}"
+    low, high = (signed_text(value, ".1f") for value in item.fewer_interval)
+    return f"{signed_text(item.fewer_touches, '.1f')} ({low} to {high}){_chance(item, 'touches')}"
 
 
 def _chance(item: ComparedOut, what: str) -> str:
@@ -315,8 +313,8 @@ def _state_accuracy(item: StateStudiedOut) -> tuple[str, str, str]:
     )
 
 
-def _simulated(out: StudyOut) -> str:
+def _simulation_section(out: StudyOut) -> str:
     parts = [paragraph(_SIMULATED[out.parts])]
     if out.placed_within is not None:
-        parts.append(paragraph(f"Parts lie {placed_words(out)}; {drawn_words(out)}."))
+        parts.append(paragraph(f"Parts lie {placement_words(out)}; {draws_words(out)}."))
     return section("What was simulated", *parts, paragraph(f"palpate {version('palpate')}"))

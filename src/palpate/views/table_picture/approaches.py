@@ -1,8 +1,4 @@
-"""Approaches of the next grip in the drawing: arrows with the stops that each hypothesis predicts.
-
-Stops that overlap lie in lanes beside each other, so that each can be seen; the circles of the tip at their
-ends are where they are. Stops that overlap share one label with the letters of their hypotheses.
-"""
+"""Approaches of the next grip in the drawing: arrows with the stops that each hypothesis predicts."""
 
 import math
 from collections.abc import Sequence
@@ -10,21 +6,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.views.label_placement import LabelPlacer
-from palpate.views.svg import element, shorten, text, text_width
-from palpate.views.table_picture.frame import View
-from palpate.views.table_picture.marks import arrow_head, end_cross, last_shown, leader
-from palpate.views.table_picture.style import INK, LABEL, LINE, MOST_OTHERS, THIN
+from palpate.views.svg import INK, LABEL_SIZE, LINE, MAX_OTHERS, THIN, element, shorten, text, text_width
+from palpate.views.table_picture.frame import View, arrow_head, end_cross, last_visible_point, leader
+from palpate.views.table_picture.labels import LabelPlacer
 from palpate.views.table_picture.values import ApproachArrow, Picture
-
-__all__ = ["approach_labels", "draw_approach", "lanes"]
 
 _BAR, _LANE = 4.5, 6.0
 _NARROW_BAR, _NARROW_LANE = 3.0, 4.0
-_ROOM = 14.0  # for an arrow's head
-_LETTER = 10.5  # width of a letter in a label
-_CLEAR_STOPS = 4  # more are drawn narrower, their circles fainter
-_GAP = 3.0  # between two stops in one lane
+_ARROW_HEAD_LENGTH = 14.0  # for an arrow's head
+_LETTER_WIDTH = 10.5  # width of a letter in a label
+_MAX_CLEAR_STOPS = 4  # more are drawn narrower, their circles fainter
+_STOP_GAP = 3.0  # between two stops in one lane
 
 _CIRCLE = np.column_stack([np.cos(np.arange(0, 6.28, 0.4)), np.sin(np.arange(0, 6.28, 0.4))])
 
@@ -35,7 +27,7 @@ Stop = tuple[int, float, float]
 def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: LabelPlacer) -> str:
     """The way from its start, the stops on it, and its end if nothing may stop it."""
     start, end = view.at(item.start_mm), view.at(item.at(item.travel_mm))
-    along = _along(item)
+    along = _travel_direction(item)
     stops = _stops(item)
     radius = item.tip_radius_mm * view.scale
     first = min((lo for _, lo, _ in stops), default=item.travel_mm)
@@ -43,7 +35,7 @@ def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: Lab
     placer.add_line(np.array([start, end]), 1.0)
     before = until - along * (radius + 3)
     # A stop that may come at once leaves no room for the head before it.
-    is_room = bool(stops) and float((before - start) @ along) > _ROOM
+    is_room = bool(stops) and float((before - start) @ along) > _ARROW_HEAD_LENGTH
     shown = [
         _line(start, until),
         _line(until, end, "2 4"),
@@ -53,8 +45,8 @@ def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: Lab
     if any(outcome.may_miss for outcome in item.predictions):
         shown.append(end_cross(end))
         placer.add_disc(end, 5.0, 2.0)
-    crowd = len(stops) > _CLEAR_STOPS
-    for (index, lo, hi), lane in zip(stops, lanes(stops, _GAP / view.scale), strict=True):
+    crowd = len(stops) > _MAX_CLEAR_STOPS
+    for (index, lo, hi), lane in zip(stops, lanes(stops, _STOP_GAP / view.scale), strict=True):
         aside = (_NARROW_LANE if crowd else _LANE) * lane * np.array([along[1], -along[0]])
         tips = np.array([view.at(item.at(lo)), view.at(item.at(hi))])
         shown.append(_stop(picture.colour(index), tips, aside, radius, faint=crowd))
@@ -66,7 +58,7 @@ def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: Lab
 
 def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: LabelPlacer) -> str:
     """The finger's name, the letters of the stops, and of the misses."""
-    along = _along(item)
+    along = _travel_direction(item)
     square = math.atan2(along[0], along[1])
     stops = _stops(item)
     radius = item.tip_radius_mm * view.scale
@@ -76,12 +68,12 @@ def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: L
         letters = sorted(index for index, _, _ in group)
         shown.append(_letters(picture, letters, "", middle, radius + 4, square, placer))
     start, end = view.at(item.start_mm), view.at(item.at(item.travel_mm))
-    seen = last_shown(start, end, view)
+    seen = last_visible_point(start, end, view)
     for letters, verb in _misses(item):
         if seen is not None:
             shown.append(_letters(picture, letters, verb, seen, 8.0, square, placer))
     first = min((lo for _, lo, _ in stops), default=item.travel_mm)
-    before = last_shown(start, view.at(item.at(first)) - along * (radius + 16), view)
+    before = last_visible_point(start, view.at(item.at(first)) - along * (radius + 16), view)
     if before is not None:
         shown.append(_name(item.finger, before, square + math.pi, placer))
     return "".join(shown)
@@ -89,7 +81,7 @@ def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: L
 
 def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
     """Which hypotheses say that it misses, and which that it may, with the words for it."""
-    outcomes = list(enumerate(item.predictions[:MOST_OTHERS]))
+    outcomes = list(enumerate(item.predictions[:MAX_OTHERS]))
     certain = [index for index, outcome in outcomes if outcome.stop_mm is None]
     possible = [index for index, outcome in outcomes if outcome.may_miss and outcome.stop_mm is not None]
     verbs = ((certain, "misses" if len(certain) == 1 else "miss"), (possible, "may miss"))
@@ -97,10 +89,10 @@ def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
 
 
 def _name(finger: str, at: Floats, towards: float, placer: LabelPlacer) -> str:
-    content = shorten(f"next: {finger}", LABEL, 120, bold=True)
-    box = placer.place(at, text_width(content, LABEL, bold=True) + 4, 15.0, clear=7.0, towards=towards)
+    content = shorten(f"next: {finger}", LABEL_SIZE, 120, bold=True)
+    box = placer.place(at, text_width(content, LABEL_SIZE, bold=True) + 4, 15.0, clear=7.0, towards=towards)
     return leader(at, box, 5.0, INK) + text(
-        content, box.x, box.y + 4, size=LABEL, fill=INK, anchor="middle", weight="bold"
+        content, box.x, box.y + 4, size=LABEL_SIZE, fill=INK, anchor="middle", weight="bold"
     )
 
 
@@ -115,7 +107,7 @@ def lanes(stops: Sequence[Stop], gap_mm: float) -> list[int]:
     return [taken[index] for index, _, _ in stops]
 
 
-def _along(item: ApproachArrow) -> Floats:
+def _travel_direction(item: ApproachArrow) -> Floats:
     """Unit vector of the travel on the page."""
     return np.array([math.cos(item.direction_rad), -math.sin(item.direction_rad)])
 
@@ -123,7 +115,7 @@ def _along(item: ApproachArrow) -> Floats:
 def _stops(item: ApproachArrow) -> list[Stop]:
     return [
         (index, *outcome.stop_mm)
-        for index, outcome in enumerate(item.predictions[:MOST_OTHERS])
+        for index, outcome in enumerate(item.predictions[:MAX_OTHERS])
         if outcome.stop_mm is not None
     ]
 
@@ -180,16 +172,16 @@ def _letters(
     placer: LabelPlacer,
 ) -> str:
     """Letters of hypotheses in their colours, and a few words, beside what they name."""
-    words = text_width(after, LABEL, bold=True) + 4 if after else 0.0
-    box = placer.place(anchor, _LETTER * len(indices) + words + 4, 15.0, clear=clear, towards=towards)
+    words = text_width(after, LABEL_SIZE, bold=True) + 4 if after else 0.0
+    box = placer.place(anchor, _LETTER_WIDTH * len(indices) + words + 4, 15.0, clear=clear, towards=towards)
     y = box.y + 4
     shown = [leader(anchor, box, clear, INK)]
     for k, index in enumerate(indices):
-        x = box.left + 2 + _LETTER * (k + 0.5)
+        x = box.left + 2 + _LETTER_WIDTH * (k + 0.5)
         name = chr(ord("a") + index)
         colour = picture.colour(index)
-        shown.append(text(name, x, y, size=LABEL, fill=colour, anchor="middle", weight="bold"))
+        shown.append(text(name, x, y, size=LABEL_SIZE, fill=colour, anchor="middle", weight="bold"))
     if after:
-        x = box.left + 6 + _LETTER * len(indices)
-        shown.append(text(after, x, y, size=LABEL, fill=INK, weight="bold"))
+        x = box.left + 6 + _LETTER_WIDTH * len(indices)
+        shown.append(text(after, x, y, size=LABEL_SIZE, fill=INK, weight="bold"))
     return "".join(shown)

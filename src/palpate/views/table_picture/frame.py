@@ -1,8 +1,4 @@
-"""The window on W that the picture shows, with what frames it: grid, ticks in mm, scale bar.
-
-Line weights and letters have the same size whether the part is 20 or 200 mm long; only what is measured in
-mm scales.
-"""
+"""The window on W that the picture shows: grid, ticks, scale bar, and the marks that its parts share."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,17 +6,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.views.label_placement import Box
-from palpate.views.svg import element, number, text
-from palpate.views.table_picture.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
-from palpate.views.table_picture.values import ApproachArrow, Picture, TouchMark
-
-__all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
+from palpate.views.svg import (
+    FAINT,
+    INK,
+    LABEL_SIZE,
+    LINE,
+    MAX_OTHERS,
+    MUTED,
+    PAPER,
+    RULE,
+    THIN,
+    TIP,
+    Column,
+    element,
+    number,
+    path_data,
+    shorten,
+    text,
+    text_width,
+)
+from palpate.views.table_picture.labels import Box, LabelPlacer
+from palpate.views.table_picture.values import ApproachArrow, FingerBase, Picture, TouchMark
 
 _WIDTH = 780.0
 _ASPECTS = (0.95, 1.35)  # width over height
-_MISS_AIR = 0.2  # of the longer side, for the sake of misses
-_MARGIN = 0.09  # of the longer side, around what must be seen
+_MISS_AIR_SHARE = 0.2  # of the longer side, for the sake of misses
+_MARGIN_SHARE = 0.09  # of the longer side, around what must be seen
 
 
 @dataclass(frozen=True)
@@ -71,9 +82,9 @@ class View:
 def view_of(picture: Picture, left: float, top: float) -> View:
     """The window that shows all outlines and contacts with some air, and as much of the table as fits."""
     parts = [*picture.found, *picture.truth]
-    parts += [ring for other in picture.others[:MOST_OTHERS] for ring in other.rings]
-    parts += [_around(touch) for touch in picture.touches if touch.touched]
-    parts += _nearest_part(parts, [_around(touch) for touch in picture.touches if not touch.touched])
+    parts += [ring for other in picture.others[:MAX_OTHERS] for ring in other.rings]
+    parts += [_tip_corners(touch) for touch in picture.touches if touch.touched]
+    parts += _nearest_part(parts, [_tip_corners(touch) for touch in picture.touches if not touch.touched])
     parts += [_stops(item) for item in picture.approaches]
     if not any(len(part) for part in parts):
         reach = picture.workspace_radius_mm or 50.0
@@ -81,7 +92,7 @@ def view_of(picture: Picture, left: float, top: float) -> View:
     points = np.vstack(parts)
     low, high = points.min(axis=0), points.max(axis=0)
     middle, size = (low + high) / 2, np.maximum(high - low, 1.0)
-    size = size + 2 * _MARGIN * size.max()
+    size = size + 2 * _MARGIN_SHARE * size.max()
     # labels need some 25 units around the contacts
     size = np.maximum(size, (high - low) / (1 - 110 / _WIDTH))
     aspect = float(np.clip(size[0] / size[1], *_ASPECTS))
@@ -96,16 +107,14 @@ def view_of(picture: Picture, left: float, top: float) -> View:
     )
 
 
-def _around(touch: TouchMark) -> Floats:
+def _tip_corners(touch: TouchMark) -> Floats:
     centre = np.array([touch.end_mm])
     return np.vstack([centre - touch.tip_radius_mm, centre + touch.tip_radius_mm])
 
 
 def _stops(item: ApproachArrow) -> Floats:
     """Where the tip may be stopped (n, 2), with its radius around; n may be 0."""
-    ends = [
-        end for stop in item.predictions[:MOST_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm
-    ]
+    ends = [end for stop in item.predictions[:MAX_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm]
     centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
     return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])
 
@@ -116,7 +125,7 @@ def _nearest_part(seen: list[Floats], missed: list[Floats]) -> list[Floats]:
         return missed
     points = np.vstack(seen)
     low, high = points.min(axis=0), points.max(axis=0)
-    air = _MISS_AIR * float((high - low).max())
+    air = _MISS_AIR_SHARE * float((high - low).max())
     return [np.clip(tip, low - air, high + air) for tip in missed]
 
 
@@ -180,3 +189,112 @@ def scale_bar(view: View) -> str:
     return element("path", d=bar, stroke=INK, stroke_width=LINE, fill="none") + text(
         caption, left - 8, y + 4, anchor="end", size=12
     )
+
+
+def normal_wedge(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
+    """Range of a normal: sector of a disc, counter-clockwise on the page from lo to hi; SVG units."""
+    count = max(2, math.ceil((hi_rad - lo_rad) / 0.12) + 1)
+    angle = np.linspace(lo_rad, hi_rad, count)
+    rim = centre + radius * np.column_stack([np.cos(angle), -np.sin(angle)])
+    wedge = path_data([np.vstack([centre, rim])])
+    return element(
+        "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
+    )
+
+
+def last_visible_point(start: Floats, end: Floats, view: View) -> Floats | None:
+    """The last point of a path that lies well within the window, if any does."""
+    frame = view.frame
+    path = end + np.linspace(0.0, 1.0, 200)[:, None] * (start - end)
+    room = np.array([frame.width, frame.height]) / 2 - 6
+    seen = np.all(np.abs(path - (frame.x, frame.y)) <= room, axis=1)
+    if not seen.any():
+        return None
+    last: Floats = path[int(np.argmax(seen))]
+    return last
+
+
+def leader(anchor: Floats, box: Box, clear: float, colour: str) -> str:
+    """A thin line from a label to what it names, where they are not next to each other."""
+    near = np.clip(anchor, (box.left, box.top), (box.left + box.width, box.top + box.height))
+    away = near - anchor
+    distance = float(np.hypot(*away))
+    if distance < clear + 14:
+        return ""
+    begin = anchor + away * ((clear - 3) / distance)
+    return element(
+        "line",
+        x1=begin[0],
+        y1=begin[1],
+        x2=near[0],
+        y2=near[1],
+        stroke=colour,
+        stroke_width=0.8,
+        stroke_opacity=0.6,
+    )
+
+
+def heading(content: str, column: Column, y: float) -> str:
+    """A heading of a part of the panel, ruled below."""
+    rule = element(
+        "line", x1=column.left, y1=y + 7, x2=column.right, y2=y + 7, stroke=RULE, stroke_width=THIN
+    )
+    return text(content, column.left, y, size=12, fill=MUTED, weight="bold") + rule
+
+
+def arrow_head(tip: Floats, along: Floats, size: float = 11.0) -> str:
+    """A head that ends at `tip` (2,) and points along a unit vector (2,), SVG units."""
+    back, across = tip - size * along, 0.36 * size * np.array([-along[1], along[0]])
+    return element("path", d=path_data([np.array([tip, back + across, back - across])]), fill=INK)
+
+
+def end_cross(at: Floats, colour: str = INK) -> str:
+    """Where an approach ends that nothing stopped."""
+    x, y = at.tolist()
+    return element(
+        "path",
+        d=f"M{number(x - 4)},{number(y - 4)}l8,8m0,-8l-8,8",
+        stroke=colour,
+        stroke_width=LINE,
+        fill="none",
+    )
+
+
+def badge(index: int, colour: str, x: float, y: float) -> str:
+    """The letter of the index-th other hypothesis, in a disc of its outline's colour."""
+    disc = element("circle", cx=x, cy=y, r=8.0, fill=PAPER, stroke=colour, stroke_width=THIN)
+    letter = text(chr(ord("a") + index), x, y + 3.8, size=11, fill=colour, anchor="middle", weight="bold")
+    return disc + letter
+
+
+def is_base_visible(base: FingerBase, view: View) -> bool:
+    """Whether a finger's base lies within the window with its mark whole."""
+    away = np.abs(view.at(base.at_mm) - (view.frame.x, view.frame.y))
+    return bool(np.all(away <= np.array([view.width, view.height]) / 2 - 8))
+
+
+def draw_base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
+    """A finger's base, or an arrowhead on the frame where it lies beyond."""
+    at, frame = view.at(base.at_mm), view.frame
+    middle = np.array([frame.x, frame.y])
+    away = at - middle
+    half = np.array([frame.width, frame.height]) / 2
+    beyond = float(np.max(np.abs(away) / half))
+    if is_base_visible(base, view):
+        mark = element("rect", x=at[0] - 5, y=at[1] - 5, width=10.0, height=10.0, fill=INK)
+    else:
+        at = middle + away / beyond
+        along = away / np.hypot(*away)
+        across = np.array([-along[1], along[0]])
+        mark = element(
+            "path",
+            d=path_data(
+                [np.array([at, at - 16 * along + 6 * across, at - 12 * along, at - 16 * along - 6 * across])]
+            ),
+            fill=INK,
+        )
+    placer.add_disc(at, 12.0, 4.0)
+    content = shorten(base.name, LABEL_SIZE, 90)
+    inward = math.atan2(away[1], -away[0])
+    box = placer.place(at, text_width(content, LABEL_SIZE) + 4, 15.0, clear=13.0, towards=inward)
+    return mark + text(content, box.x, box.y + 4, size=LABEL_SIZE, fill=INK, anchor="middle")

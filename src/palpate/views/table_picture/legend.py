@@ -5,10 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.views.svg import element, path_data, shorten, text, text_width
-from palpate.views.table_picture.frame import View
-from palpate.views.table_picture.marks import arrow_head, end_cross, heading, normal_wedge, shows_base
-from palpate.views.table_picture.style import (
+from palpate.views.svg import (
     AXIS,
     FOUND,
     FOUND_FILL,
@@ -24,10 +21,21 @@ from palpate.views.table_picture.style import (
     TIP_FILL,
     TRUTH,
     Column,
+    element,
+    path_data,
+    shorten,
+    text,
+    text_width,
+)
+from palpate.views.table_picture.frame import (
+    View,
+    arrow_head,
+    end_cross,
+    heading,
+    is_base_visible,
+    normal_wedge,
 )
 from palpate.views.table_picture.values import Picture
-
-__all__ = ["legend"]
 
 _ROW = 20.0
 
@@ -53,8 +61,12 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
         (any(t.is_pad for t in touched), _pad_key, "approach, pad, and where it was touched"),
         (any(t.normal_rad for t in touched), _normal_key, "range of the outward normal"),
         (len(touched) < len(picture.touches), _miss_key, "approach that touched nothing"),
-        (any(not shows_base(b, view) for b in picture.bases), _beyond_key, "finger's base, beyond the frame"),
-        (any(shows_base(b, view) for b in picture.bases), _base_key, "finger's base"),
+        (
+            any(not is_base_visible(b, view) for b in picture.bases),
+            _beyond_key,
+            "finger's base, beyond the frame",
+        ),
+        (any(is_base_visible(b, view) for b in picture.bases), _base_key, "finger's base"),
         (picture.workspace_radius_mm is not None, _workspace_key, "workspace"),
     ]
     shown = [heading("Legend", column, y + 12)]

@@ -1,20 +1,212 @@
-"""The panel right of the drawing: pose with bounds, facts, other hypotheses, legend, the table as a whole.
-
-All words that need room are here, so that the drawing stays a drawing.
-"""
+"""The panel right of the drawing: pose with bounds, facts, hypotheses, predictions, the whole table."""
 
 import math
 
-from palpate.views.svg import shorten, text, text_width
-from palpate.views.table_picture.frame import View
-from palpate.views.table_picture.legend import legend
-from palpate.views.table_picture.marks import badge, heading
-from palpate.views.table_picture.overview import whole_table
-from palpate.views.table_picture.predictions import prediction_table, prediction_width
-from palpate.views.table_picture.style import FOUND, MOST_OTHERS, MUTED, Column
-from palpate.views.table_picture.values import BoundedPose, Picture
+import numpy as np
 
-__all__ = ["draw_panel", "panel_width"]
+from palpate.base.geometry import Floats
+from palpate.views.svg import (
+    AXIS,
+    CARD,
+    FOUND,
+    FOUND_FILL,
+    INK,
+    LINE,
+    MAX_OTHERS,
+    MUTED,
+    RULE,
+    THIN,
+    Column,
+    element,
+    path_data,
+    shorten,
+    text,
+    text_width,
+)
+from palpate.views.table_picture.frame import View, arrow_head, badge, heading
+from palpate.views.table_picture.legend import legend
+from palpate.views.table_picture.values import ApproachArrow, BoundedPose, OtherHypothesis, Picture
+
+_INSET_SIZE = 170.0
+
+
+def whole_table(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
+    """The whole table, small: workspace, bases, the object, and the window of the drawing."""
+    radius = picture.workspace_radius_mm
+    if radius is None or not picture.bases:
+        return "", y
+    points = np.array([base.at_mm for base in picture.bases] + [(-radius, -radius), (radius, radius)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    span = float((high - low).max())
+    scale = (_INSET_SIZE - 30) / span
+    centre = (low + high) / 2
+    title = heading("The table", column, y + 12)
+    top = y + 28
+    box = np.array([column.left + column.width / 2, top + _INSET_SIZE / 2])
+
+    def page(values: object) -> Floats:
+        moved: Floats = (np.asarray(values, dtype=float) - centre) * (scale, -scale) + box
+        return moved
+
+    x, cy = page((0.0, 0.0)).tolist()
+    corners = page([(view.x_mm[0], view.y_mm[1]), (view.x_mm[1], view.y_mm[0])])
+    room = np.array([column.width, _INSET_SIZE]) / 2
+    window = np.clip(corners, box - room, box + room)
+    size = window[1] - window[0]
+    shown = [
+        title,
+        element(
+            "rect",
+            x=window[0, 0],
+            y=window[0, 1],
+            width=float(size[0]),
+            height=float(size[1]),
+            fill=CARD,
+            stroke=RULE,
+            stroke_width=THIN,
+        ),
+        element(
+            "circle",
+            cx=x,
+            cy=cy,
+            r=radius * scale,
+            fill="none",
+            stroke=AXIS,
+            stroke_width=LINE,
+            stroke_dasharray="1 4",
+            stroke_linecap="round",
+        ),
+    ]
+    if picture.found:
+        rings = [page(ring) for ring in picture.found]
+        shown.append(
+            element(
+                "path",
+                d=path_data(rings),
+                fill=FOUND_FILL,
+                fill_rule="evenodd",
+                stroke=FOUND,
+                stroke_width=THIN,
+            )
+        )
+    for other in picture.others[:MAX_OTHERS] if picture.approaches else ():
+        rings = [page(ring) for ring in other.rings]
+        shown.append(element("path", d=path_data(rings), fill="none", stroke=AXIS, stroke_width=0.6))
+    shown += [
+        _approach_line(page(item.start_mm), page(item.at(item.travel_mm))) for item in picture.approaches
+    ]
+    for base in picture.bases:
+        at = page(base.at_mm)
+        shown.append(element("rect", x=at[0] - 4, y=at[1] - 4, width=8.0, height=8.0, fill=INK))
+        side = 1 if at[0] >= box[0] else -1
+        free = (
+            box[0] + column.width / 2 - at[0] - 10 if side > 0 else at[0] - 10 - (box[0] - column.width / 2)
+        )
+        shown.append(
+            text(
+                shorten(base.name, 11, float(free)),
+                at[0] + 9 * side,
+                at[1] + 4,
+                size=11,
+                anchor=None if side > 0 else "end",
+            )
+        )
+    return "".join(shown), top + _INSET_SIZE
+
+
+def _approach_line(start: Floats, end: Floats) -> str:
+    """An approach of the next grip from its start to its end."""
+    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
+    dot = element("circle", cx=start[0], cy=start[1], r=2.2, fill=INK)
+    along = (end - start) / max(float(np.hypot(*(end - start))), 1e-9)
+    return element("line", **ends, stroke=INK, stroke_width=THIN) + dot + arrow_head(end, along, 7.0)
+
+
+_NAME_WIDTH, _OUTCOME_WIDTH = 136.0, 106.0
+_MAX_ABREAST = 3  # approaches beside each other
+_LINE_HEIGHT = 14.5
+_TEXT_SIZE = 11.5
+_HEADS = ("from x, y (mm)", "along", "at most (mm)", "stop (mm), normal")
+
+
+def prediction_width(picture: Picture) -> float:
+    """Width (SVG units) that the table needs; 0 without approaches."""
+    if not picture.approaches:
+        return 0.0
+    return _NAME_WIDTH + _OUTCOME_WIDTH * min(len(picture.approaches), _MAX_ABREAST)
+
+
+def prediction_table(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+    """A row for each hypothesis that is drawn, a column for each approach; the y at which it ends."""
+    if not picture.approaches:
+        return "", y
+    count = len(picture.others)
+    title = f"Predictions of the hypotheses ({count})" if count > 1 else "Predictions of the hypothesis"
+    shown = [heading(title, column, y + 12)]
+    y += 22
+    for first in range(0, len(picture.approaches), _MAX_ABREAST):
+        part, y = _block(picture, picture.approaches[first : first + _MAX_ABREAST], column, y)
+        shown.append(part)
+    hidden = len(picture.others) - MAX_OTHERS
+    if hidden > 0:
+        y += _LINE_HEIGHT + 2
+        shown.append(text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=MUTED))
+    return "".join(shown), y + 6
+
+
+def _block(
+    picture: Picture, approaches: tuple[ApproachArrow, ...], column: Column, y: float
+) -> tuple[str, float]:
+    at = [column.right - _OUTCOME_WIDTH * (len(approaches) - k) for k in range(len(approaches))]
+    shown = [_lines((item.finger,), x, y, bold=True) for item, x in zip(approaches, at, strict=True)]
+    shown.append(_lines(_HEADS, column.left, y + _LINE_HEIGHT, room=_NAME_WIDTH))
+    shown += [_lines(item.words, x, y + _LINE_HEIGHT) for item, x in zip(approaches, at, strict=True)]
+    y += _LINE_HEIGHT * (1 + len(_HEADS)) + 5
+    for index, other in enumerate(picture.others[:MAX_OTHERS]):
+        shown.append(
+            element("line", x1=column.left, y1=y, x2=column.right, y2=y, stroke=RULE, stroke_width=THIN / 2)
+        )
+        shown.append(_name(picture, index, other, column.left, at[0], y))
+        outcomes = [item.predictions[index].words for item in approaches]
+        shown += [_outcome(words, x, y) for words, x in zip(outcomes, at, strict=True)]
+        y += _LINE_HEIGHT * max(2, *(len(words) for words in outcomes)) + 6
+    return "".join(shown), y
+
+
+def _name(picture: Picture, index: int, other: OtherHypothesis, left: float, right: float, y: float) -> str:
+    room = right - left - 34
+    return (
+        badge(index, picture.colour(index), left + 9, y + 17)
+        + text(shorten(other.label, 12, room), left + 26, y + _LINE_HEIGHT, size=12)
+        + text(shorten(other.reason, 11, room), left + 26, y + 2 * _LINE_HEIGHT, size=11, fill=MUTED)
+    )
+
+
+def _outcome(words: tuple[str, ...], left: float, y: float) -> str:
+    return _lines(words[:1], left, y, colour=INK) + _lines(words[1:], left, y + _LINE_HEIGHT)
+
+
+def _lines(
+    words: tuple[str, ...],
+    left: float,
+    y: float,
+    *,
+    colour: str = MUTED,
+    bold: bool = False,
+    room: float = _OUTCOME_WIDTH,
+) -> str:
+    return "".join(
+        text(
+            shorten(line, _TEXT_SIZE, room - 6, bold=bold),
+            left,
+            y + _LINE_HEIGHT * (k + 1),
+            size=_TEXT_SIZE,
+            fill=INK if bold else colour,
+            weight="bold" if bold else None,
+        )
+        for k, line in enumerate(words)
+    )
+
 
 _WIDTH = 330.0
 _ROW = 20.0
@@ -53,18 +245,18 @@ def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str,
 def _pose_rows(pose: BoundedPose) -> list[tuple[str, str, str]]:
     turned = tuple(math.degrees(value) for value in pose.theta_rad)
     rows = [
-        (name, f"{_minus(values[0])}{unit}", f"± {_outward(values)}{unit}")
+        (name, f"{_with_minus(values[0])}{unit}", f"± {_certified_half_width(values)}{unit}")
         for name, values, unit in (("x", pose.x_mm, " mm"), ("y", pose.y_mm, " mm"), ("θ", turned, "°"))
     ]
     return [*rows[:2], ("θ", "any", "")] if pose.turns_freely else rows
 
 
-def _minus(value: float) -> str:
+def _with_minus(value: float) -> str:
     shown = f"{value:.2f}"
     return "0.00" if shown == "-0.00" else shown.replace("-", "−")
 
 
-def _outward(values: tuple[float, ...]) -> str:
+def _certified_half_width(values: tuple[float, ...]) -> str:
     """The larger distance from the value as shown to a bound, rounded up: still certified as printed."""
     value, lo, hi = values
     shown = round(value, 2)
@@ -91,14 +283,14 @@ def _others(picture: Picture, _view: View, column: Column, y: float) -> tuple[st
     title = "Other hypotheses" if picture.found else "Hypotheses"
     shown = [heading(f"{title} ({len(picture.others)})", column, y + 12)]
     y += 24
-    for index, other in enumerate(picture.others[:MOST_OTHERS]):
+    for index, other in enumerate(picture.others[:MAX_OTHERS]):
         y += _ROW
         shown.append(badge(index, picture.colour(index), column.left + 9, y - 4.5))
         reason = shorten(other.reason, 12, 185)
         room = column.width - 26 - text_width(reason, 12) - 10
         shown.append(text(shorten(other.label, 12.5, room), column.left + 26, y, size=12.5))
         shown.append(text(reason, column.right, y, size=12, fill=MUTED, anchor="end"))
-    hidden = len(picture.others) - MOST_OTHERS
+    hidden = len(picture.others) - MAX_OTHERS
     if hidden > 0:
         y += _ROW
         shown.append(text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=MUTED))

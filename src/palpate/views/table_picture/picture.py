@@ -1,49 +1,341 @@
-"""The picture of a recognition: contacts, the object found, and the other hypotheses.
+"""The picture of a recognition or a plan: the table in W, y upwards, in one scale, left of a panel."""
 
-The drawing in W is on the left, everything that needs words in a panel on the right. Pure and deterministic:
-equal values give equal text.
-"""
-
+import math
 import zlib
 
-from palpate.views.svg import element, escape, number, text, wrap
-from palpate.views.table_picture.drawing import draw_view
-from palpate.views.table_picture.frame import view_of
+import numpy as np
+
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import points_in_polygon
+from palpate.views.svg import (
+    AXIS,
+    CARD,
+    DASHES,
+    FOUND,
+    FOUND_FILL,
+    INK,
+    LABEL_SIZE,
+    LINE,
+    MAX_OTHERS,
+    MISS,
+    MUTED,
+    PAPER,
+    RULE,
+    THICK,
+    THIN,
+    TIP,
+    TIP_FILL,
+    TRUTH,
+    Column,
+    element,
+    escape,
+    number,
+    path_data,
+    shorten,
+    text,
+    text_width,
+    wrap,
+)
+from palpate.views.table_picture.approaches import approach_labels, draw_approach
+from palpate.views.table_picture.frame import (
+    View,
+    badge,
+    draw_base,
+    end_cross,
+    grid,
+    last_visible_point,
+    leader,
+    normal_wedge,
+    scale_bar,
+    ticks,
+    view_of,
+)
+from palpate.views.table_picture.labels import LabelPlacer
 from palpate.views.table_picture.panel import draw_panel, panel_width
-from palpate.views.table_picture.style import INK, MUTED, PAPER, Column
 from palpate.views.table_picture.values import (
-    ApproachArrow,
     BoundedPose,
-    FingerBase,
-    OtherHypothesis,
     Picture,
-    PredictedStop,
     TouchMark,
 )
 
-__all__ = [
-    "ApproachArrow",
-    "BoundedPose",
-    "FingerBase",
-    "OtherHypothesis",
-    "Picture",
-    "PredictedStop",
-    "TouchMark",
-    "draw",
-]
+_WEDGE_RADIUS = 30.0
+_AXIS_LENGTH = 44.0
+_SAME_OUTLINE_MM = 0.3
+_MAX_FILLED_HYPOTHESES = 4  # hypotheses whose outlines are filled
+_INSIDE_WEIGHT = 0.12  # weight of the found object's inside: a label may lie there, but rather not
 
-_EDGE = 28.0
-_TICKS = 44.0  # left of the drawing
-_GAP = 36.0
-_BELOW = 46.0
+
+def draw_view(picture: Picture, view: View, clip: str) -> str:
+    """The drawing with its frame, ticks and scale bar. `clip`: an id of its own for the clipping path."""
+    placer = LabelPlacer(view.frame)
+    frame = {"x": view.left, "y": view.top, "width": view.width, "height": view.height}
+    drawn = [
+        grid(view),
+        _workspace(picture, view),
+        _others(picture, view, placer),
+        _found_outline(picture, view, placer),
+        _axes(view, placer),
+        *(_approach(touch, view, placer) for touch in picture.touches),
+        *(_tip(touch, view, placer) for touch in picture.touches),
+        *(draw_approach(picture, item, view, placer) for item in picture.approaches),
+    ]
+    labels = [_other_badges(picture, view, placer), _axis_letters(view, placer)]
+    labels += [approach_labels(picture, item, view, placer) for item in picture.approaches]
+    labels += [_touch_label(touch, view, placer) for touch in picture.touches]
+    bases = [draw_base(base, view, placer) for base in picture.bases]
+    return "".join(
+        [
+            element("clipPath", element("rect", **frame), id=clip),
+            element("rect", **frame, fill=CARD),
+            element("g", *drawn, clip_path=f"url(#{clip})", stroke_linejoin="round"),
+            element("rect", **frame, fill="none", stroke=RULE, stroke_width=THIN),
+            *bases,
+            *labels,
+            ticks(view),
+            scale_bar(view),
+        ]
+    )
+
+
+def _workspace(picture: Picture, view: View) -> str:
+    if picture.workspace_radius_mm is None:
+        return ""
+    x, y = view.at((0.0, 0.0))
+    radius = picture.workspace_radius_mm * view.scale
+    return element(
+        "circle",
+        cx=x,
+        cy=y,
+        r=radius,
+        fill="none",
+        stroke=RULE,
+        stroke_width=LINE,
+        stroke_dasharray="1 4",
+        stroke_linecap="round",
+    )
+
+
+def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    shown = []
+    few = bool(picture.approaches) and len(picture.others) <= _MAX_FILLED_HYPOTHESES
+    for index, other in enumerate(picture.others[:MAX_OTHERS]):
+        rings = [view.to_page(ring) for ring in other.rings]
+        for ring in rings:
+            placer.add_ring(ring, 0.7)
+        shown.append(
+            element(
+                "path",
+                element("title", escape(f"{other.label}: {other.reason}")),
+                d=path_data(rings),
+                fill=picture.colour(index) if few else "none",
+                fill_opacity=0.04 if few else None,
+                fill_rule="evenodd" if few else None,
+                stroke=picture.colour(index),
+                stroke_width=LINE if picture.approaches else THIN,
+                stroke_opacity=(0.75 if few else 0.45) if picture.approaches else None,
+                stroke_dasharray=_dash(picture, index),
+            )
+        )
+    return "".join(shown)
+
+
+def _dash(picture: Picture, index: int) -> str | None:
+    """Of a plan's hypotheses only those are dashed that lie on another one, so that both show."""
+    if not picture.approaches:
+        return DASHES[index % len(DASHES)]
+    own = np.vstack(picture.others[index].rings)
+    for other in picture.others[:index]:
+        rings = np.vstack(other.rings)
+        if rings.shape == own.shape and np.abs(rings - own).max() < _SAME_OUTLINE_MM:
+            return "8 8"
+    return None
+
+
+def _found_outline(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    shown = []
+    if picture.found:
+        rings = [view.to_page(ring) for ring in picture.found]
+        for ring in rings:
+            placer.add_ring(ring, 3.0)
+        placer.add_inside(rings, _INSIDE_WEIGHT)
+        shown.append(
+            element(
+                "path",
+                d=path_data(rings),
+                fill=FOUND_FILL,
+                fill_opacity=0.85,
+                fill_rule="evenodd",
+                stroke=FOUND,
+                stroke_width=THICK,
+            )
+        )
+    if picture.truth:
+        rings = [view.to_page(ring) for ring in picture.truth]
+        for ring in rings:
+            placer.add_ring(ring, 3.0)
+        shown.append(element("path", d=path_data(rings), fill="none", stroke=TRUTH, stroke_width=LINE))
+    if picture.pose is not None:
+        shown.append(_pose_mark(picture.pose, view, placer))
+    return "".join(shown)
+
+
+def _pose_mark(pose: BoundedPose, view: View, placer: LabelPlacer) -> str:
+    """The origin of the object's frame with its own x axis, which a round part has none of."""
+    at = view.at((pose.x_mm[0], pose.y_mm[0]))
+    dot = element("circle", cx=at[0], cy=at[1], r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    placer.add_disc(at, 4.0, 2.0)
+    if pose.turns_freely:
+        return dot
+    tip = at + 22 * np.array([math.cos(pose.theta_rad[0]), -math.sin(pose.theta_rad[0])])
+    placer.add_line(np.array([at, tip]), 2.0)
+    line = element("line", x1=at[0], y1=at[1], x2=tip[0], y2=tip[1], stroke=FOUND, stroke_width=THICK)
+    return line + dot
+
+
+def _axes(view: View, placer: LabelPlacer) -> str:
+    if not view.holds((0.0, 0.0)):
+        return ""
+    x, y = view.at((0.0, 0.0)).tolist()
+    placer.add_line(np.array([[x, y - _AXIS_LENGTH], [x, y], [x + _AXIS_LENGTH, y]]), 1.5)
+    lines = f"M{number(x)},{number(y - _AXIS_LENGTH)}V{number(y)}H{number(x + _AXIS_LENGTH)}"
+    heads = f"M{number(x - 3.5)},{number(y - _AXIS_LENGTH + 7)}l3.5,-7l3.5,7"
+    heads += f"M{number(x + _AXIS_LENGTH - 7)},{number(y - 3.5)}l7,3.5l-7,3.5"
+    return element("path", d=lines + heads, stroke=AXIS, stroke_width=LINE, fill="none")
+
+
+def _axis_letters(view: View, placer: LabelPlacer) -> str:
+    if not view.holds((0.0, 0.0)):
+        return ""
+    origin = view.at((0.0, 0.0))
+    shown = []
+    for letter, offset, towards in (
+        ("x", (_AXIS_LENGTH, 0.0), 0.0),
+        ("y", (0.0, -_AXIS_LENGTH), math.pi / 2),
+    ):
+        box = placer.place(origin + np.array(offset), 9.0, 12.0, clear=3.0, towards=towards)
+        shown.append(text(letter, box.x, box.y + 4, fill=AXIS, anchor="middle", weight="bold", size=12))
+    return "".join(shown)
+
+
+def _approach(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
+    """The way of the tip's centre; what a miss has swept is shaded."""
+    start, end = view.at(touch.start_mm), view.at(touch.end_mm)
+    placer.add_line(np.array([start, end]), 1.0)
+    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
+    begin = element("circle", cx=start[0], cy=start[1], r=2.2, fill=TIP if touch.touched else MISS)
+    if touch.touched:
+        return element("line", **ends, stroke=TIP, stroke_width=LINE) + begin
+    swept = element(
+        "line",
+        **ends,
+        stroke=MISS,
+        stroke_opacity=0.12,
+        stroke_width=2 * touch.tip_radius_mm * view.scale,
+        stroke_linecap="butt" if touch.is_pad else "round",
+    )
+    return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
+
+
+def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
+    centre, radius = view.at(touch.end_mm), touch.tip_radius_mm * view.scale
+    placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
+    if not touch.touched:
+        dashed: dict[str, str | float] = {
+            "fill": "none",
+            "stroke": MISS,
+            "stroke_width": LINE,
+            "stroke_dasharray": "3 3",
+        }
+        return _outline_of_tip(touch, view, **dashed) + end_cross(centre, MISS)
+    shown = [_outline_of_tip(touch, view, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
+    if touch.normal_rad is not None:
+        lo, hi = touch.normal_rad
+        reach = max(_WEDGE_RADIUS, radius + 20)
+        shown.append(normal_wedge(centre, reach, lo, hi))
+        for angle in np.linspace(lo, hi, 5):
+            placer.add_line(
+                np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0
+            )
+    for u, v in map(view.at, touch.points_mm) if touch.is_pad else [centre]:
+        shown.append(element("circle", cx=u, cy=v, r=2.6, fill=TIP))
+    return "".join(shown)
+
+
+def _outline_of_tip(touch: TouchMark, view: View, **style: str | float) -> str:
+    """A disc where the tip was in the end, or a pad's face."""
+    (x, y), radius = view.at(touch.end_mm).tolist(), touch.tip_radius_mm * view.scale
+    if not touch.is_pad:
+        return element("circle", cx=x, cy=y, r=radius, **style)
+    along = view.at(touch.end_mm) - view.at(touch.start_mm)
+    u, v = (radius * along / max(float(np.hypot(*along)), 1e-9)).tolist()
+    return element("line", x1=x - v, y1=y + u, x2=x + v, y2=y - u, **style | {"stroke_width": 3.0})
+
+
+def _touch_label(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
+    content = f"{shorten(touch.finger, LABEL_SIZE, 90, bold=True)} · {touch.grip}"
+    width = text_width(content, LABEL_SIZE, bold=True)
+    end, start = view.at(touch.end_mm), view.at(touch.start_mm)
+    back = math.atan2(end[1] - start[1], start[0] - end[0])
+    shown = last_visible_point(start, end, view)
+    if shown is None:
+        return ""
+    end = shown
+    clear = max(touch.tip_radius_mm * view.scale, 5.0) + 4
+    box = placer.place(end, width + 4, 15.0, clear=clear, towards=back + math.pi / 2)
+    verb = "touched" if touch.touched else "missed"
+    colour = TIP if touch.touched else MISS
+    return element(
+        "g",
+        element("title", escape(f"finger {touch.finger}, grip {touch.grip}: {verb}")),
+        leader(end, box, clear, colour),
+        text(content, box.x, box.y + 4, size=LABEL_SIZE, fill=colour, anchor="middle", weight="bold"),
+    )
+
+
+def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    """A badge beside every dashed outline, where it is farthest from all that is drawn."""
+    shown = []
+    frame = view.frame
+    middle = np.array([frame.x, frame.y])
+    rivals = [view.to_page(ring) for ring in (*picture.found, *picture.truth)]
+    drawn = [np.vstack([view.to_page(ring) for ring in other.rings]) for other in picture.others[:MAX_OTHERS]]
+    for index, own in enumerate(drawn):
+        inside = np.all(np.abs(own - middle) < np.array([frame.width, frame.height]) / 2 - 12, axis=1)
+        points = own[inside] if inside.any() else own
+        if picture.found:
+            open_points = points[~points_in_polygon(points, rivals[: len(picture.found)])]
+            points = open_points if len(open_points) else points
+        points = _thin_out(points, 200)
+        crowd = _thin_out(np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]]), 3000)
+        apart = np.hypot(*(points[:, None] - crowd).transpose(2, 0, 1)).min(axis=1)
+        anchor = points[int(np.argmax(apart))]
+        outward = math.atan2(middle[1] - anchor[1], anchor[0] - middle[0])
+        box = placer.place(anchor, 17.0, 17.0, clear=1.0, towards=outward)
+        shown.append(
+            leader(anchor, box, 4.0, picture.colour(index))
+            + badge(index, picture.colour(index), box.x, box.y)
+        )
+    return "".join(shown)
+
+
+def _thin_out(points: Floats, most: int) -> Floats:
+    """At most `most` of the points (n, 2), evenly picked."""
+    result: Floats = points[:: -(-len(points) // most)]
+    return result
+
+
+_PAGE_MARGIN = 28.0
+_TICKS_WIDTH = 44.0  # left of the drawing
+_PANEL_GAP = 36.0
+_SPACE_BELOW = 46.0
 
 
 def draw(picture: Picture) -> str:
     """The picture as an SVG document of its own, which may also be pasted into an HTML page."""
-    left = _EDGE + _TICKS
+    left = _PAGE_MARGIN + _TICKS_WIDTH
     title = wrap(picture.title, 24, 1080, most_lines=2, bold=True)
     subtitle = [part for line in picture.subtitle for part in wrap(line, 13.5, 1080, most_lines=2)]
-    y = _EDGE - 6
+    y = _PAGE_MARGIN - 6
     head = []
     for line in title:
         y += 30
@@ -53,12 +345,12 @@ def draw(picture: Picture) -> str:
         head.append(text(line, left, y, size=13.5, fill=MUTED))
     top = y + 24
     view = view_of(picture, left, top)
-    column = Column(left + view.width + _GAP, panel_width(picture))
+    column = Column(left + view.width + _PANEL_GAP, panel_width(picture))
     _, panel_end = draw_panel(picture, view, column, top - 2)
-    view = view.taller(panel_end - _BELOW - top)
+    view = view.taller(panel_end - _SPACE_BELOW - top)
     panel, panel_end = draw_panel(picture, view, column, top - 2)
-    width = column.right + _EDGE
-    height = max(top + view.height + _BELOW, panel_end) + _EDGE - 8
+    width = column.right + _PAGE_MARGIN
+    height = max(top + view.height + _SPACE_BELOW, panel_end) + _PAGE_MARGIN - 8
     clip = f"window-{zlib.crc32(repr((view, picture.title)).encode()):08x}"
     return (
         element(

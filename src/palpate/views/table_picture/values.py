@@ -1,24 +1,10 @@
-"""What a picture of a recognition shows, as plain values in W; mm and rad.
-
-Nothing here knows of fingers, files or the recogniser, so that a picture can be drawn from a live session,
-from a log and from a recognition without a rig alike.
-"""
+"""What a picture of a recognition shows, as plain values in W; mm and rad."""
 
 import math
 from dataclasses import dataclass
 
 from palpate.base.geometry import Floats
-from palpate.views.table_picture.style import BADGES, HUES
-
-__all__ = [
-    "ApproachArrow",
-    "BoundedPose",
-    "FingerBase",
-    "OtherHypothesis",
-    "Picture",
-    "PredictedStop",
-    "TouchMark",
-]
+from palpate.views.svg import BADGES, HUES
 
 
 @dataclass(frozen=True)

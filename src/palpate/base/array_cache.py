@@ -1,0 +1,295 @@
+"""Cache of arrays that can be made anew, kept in the user's cache folder because that is quicker.
+
+A cache gives what was put in, bit for bit, or nothing. Whatever is wrong with a file, a folder or a disk
+means nothing: no error comes from there, and nothing waits for another process. Keys hold a digest of the
+code, and of the libraries, that something was computed with: other code may compute something else, and a
+version that is raised by hand would be forgotten.
+
+Array files hold named arrays, whole or refused, and are mapped into memory instead of read:
+
+    magic (16 bytes) | SHA-256 of all that follows (32) | length of the table, and of the file (8 + 8)
+    table: JSON, [[name, type, shape, offset], …] | arrays, each on a 64-byte boundary
+
+Integers are little-endian. What a file holds are numbers: nothing in it is ever carried out. A file is moved
+to its place when it is complete, and never written to again, so that others may have it mapped meanwhile.
+"""
+
+import hashlib
+import json
+import math
+import mmap
+import os
+import platform
+import secrets
+import shutil
+import stat
+import struct
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+import numpy
+import numpy as np
+import scipy
+import shapely
+from numpy.typing import NDArray
+
+Arrays = Mapping[str, NDArray[Any]]
+"""Arrays by name."""
+
+PARTIAL_SUFFIX = ".part"
+"""Suffix of a file that is being written."""
+
+_MAGIC = b"palpate/arrays@1"
+_HEAD = struct.Struct("<16s32sQQ")
+_HASHED_FROM_BYTE = 48
+_BOUNDARY_BYTES = 64
+_TYPES = ("<f8", "<f4", "<i8", "|b1", "|u1")
+_TABLE_BYTES, _MOST_ARRAYS = 1 << 20, 1000
+
+
+class ArrayFileError(Exception):
+    """A file is not what it should be: foreign, torn, damaged, or someone else's."""
+
+
+def write_arrays(path: Path, arrays: Arrays) -> None:
+    """Write arrays beside `path` first and move them there; OSError where that cannot be done.
+
+    Whatever ends it before the move leaves `path` as it was. Types: float64, float32, int64, bool, uint8.
+    """
+    table, at = [], 0
+    stored = {name: np.asarray(value, _type_of(value), order="C") for name, value in arrays.items()}
+    for name, value in stored.items():
+        table.append([name, value.dtype.str, list(value.shape), at])
+        at += _padded_size(value.nbytes)
+    text = json.dumps(table).encode()
+    text += b" " * (_padded_size(_HEAD.size + len(text)) - _HEAD.size - len(text))
+    size = _HEAD.size + len(text) + at
+    head = struct.pack("<QQ", len(text), size) + text
+    digest = hashlib.sha256(head)
+    for part in _payload(stored):
+        digest.update(part)
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}")
+    try:
+        with os.fdopen(
+            os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "wb"
+        ) as f:
+            f.write(_MAGIC + digest.digest() + head)
+            for part in _payload(stored):
+                f.write(part)
+            f.flush()
+            os.fsync(f.fileno())
+        os.replace(partial, path)
+    except BaseException:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        raise
+
+
+def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of a file, read-only and mapped: processes that have the same file share its memory.
+
+    Raises ArrayFileError for a file that is not whole, and for one that another user owns or could write to;
+    OSError where there is none.
+    """
+    data = _map_file(path)
+    if len(data) < _HEAD.size:
+        raise ArrayFileError("too short")
+    magic, digest, length, size = _HEAD.unpack_from(data)
+    if magic != _MAGIC:
+        raise ArrayFileError("no array file")
+    begin = _HEAD.size + length
+    if size != len(data) or length > _TABLE_BYTES or begin > size or begin % _BOUNDARY_BYTES:
+        raise ArrayFileError("not whole")
+    if hashlib.sha256(memoryview(data)[_HASHED_FROM_BYTE:]).digest() != digest:
+        raise ArrayFileError("damaged")
+    return dict(_parse_arrays(data, data[_HEAD.size : begin], begin))
+
+
+def _map_file(path: Path) -> mmap.mmap:
+    """A file's bytes, if it is a regular file that only this user can write to."""
+    # Neither a link, nor a pipe that would keep us waiting.
+    number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        found = os.fstat(number)
+        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+            raise ArrayFileError("not this user's own file")
+        try:
+            return mmap.mmap(number, 0, access=mmap.ACCESS_READ)
+        except ValueError as error:  # it is empty
+            raise ArrayFileError("too short") from error
+    finally:
+        os.close(number)
+
+
+def _parse_arrays(data: mmap.mmap, text: bytes, begin: int) -> Iterator[tuple[str, NDArray[Any]]]:
+    try:
+        table = json.loads(text)
+        if len(table) > _MOST_ARRAYS:
+            raise ArrayFileError("too many arrays")
+        for name, kind, shape, at in table:
+            if not isinstance(name, str) or kind not in _TYPES:
+                raise ArrayFileError("unknown type")
+            if not all(type(value) is int and value >= 0 for value in (at, *shape)):
+                raise ArrayFileError("impossible sizes")
+            count = math.prod(shape)
+            if at % _BOUNDARY_BYTES or begin + at + count * np.dtype(kind).itemsize > len(data):
+                raise ArrayFileError("sizes beyond the end")
+            yield name, np.frombuffer(data, kind, count, begin + at if count else 0).reshape(shape)
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
+        raise ArrayFileError("no table of arrays") from error
+
+
+def _type_of(value: NDArray[Any]) -> str:
+    kind = value.dtype.newbyteorder("<").str
+    if kind not in _TYPES:
+        raise ValueError(f"arrays of type {value.dtype} are not kept")
+    return kind
+
+
+def _payload(arrays: Arrays) -> Iterator[memoryview | bytes]:
+    for value in arrays.values():
+        yield value.reshape(-1).view(np.uint8).data
+        yield bytes(_padded_size(value.nbytes) - value.nbytes)
+
+
+def _padded_size(size: int) -> int:
+    return -(-size // _BOUNDARY_BYTES) * _BOUNDARY_BYTES
+
+
+CACHE_PLACE = "PALPATE_CACHE"
+"""Environment variable: the cache's folder, or "off"."""
+
+CACHE_BYTES = 1_000_000_000
+"""Of all files in a cache: beyond that those that were not used for longest go."""
+
+_SUFFIX = ".arrays"
+_ABANDONED_S = 3600.0  # after which nothing writes any more on what is not complete
+_FREE_DISK_FACTOR = 4  # times a file's size must be free on the disk, so that others are not left without
+
+
+@dataclass(frozen=True)
+class Cache:
+    """Arrays by kind and key, in the files of a `folder`; None: nothing is kept.
+
+    `kind` and `key`: letters, digits and hyphens.
+    """
+
+    folder: Path | None
+    most_bytes: int = CACHE_BYTES
+
+    def fetch(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
+        """What was kept, mapped from its file and read-only; None where nothing sound was."""
+        return None if self.folder is None else _fetch_file(self._place(self.folder, kind, key))
+
+    def newest(self, kind: str, most: int) -> Iterator[dict[str, NDArray[Any]]]:
+        """What is kept of a kind, whatever its key: the latest used first, from at most so many files."""
+        if self.folder is None:
+            return
+        found = sorted(_cached_files(self.folder, f"{kind}-*{_SUFFIX}"), reverse=True)
+        for _, _, path in found[:most]:
+            arrays = _fetch_file(path)
+            if arrays is not None:
+                yield arrays
+
+    def keep(self, kind: str, key: str, arrays: Arrays) -> None:
+        """Keep arrays, if that can be done; the files that were not used for longest make room."""
+        if self.folder is None:
+            return
+        size = sum(value.nbytes for value in arrays.values())
+        with suppress(OSError):
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if 2 * size > self.most_bytes or shutil.disk_usage(self.folder).free < _FREE_DISK_FACTOR * size:
+                return
+            place = self._place(self.folder, kind, key)
+            write_arrays(place, arrays)
+            self._tidy(self.folder, place.stat().st_mtime)
+
+    def _place(self, folder: Path, kind: str, key: str) -> Path:
+        return folder / f"{kind}-{key}{_SUFFIX}"
+
+    def _tidy(self, folder: Path, now: float) -> None:
+        """Remove what others did not complete, and of what is too much the files not used for longest."""
+        for written, _, path in _cached_files(folder, f".*{PARTIAL_SUFFIX}"):
+            if now - written > _ABANDONED_S:
+                path.unlink(missing_ok=True)
+        size = 0
+        for _, own, path in sorted(_cached_files(folder, f"*{_SUFFIX}"), reverse=True):
+            size += own
+            if size > self.most_bytes:
+                path.unlink(missing_ok=True)
+
+
+def _fetch_file(path: Path) -> dict[str, NDArray[Any]] | None:
+    try:
+        arrays = map_arrays(path)
+    except (OSError, ArrayFileError):
+        return None
+    with suppress(OSError):
+        os.utime(path)  # it was used
+    return arrays
+
+
+def _cached_files(folder: Path, pattern: str) -> list[tuple[float, int, Path]]:
+    """When each was last used, its size, and the file."""
+    found = []
+    with suppress(OSError):
+        for path in folder.glob(pattern):
+            with suppress(OSError):
+                entry = path.lstat()
+                found.append((entry.st_mtime, entry.st_size, path))
+    return found
+
+
+def user_cache() -> Cache:
+    """The cache of the user who runs this: PALPATE_CACHE, or palpate in XDG_CACHE_HOME or ~/.cache."""
+    named = os.environ.get(CACHE_PLACE)
+    if named:
+        return Cache(None if named == "off" else Path(named).expanduser())
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    try:
+        return Cache((Path(home) if os.path.isabs(home) else Path.home() / ".cache") / "palpate")
+    except RuntimeError:  # nobody knows where this user is at home
+        return Cache(None)
+
+
+@cache
+def code_digest(*packages: str) -> str:
+    """16 hexadecimal digits that change with every line of some packages, with libraries and the machine."""
+    digest = hashlib.sha256()
+    versions = (numpy.__version__, scipy.__version__, shapely.__version__, shapely.geos_version_string)
+    digest.update(repr((*versions, sys.version, platform.machine())).encode())
+    for package in packages:
+        for file in sorted(files(package).iterdir(), key=lambda item: item.name):
+            if file.name.endswith(".py"):
+                digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@cache
+def source_digest(*packages: str, compiled: bool) -> str:
+    """16 hexadecimal digits that change with every line of packages and those within them, nothing else.
+
+    `compiled`: also with what has been compiled for them.
+    """
+    digest, suffixes = hashlib.sha256(), (".py", ".so") if compiled else (".py",)
+    for package in packages:
+        for place, file in _source_files(files(package), package):
+            if place.endswith(suffixes):
+                digest.update(place.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+def _source_files(folder: Traversable, place: str) -> Iterator[tuple[str, Traversable]]:
+    for item in sorted(folder.iterdir(), key=lambda item: item.name):
+        inside = f"{place}/{item.name}"
+        if item.is_dir():
+            yield from _source_files(item, inside)
+        else:
+            yield inside, item

@@ -1,0 +1,108 @@
+"""Confined reading, in a process of its own, which may take so much time and memory and no more.
+
+Foreign parsers of a damaged or hostile file may crash, search without end, or want more memory than there is.
+None of this happens to the process that has the file read: there it is an InputError. The process is started
+anew rather than forked, since its parent may have threads; it is this module, run as a script, with a pickled
+call on standard input and its outcome on standard output.
+"""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from tempfile import TemporaryDirectory
+from typing import ParamSpec, TypeVar
+
+from palpate.base.errors import InputError
+from palpate.base.file_io import READING_BYTES, READING_S, READING_WALL_S, size_in_words
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+_CHILD = "palpate.base.confined_reading"
+_INSIDE = "PALPATE_READING_PROCESS"
+"""Set in the environment of such a process, in which no second one is needed."""
+
+_TOO_LONG = f"takes more than {READING_S:g} s to read"
+TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
+
+
+def read_confined(
+    path: str | os.PathLike[str], advice: str, read: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs
+) -> _R:
+    """Call `read`, a function of a module, in a process with limits; its value, or its InputError.
+
+    `path`: what is read. Raises InputError, with `advice`, also where the process exceeds `READING_S` of
+    processor time or `READING_BYTES`, crashes, or fails unforeseen. Its temporary files are removed.
+    """
+    if _INSIDE in os.environ:
+        return read(*args, **kwargs)
+    name = os.fspath(path)
+    with TemporaryDirectory(prefix="palpate-") as folder:
+        # Threads that wait for work in a busy loop would take of the processor time.
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+        try:
+            ended = subprocess.run(
+                [sys.executable, "-m", _CHILD],
+                input=pickle.dumps((read, args, kwargs)),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                timeout=READING_WALL_S,
+                check=False,
+                env=os.environ | threads | {_INSIDE: "1", "TMPDIR": folder},
+                process_group=0,
+            )
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{name}: {_TOO_LONG}; {advice}") from None
+    if ended.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
+        raise InputError(f"{name}: {_TOO_LONG}; {advice}")
+    if ended.returncode:
+        raise InputError(f"{name}: cannot be read: its reader crashed, or {TOO_LARGE}; {advice}")
+    kind, value = pickle.loads(ended.stdout)
+    if kind == "value":
+        return value  # type: ignore[no-any-return]
+    text, *notes = value if kind == "refused" else [f"{name}: {value}; {advice}"]
+    error = InputError(text)
+    for note in notes:
+        error.add_note(note)
+    raise error
+
+
+_SPARE_MEMORY_BYTES = 32_000_000
+"""Of memory: with which to say that there is no more."""
+
+
+def main() -> int:
+    """Carry out the call within the limits."""
+    import resource  # noqa: PLC0415  # POSIX alone has it
+
+    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as out:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # OpenCASCADE writes to standard output
+        call = sys.stdin.buffer.read()
+        resource.setrlimit(resource.RLIMIT_CPU, (int(READING_S), int(READING_S) + 1))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (READING_BYTES, READING_BYTES))
+        resource.setrlimit(resource.RLIMIT_DATA, (READING_BYTES - _SPARE_MEMORY_BYTES, READING_BYTES))
+        answer = _answer(call)
+        resource.setrlimit(resource.RLIMIT_DATA, (READING_BYTES, READING_BYTES))
+        out.write(pickle.dumps(answer))
+    return 0
+
+
+def _answer(call: bytes) -> tuple[str, object]:
+    try:
+        read, args, kwargs = pickle.loads(call)
+        return "value", read(*args, **kwargs)
+    except InputError as error:
+        return "refused", (str(error), *getattr(error, "__notes__", ()))
+    except MemoryError:
+        return "failed", TOO_LARGE
+    except Exception as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        return "failed", f"cannot be read ({what:.200})"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

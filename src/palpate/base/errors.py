@@ -1,0 +1,37 @@
+"""Tree of errors. Beneath every layer: it imports nothing, everyone may import it.
+
+Every message says what was wrong, where, and what to do next, in one line, for a person who has not
+read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
+"""
+
+
+class PalpateError(Exception):
+    """Root of every error that palpate raises on purpose."""
+
+
+class InputError(PalpateError):
+    """A file, option or value from outside is not usable. Exit code 2."""
+
+
+class OutputError(PalpateError):
+    """What is beside the devices failed: a log, a disk, standard output, an observer. Exit code 5."""
+
+
+class DeviceError(PalpateError):
+    """A port or device is missing, silent or reports a fault; the message names it. Exit code 3."""
+
+
+class SafetyStop(PalpateError):
+    """A limit would be or was exceeded and the motion was stopped. Exit code 4."""
+
+
+def printable_text(text: str) -> str:
+    r"""Text from a device or a file as a terminal may show it: what does not print is escaped, as \x1b is."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+def quantity(count: int, one: str, many: str) -> str:
+    """A number with its noun."""
+    return f"{count} {one if count == 1 else many}"

@@ -1,0 +1,81 @@
+"""Closed sets of words that files, results, the command line and computations share: one enum a concept.
+
+They import nothing, so that the command line can list their values without loading what computes.
+"""
+
+from enum import StrEnum
+
+DEFAULT_BUDGET = 1_000_000
+LEAST_BUDGET = 10_000
+"""Units of work for one recognition (docs/recogniser.md, "The work budget")."""
+
+
+LEAST_BALL_SHARE = 0.5
+"""A ball touches parts where its circle is at least this share of its radius: within 60° of its equator."""
+
+
+SESSIONS_FOLDER = "palpate-sessions"
+"""In which commands keep the sessions of runs, where they are started."""
+
+
+class TipShape(StrEnum):
+    """Shape of a fingertip: an upright cylinder, a ball or a flat pad (docs/recogniser.md)."""
+
+    CYLINDER = "cylinder"
+    BALL = "ball"
+    PAD = "pad"
+
+
+class RecognitionVerdict(StrEnum):
+    """How many hypotheses explain the contacts (docs/recogniser.md, "Hypotheses")."""
+
+    UNIQUE = "unique"
+    AMBIGUOUS = "ambiguous"
+    NONE = "none"
+
+
+class IdentificationVerdict(StrEnum):
+    """How a run on the bench ended."""
+
+    IDENTIFIED = "identified"
+    INDISTINGUISHABLE = "indistinguishable"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
+    MOVING = "moving"
+
+
+class Strategy(StrEnum):
+    """How grips are chosen (memo §3.2)."""
+
+    PLANNED = "planned"
+    RANDOM = "random"
+    ROTATE = "rotate"
+
+
+class PushResponse(StrEnum):
+    """What a part in one of its states may do when it is pushed; one that slides does nothing else."""
+
+    SLIDES = "slides"
+    MAY_TIP = "may-tip"
+    MAY_ROLL = "may-roll"
+
+
+class PartMotion(StrEnum):
+    """Whether fingers move the parts that they push."""
+
+    STILL = "still"
+    MOVING = "moving"
+
+
+class ErrorSource(StrEnum):
+    """What limits how well a rig tells parts apart.
+
+    How far off contacts are, how wide their ranges of normals, how far parts are from their models, from
+    which sides fingers reach them, and that parts move when they are touched.
+    """
+
+    POSITION = "position"
+    NORMAL = "normal"
+    TOLERANCE = "tolerance"
+    REACH = "reach"
+    MOTION = "motion"

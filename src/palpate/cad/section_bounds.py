@@ -1,0 +1,334 @@
+"""Bounds between one outline and the surface in a slab of heights: the proof behind a cross section.
+
+They bound what the recogniser calls an object's tolerance. *Edges.* Every facet is clipped to the slab and
+projected: all edges of all true sections in the slab lie in these pieces, and all convex corners on the
+clipped edges between facets. The distance to one edge (or vertex) of the outline is convex over a piece, so
+the greatest of its corners' distances bounds it. An edge of length L passes for one whose normal differs by
+at most asin(4δ/L), so a piece needs δ = L/4 · sin(angle) of it, too; a vertex passes for normals between
+those of its edges, tilted likewise. A piece needs the least that any edge or vertex asks, and is halved where
+that is too much, because its ends may be near to different ones. Facets without a normal of their own (level
+or thinner than 1 µm) need only be near.
+
+*Material.* Every edge of a true section in the slab is within `off` of the outline's, so what lies deeper
+than that in the outline is solid at every height. Where this is not enough (at sharp corners and in thin
+fins), what the slab's clipped facets do not touch of the exact section is solid at every height, because the
+surface crosses no vertical line elsewhere.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.cad.outline_simplification import normal_mismatch
+from palpate.cad.parts import Region
+from palpate.cad.resting_surface import SAME_HEIGHT_MM, RestingSurface
+
+_MAX_HALVINGS = 24
+_PIECES_AT_ONCE = 20_000
+_FIRST_PIECES = 200
+_SEARCH_RATIO = 3.0
+"""Edges are looked for so many times further than they may be, to tell how much a slab is too high."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineEdges:
+    """The n edges of an outline's rings, and the vertices that they start from.
+
+    `start` (n, 2) mm; `along`, `normal` (n, 2): unit vectors, the normal outwards; `length` (n,) mm;
+    `before` (n,): the edge before.
+    """
+
+    start: Floats
+    along: Floats
+    normal: Floats
+    length: Floats
+    before: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class FacetPieces:
+    """Convex pieces (k) of what a finger may touch: the hull of `points` (k, p, 2), mm.
+
+    Normals turn left from `first` to `last` (k, 2), by less than 180°, unless a piece is `bare`.
+    """
+
+    points: Floats
+    first: Floats
+    last: Floats
+    bare: Bools
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def select(self, rows: Ints | Bools) -> "FacetPieces":
+        """Those at `rows` (indices or a mask)."""
+        return FacetPieces(self.points[rows], self.first[rows], self.last[rows], self.bare[rows])
+
+    def split(self) -> "FacetPieces":
+        """Both halves of every one: the hull's fan is cut at its longest sides."""
+        fan = self.points.shape[1] - 2
+        if fan < 1:
+            middle = self.points.mean(axis=1)
+            halves = [np.stack([self.points[:, end], middle], axis=1) for end in (0, 1)]
+            return self._like(np.stack(halves, axis=1))
+        if fan > 1:
+            triangles = [self.points[:, [0, k + 1, k + 2]] for k in range(fan)]
+            return self._like(np.stack(triangles, axis=1))
+        sides = np.hypot(*np.moveaxis(np.roll(self.points, -1, axis=1) - self.points, -1, 0))
+        first = sides.argmax(axis=1)
+        rows = np.arange(len(self))
+        begin, end, rest = (self.points[rows, (first + k) % 3] for k in range(3))
+        middle = (begin + end) / 2
+        halves = [np.stack(corners, axis=1) for corners in ((begin, middle, rest), (middle, end, rest))]
+        return self._like(np.stack(halves, axis=1))
+
+    def _like(self, points: Floats) -> "FacetPieces":
+        """Of `points` (k, c, p, 2): c children of each."""
+        children = points.shape[1]
+        return FacetPieces(
+            points.reshape(-1, *points.shape[2:]),
+            np.repeat(self.first, children, axis=0),
+            np.repeat(self.last, children, axis=0),
+            np.repeat(self.bare, children, axis=0),
+        )
+
+
+def outline_edges(rings: list[Floats]) -> OutlineEdges:
+    """Edges of rings (n, 2) with the solid on their left."""
+    start = np.concatenate(rings) if rings else np.zeros((0, 2))
+    counts = [len(ring) for ring in rings]
+    first = np.cumsum([0, *counts])[:-1]
+    before = np.concatenate(
+        [np.roll(np.arange(k, k + n), 1) for k, n in zip(first, counts, strict=True)]
+        or [np.zeros(0, dtype=np.int64)]
+    )
+    leg = np.zeros_like(start)
+    leg[before] = start - start[before]
+    length = np.hypot(*leg.T)
+    along = leg / length[:, None]
+    return OutlineEdges(start, along, np.stack([along[:, 1], -along[:, 0]], axis=1), length, before)
+
+
+def clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
+    """Projected corners (k, 6, 2), in order, of facets clipped to a range of heights; some are repeated."""
+    corners = surface.vertices_mm[surface.faces[facets]]
+    begin, end = _clip_segments(corners, np.roll(corners, -1, axis=1), from_mm, to_mm)
+    points = np.stack([begin, end], axis=2).reshape(len(facets), 6, 3)
+    # A side outside of the slab has no points of its own: it takes those of the side before.
+    missing = np.isnan(points[:, :, 0])
+    for _ in range(2):
+        for k in range(6):
+            points[:, k] = np.where(missing[:, k, None], points[:, k - 1], points[:, k])
+        missing = np.isnan(points[:, :, 0])
+    result: Floats = points[:, :, :2]
+    return result
+
+
+def facet_pieces(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> FacetPieces:
+    """Every edge of every section in the range lies in one of these."""
+    points = clip_facets(surface, facets, from_mm, to_mm)
+    normal = surface.normal[facets]
+    return FacetPieces(points, normal, normal, surface.bare[facets])
+
+
+def corner_pieces(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> FacetPieces:
+    """Every convex corner of every section in the range lies on one of these: edges between `facets`."""
+    edges = np.unique(surface.edges[facets])
+    one, other = surface.sides[edges].T
+    ends = surface.vertices_mm[surface.ends[edges]]
+    # A section has its solid on the left, so it passes an edge that rises from the facet on its left.
+    rises = ends[:, 1, 2] > ends[:, 0, 2]
+    left, right = np.where(rises, one, other), np.where(rises, other, one)
+    before, after = surface.normal[left], surface.normal[right]
+    bend = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    low, high = ends[:, :, 2].min(axis=1), ends[:, :, 2].max(axis=1)
+    inside = (high > from_mm) & (low < to_mm) & (low < high)
+    convex = (bend > 0) & inside & ~surface.bare[left] & ~surface.bare[right]
+    begin, end = _clip_segments(ends[convex, 0], ends[convex, 1], from_mm, to_mm)
+    return FacetPieces(
+        np.stack([begin, end], axis=1)[:, :, :2],
+        before[convex],
+        after[convex],
+        np.zeros(int(convex.sum()), dtype=bool),
+    )
+
+
+def _clip_segments(begin: Floats, end: Floats, from_mm: float, to_mm: float) -> tuple[Floats, Floats]:
+    """Segments (..., 3) clipped to a range of heights: their ends, or nan."""
+    rise = (end - begin)[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = (np.array([from_mm, to_mm]) - begin[..., 2, None]) / rise[..., None]
+    level = rise == 0
+    first = np.where(level, 0.0, np.clip(at.min(axis=-1), 0.0, 1.0))
+    last = np.where(level, 1.0, np.clip(at.max(axis=-1), 0.0, 1.0))
+    high, low = np.maximum(begin, end)[..., 2], np.minimum(begin, end)[..., 2]
+    outside = ((high < from_mm) | (low > to_mm))[..., None]
+    leg = end - begin
+    ends = (np.where(share[..., None] == 1.0, end, begin + share[..., None] * leg) for share in (first, last))
+    one, other = (np.where(outside, np.nan, point) for point in ends)
+    return one, other
+
+
+def distance_bound(
+    pieces: FacetPieces, outline: OutlineEdges, near: cKDTree, owner: Ints, target_mm: float, floor_mm: float
+) -> tuple[float, bool]:
+    """(How far the pieces are from the outline, whether that is within the target).
+
+    `near` holds points near its edges, of which `owner` is the edge. A bound if within the target, else an
+    estimate; pieces found within `floor_mm` are not looked at further.
+    """
+    if not len(pieces):
+        return 0.0, True
+    if not len(outline.start):
+        return np.inf, False
+    guess = owner[near.query(pieces.points.mean(axis=1))[1]]
+    wanted = _edge_cost(pieces, outline, guess).max(axis=1)
+    left = np.flatnonzero(wanted > floor_mm)
+    most = float(wanted[wanted <= floor_mm].max(initial=0.0))
+    left = left[np.argsort(-wanted[left])]
+    tree = shapely.STRtree(
+        shapely.linestrings(
+            np.stack([outline.start, outline.start + outline.length[:, None] * outline.along], axis=1)
+        )
+    )
+    # The worst ones first: a slab that is too high shows at once.
+    for rows in (
+        left[:_FIRST_PIECES],
+        *np.split(left[_FIRST_PIECES:], range(_PIECES_AT_ONCE, len(left), _PIECES_AT_ONCE)),
+    ):
+        found, good = _search_bound(pieces.select(rows), outline, tree, target_mm)
+        if not good:
+            return found, False
+        most = max(most, found)
+    return most, True
+
+
+def _search_bound(
+    pieces: FacetPieces, outline: OutlineEdges, tree: shapely.STRtree, target_mm: float
+) -> tuple[float, bool]:
+    """As `distance_bound`, with all edges nearby."""
+    most = 0.0
+    for _ in range(_MAX_HALVINGS):
+        if not len(pieces):
+            return most, True
+        look = _SEARCH_RATIO * target_mm
+        low, high = pieces.points.min(axis=1) - look, pieces.points.max(axis=1) + look
+        piece, edge = tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
+        some = pieces.select(piece)
+        of_edge, of_vertex = _edge_cost(some, outline, edge), _vertex_cost(some, outline, edge)
+        wanted = np.minimum(of_edge.max(axis=1), of_vertex.max(axis=1))
+        each = np.full(len(pieces), np.inf)
+        np.minimum.at(each, piece, wanted)
+        points = np.full(pieces.points.shape[:2], np.inf)
+        np.minimum.at(points, piece, np.minimum(of_edge, of_vertex))
+        if points.max() > target_mm:
+            return float(points.max()), False
+        good = each <= target_mm
+        most = max(most, float(each[good].max(initial=0.0)))
+        pieces = pieces.select(~good).split()
+    return float(each.max()), False
+
+
+def _edge_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
+    """What each point (k, p) of each piece asks of an edge each."""
+    away = pieces.points - outline.start[edge][:, None]
+    length, unit = outline.length[edge], outline.along[edge]
+    along = away[:, :, 0] * unit[:, None, 0] + away[:, :, 1] * unit[:, None, 1]
+    across = away[:, :, 0] * unit[:, None, 1] - away[:, :, 1] * unit[:, None, 0]
+    beyond = along - np.minimum(np.maximum(along, 0.0), length[:, None])
+    distance = np.sqrt(across**2 + beyond**2)
+    normal = outline.normal[edge]
+    tilt = (
+        length / 4 * np.maximum(normal_mismatch(normal, pieces.first), normal_mismatch(normal, pieces.last))
+    )
+    result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt)[:, None])
+    return result
+
+
+def _vertex_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
+    """What each point (k, p) of each piece asks of the vertex that an edge each starts from."""
+    distance = np.hypot(*np.moveaxis(pieces.points - outline.start[edge][:, None], -1, 0))
+    previous = outline.before[edge]
+    begin = _left_turn(outline.normal[previous], pieces.first)
+    width = _left_turn(pieces.first, pieces.last)
+    end = begin + width - _left_turn(outline.normal[previous], outline.normal[edge])
+    tilt = np.maximum(
+        outline.length[previous] * np.sin(np.clip(-begin, 0.0, np.pi / 2)),
+        outline.length[edge] * np.sin(np.clip(end, 0.0, np.pi / 2)),
+    )
+    result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt / 4)[:, None])
+    return result
+
+
+def _left_turn(normal: Floats, other: Floats) -> Floats:
+    """Angles from one unit vector (n, 2) to another, in [−π, π]."""
+    across = normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0]
+    result: Floats = np.arctan2(across, np.sum(normal * other, axis=1))
+    return result
+
+
+_QUARTER_CHORDS = 16
+"""Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
+_TIGHT_RATIO, _WIDE_RATIO = 1.02, 4.0
+"""Material may be so many times further off than edges are, if that is allowed."""
+_COARSE_SHARE = 0.01
+"""Of what is allowed, for simplifying what is solid at every height."""
+
+
+def material_bound_mm(
+    model: Sequence[Region],
+    exact: Callable[[], Sequence[Region]],
+    surface: RestingSurface,
+    facets: Ints,
+    slab_mm: tuple[float, float],
+    off_mm: float,
+    allowed_mm: float,
+) -> float | None:
+    """How far a point of `model` is at most from the solid at any height of the slab; None if too far.
+
+    `exact`: gives the section at one of its heights; `off_mm`: how far edges are from the model's at most.
+    """
+    whole = _polygons(model)
+    deep = whole.buffer(
+        -off_mm / math.cos(math.pi / 4 / _QUARTER_CHORDS) * (1 + 1e-9), quad_segs=_QUARTER_CHORDS
+    )
+    tight, wide = min(_TIGHT_RATIO * off_mm, allowed_mm), min(_WIDE_RATIO * off_mm, allowed_mm)
+    for allowed in (tight, wide) if wide > _TIGHT_RATIO * tight else (tight,):
+        lost = whole.difference(deep.buffer(allowed, quad_segs=_QUARTER_CHORDS))
+        if lost.is_empty:
+            return allowed
+    # Heights are meant within HEIGHT_MM: at a peak in the very end of a slab there is no material left.
+    least = min(SAME_HEIGHT_MM, (slab_mm[1] - slab_mm[0]) / 8)
+    points = clip_facets(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
+    bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
+    window = shapely.union_all(shapely.box(*bounds.T))
+    swept = shapely.convex_hull(shapely.multipoints(points[_meets_box(points, bounds)]))
+    shapely.prepare(window)
+    swept = swept[(shapely.area(swept) > 0) & shapely.intersects(window, swept)]
+    # On a grid, so that clipped facets that share a side leave no needles between them.
+    coarse = _COARSE_SHARE * allowed_mm
+    grid = coarse / 8
+    touched = shapely.union_all(swept, grid_size=grid)
+    always = shapely.difference(_polygons(exact()).intersection(window), touched, grid_size=grid)
+    solid = always.simplify(coarse / 2)
+    far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER_CHORDS))
+    return allowed_mm if far.is_empty else None
+
+
+def _meets_box(points: Floats, bounds: Floats) -> Bools:
+    """Which of the clipped facets (k, 6, 2) may meet a box (b, 4); none that was clipped away does."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    apart = (low[:, None] > bounds[:, 2:]) | (high[:, None] < bounds[:, :2]) | np.isnan(low[:, None])
+    result: Bools = (~apart.any(axis=2)).any(axis=1)
+    return result
+
+
+def _polygons(regions: Sequence[Region]) -> shapely.Geometry:
+    return shapely.make_valid(
+        shapely.MultiPolygon([shapely.Polygon(region.outer, region.holes) for region in regions])
+    )

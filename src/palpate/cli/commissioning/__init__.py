@@ -1,1 +1,0 @@
-"""Commands that set up and measure a rig: `setup-motors` and `calibrate`."""

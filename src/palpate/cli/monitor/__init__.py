@@ -1,1 +1,0 @@
-"""The command that shows what the fingers' arrays read: `watch`."""

@@ -1,0 +1,139 @@
+"""Display of a run: its progress and answer on the terminal, and the live view beside it.
+
+The view is a process of its own, so that nothing it does can slow the run.
+"""
+
+import importlib.util
+import math
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.status import Status
+
+from palpate.base.errors import InputError, quantity
+from palpate.base.optional_imports import MissingPackageError, install_command
+from palpate.cli.terminal import TimeLeft
+from palpate.jobs.answers import Answer
+from palpate.recognizer import Recognition
+from palpate.rig.identification.observers import (
+    Event,
+    MoveEvent,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
+
+_MAX_NAMES = 5
+
+
+class IdentificationProgress:
+    """Shows on stderr what the bench is doing: a line for each grip, and a moving line on a terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._status: Status | None = None
+        self._left = TimeLeft()
+
+    def __enter__(self) -> "IdentificationProgress":
+        if self._console.is_terminal:
+            self._status = self._console.status("connecting")
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def notice(self, text: str) -> None:
+        """The operator should know or do something now."""
+        self._console.print(text)
+
+    def doing(self, text: str) -> None:
+        """What goes on before the bench is connected; how much time is left stands after a count in it."""
+        self._now(self._left.after(text))
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        match event:
+            case StageEvent(grip, stage):
+                self._now(f"grip {grip}: {stage.value}")
+            case PlanEvent(grip, plan, reason):
+                self._console.print(f"        next {reason}")
+                self._now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
+            case TouchEvent(grip, touches):
+                contacts = [touch.contact for touch in touches]
+                each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
+                self._console.print(f"grip {grip}: {', '.join(each)}")
+            case RecognitionEvent():
+                self._console.print(f"        {_hypotheses(event.recognition)}")
+            case MoveEvent(_, float() as furthest_mm):
+                far = f"by {furthest_mm:.1f} mm" if math.isfinite(furthest_mm) else "without a bound"
+                moved = f"fingers may have moved the part {far}"
+                self._console.print(f"        {moved}: earlier grips are dropped")
+            case MoveEvent():
+                self._console.print(
+                    "        contradicts earlier grips: the part may have moved, they are dropped"
+                )
+
+    def _now(self, text: str) -> None:
+        if self._status is not None:
+            self._status.update(text)
+
+
+def _hypotheses(recognition: Recognition) -> str:
+    """How many hypotheses are left, and the first of their objects' names."""
+    names = [item.state.object_name for item in recognition.hypotheses]
+    distinct = list(dict.fromkeys(names))
+    shown = ", ".join(distinct[:_MAX_NAMES])
+    more = f" and {len(distinct) - _MAX_NAMES} more" if len(distinct) > _MAX_NAMES else ""
+    return f"{quantity(len(names), 'hypothesis', 'hypotheses')}{': ' if names else ''}{shown}{more}"
+
+
+def closing_lines(answer: Answer, picture: Path) -> list[str]:
+    """The answer for a person, a paragraph each."""
+    out = answer.result
+    return [
+        answer.text(),
+        f"{quantity(out.grips, 'grip', 'grips')}, {quantity(out.touches, 'touch', 'touches')}, "
+        f"{out.rig_seconds:.1f} s on the {'emulated ' if out.emulated else ''}rig, "
+        f"{out.wall_seconds:.1f} s here",
+        f"picture {picture}, session {out.session}",
+    ]
+
+
+def view_starter(port: int) -> Callable[[Path], None]:
+    """What shows the session in a folder, beside the run that records it.
+
+    Raises InputError, before anything moves, if the extra `view` is not installed or the port is taken.
+    """
+    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
+        raise MissingPackageError(f"--view needs starlette and uvicorn: {install_command('view')}")
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            reason = os.strerror(error.errno or 0)
+            raise InputError(f"--view-port {port} cannot be served: {reason}; choose another") from None
+    return partial(_start_view, port)
+
+
+def _start_view(port: int, session: Path) -> None:
+    """Start showing the session that this process records; the view says its address on stderr.
+
+    It ends by itself after this process, once the page has the last frame and a stop is confirmed.
+    """
+    words = ["view", str(session), "--port", str(port), "--run", str(os.getpid())]
+    subprocess.Popen(  # it is not waited for
+        [sys.executable, "-m", "palpate", *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C is for the run
+    )

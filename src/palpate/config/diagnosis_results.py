@@ -1,0 +1,338 @@
+"""Results of `check` (`palpate/check@1`) and `doctor` (`palpate/doctor@1`), with causes of faults."""
+
+from enum import StrEnum
+from typing import Literal
+
+from palpate.config.result_model import Interval, Out, Rounded
+
+
+class SettingOut(Out):
+    """An item of a servo's EEPROM that is not as the rig wants it; runs and `setup-motors` write it."""
+
+    item: str
+    found: int
+    wanted: int
+
+
+class ServoCheckOut(Out):
+    """A servo of the rig file. What could not be read is null."""
+
+    id: int
+    owner: str
+    model: str
+    answers: bool
+    firmware: int | None = None
+    voltage_v: Rounded | None = None
+    voltage_limits_v: Interval | None = None
+    temperature_c: int | None = None
+    temperature_limit_c: int | None = None
+    hardware_error: tuple[str, ...] = ()
+    torque_on: bool | None = None
+    return_delay_us: int | None = None
+    settings: tuple[SettingOut, ...] = ()
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class ArrayCheckOut(Out):
+    """A finger's tactile array. `rate_hz`: frames that reached the host.
+
+    `bad_taxels`: how many its self-test found; null if it has none, or could not do it. `unique_id`: in
+    hexadecimal.
+    """
+
+    finger: str
+    port: str
+    protocol: str
+    answers: bool
+    firmware: str | None = None
+    unique_id: str | None = None
+    emulated: bool | None = None
+    rows: int | None = None
+    columns: int | None = None
+    shape: str | None = None
+    bad_taxels: int | None = None
+    wanted_hz: Rounded
+    rate_hz: Rounded | None = None
+    lost: int | None = None
+    latency_timer_ms: Rounded | None = None
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class AdapterCheckOut(Out):
+    """The bus's adapter; `latency_timer_ms` is null if it has none, or the system does not tell."""
+
+    port: str
+    baudrate_bps: int
+    latency_timer_ms: Rounded | None
+
+
+class BusLoopOut(Out):
+    """Reading the state of all servos over and over. `wire_ms`: what the bytes alone take."""
+
+    servos: int
+    cycles: int
+    fast: bool
+    rate_hz: Rounded
+    median_ms: Rounded
+    p99_ms: Rounded
+    wire_ms: Rounded
+
+
+class BusCountsOut(Out):
+    """What the bus has been through during the check."""
+
+    instructions: int
+    silent: int
+    damaged: int
+    retries: int
+    alerts: int
+    reconnects: int
+    stale: int
+
+
+class FingerTouchOut(Out):
+    """A finger's part of a re-touch. `offset_mm`: its touches' mean along the normal, outward positive.
+
+    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    `friction_a`: current that its slide needs to move freely; null if it was not measured.
+    """
+
+    finger: str
+    touches: int
+    offset_mm: Rounded
+    friction_a: Rounded | None = None
+
+
+class TouchCheckOut(Out):
+    """A disc was touched again, its place fitted, and what is left compared with what is expected.
+
+    `agrees`: it is no more than chance explains in 999 of 1000 re-touches.
+    """
+
+    agrees: bool
+    touches: int
+    residual_rms_mm: Rounded
+    expected_rms_mm: Rounded
+    fingers: tuple[FingerTouchOut, ...]
+
+
+class CalibrationCheckOut(Out):
+    """The calibration that lies beside the rig file and belongs to it, and what it promises.
+
+    `made`: date and time in UTC. `coverage`: share of contacts that its bounds are to hold for.
+    `position_mm`, `direction_deg`: the fingers' largest bounds; null if one has none. `devices_match`:
+    whether these devices were calibrated; null if some did not answer. `touch` is null if nothing was
+    touched.
+    """
+
+    file: str
+    made: str
+    age_days: int
+    coverage: Rounded
+    position_mm: Rounded | None
+    direction_deg: Rounded | None
+    devices_match: bool | None
+    touch: TouchCheckOut | None = None
+
+
+class TouchForceOut(Out):
+    """Expected peak forces (N) of the quick touch, which finds a part, and of the slow one that measures.
+
+    `unstopped_n`: of a finger at approach speed that nobody stops, as when the bus is unplugged.
+    """
+
+    quick_n: Rounded
+    slow_n: Rounded
+    unstopped_n: Rounded
+
+
+class FingerHoldOut(Out):
+    """A finger's push. `slid`: the part gave way under it; else it stood, or was met too obliquely to tell.
+
+    `pressed_n`: force that the array measured while it slid, or in the end. `holds_n`: what of it is certain,
+    with the spread of taxels' gains and their directions; null if nothing is. `moved_mm`: about how far this
+    finger moved the part's touched place.
+    """
+
+    finger: str
+    slid: bool
+    pressed_n: Rounded
+    holds_n: Rounded | None
+    moved_mm: Rounded
+
+
+class HoldCheckOut(Out):
+    """What a part held when fingers pushed it, one at a time.
+
+    `part_holds_n`: the greatest force that a finger certainly pressed with, in two digits, rounded down. A
+    part that slides by friction which is the same in all directions bears it through its middle. `least_n`:
+    the least of the fingers under which it slid, likewise: for a table where one direction is easier.
+    `slid`: it gave way under some finger; else it may hold much more. `largest_n`: no push goes on above it.
+    `moved_mm`: about how far the touched places went in all touches together.
+    """
+
+    part_holds_n: Rounded
+    least_n: Rounded
+    slid: bool
+    largest_n: Rounded
+    moved_mm: Rounded
+    fingers: tuple[FingerHoldOut, ...]
+
+
+class CheckOut(Out):
+    """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
+
+    `calibration` is null if there is none. `touch_force`: of a part that does not give way. `hold` is null
+    unless a part was pushed.
+    """
+
+    format: Literal["palpate/check@1"] = "palpate/check@1"
+    rig: str
+    emulated: bool
+    well: bool
+    adapter: AdapterCheckOut
+    servos: tuple[ServoCheckOut, ...]
+    arrays: tuple[ArrayCheckOut, ...]
+    loop: BusLoopOut | None
+    bus: BusCountsOut
+    calibration: CalibrationCheckOut | None = None
+    touch_force: TouchForceOut
+    hold: HoldCheckOut | None = None
+    problems: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+class Cause(StrEnum):
+    """What is wrong with a set-up. Values stay as they are: programs may compare them."""
+
+    PORT_MISSING = "port-missing"
+    PORT_FORBIDDEN = "port-forbidden"
+    PORT_BUSY = "port-busy"
+    PORT_UNUSABLE = "port-unusable"
+    MODEM_MANAGER = "modem-manager"
+    BRLTTY = "brltty"
+    LATENCY_TIMER = "latency-timer"
+    BUS_SILENT = "bus-silent"
+    BAUD_RATE = "baud-rate"
+    WRONG_ID = "wrong-id"
+    DUPLICATE_ID = "duplicate-id"
+    SERVO_SILENT = "servo-silent"
+    WRONG_MODEL = "wrong-model"
+    SERVO_FIRMWARE = "servo-firmware"
+    SUPPLY_LOW = "supply-low"
+    SUPPLY_HIGH = "supply-high"
+    SUPPLY_DROP = "supply-drop"
+    SUPPLY_MIXED = "supply-mixed"
+    HARDWARE_ERROR = "hardware-error"
+    TOO_HOT = "too-hot"
+    TORQUE_ON = "torque-on"
+    LIMITS_IMPOSSIBLE = "limits-impossible"
+    LIMITS_NOT_SET = "limits-not-set"
+    DRIVE_REVERSED = "drive-reversed"
+    HOMING_OFFSET = "homing-offset"
+    SHADOW_ID = "shadow-id"
+    PROTECTION_OFF = "protection-off"
+    BUS_LOSSY = "bus-lossy"
+    BUS_SLOW = "bus-slow"
+    ZERO_OFF = "zero-off"
+    DIRECTION_WRONG = "direction-wrong"
+    MOTION_FAILED = "motion-failed"
+    ARRAY_SILENT = "array-silent"
+    ARRAY_BAUD_RATE = "array-baud-rate"
+    ARRAY_PROTOCOL = "array-protocol"
+    ARRAY_FIRMWARE = "array-firmware"
+    ARRAY_HARDWARE = "array-hardware"
+    ARRAY_GEOMETRY = "array-geometry"
+    DEAD_COLUMN = "dead-column"
+    DEAD_ROW = "dead-row"
+    DEAD_TAXEL = "dead-taxel"
+    HOT_TAXEL = "hot-taxel"
+    UNSTEADY_TAXEL = "unsteady-taxel"
+    NO_FRAMES = "no-frames"
+    FRAMES_LOST = "frames-lost"
+    FRAMES_SLOW = "frames-slow"
+    NOISE = "noise"
+    DRIFT = "drift"
+    HIDDEN_PUSH = "hidden-push"
+    FORCE_SCALE = "force-scale"
+    ARRAYS_SWAPPED = "arrays-swapped"
+    OTHER_DEVICES = "other-devices"
+    CALIBRATION_OLD = "calibration-old"
+
+
+DEVICE_CAUSES = frozenset(
+    {
+        Cause.PORT_MISSING,
+        Cause.PORT_FORBIDDEN,
+        Cause.PORT_BUSY,
+        Cause.PORT_UNUSABLE,
+        Cause.BRLTTY,
+        Cause.BUS_SILENT,
+        Cause.SERVO_SILENT,
+        Cause.ARRAY_SILENT,
+        Cause.NO_FRAMES,
+    }
+)
+"""Causes for which a device counts as missing or not answering."""
+
+
+class Severity(StrEnum):
+    """How bad a finding is: with a warning a rig can be worked with."""
+
+    WRONG = "wrong"
+    WARNING = "warning"
+
+
+class Outcome(StrEnum):
+    """How a step ended: as its worst finding, or it was not carried out."""
+
+    WELL = "well"
+    WARNING = "warning"
+    WRONG = "wrong"
+    SKIPPED = "skipped"
+
+
+class FindingOut(Out):
+    """One thing that is not as it should be: what was seen, what that means, and the next thing to do."""
+
+    cause: Cause
+    severity: Severity
+    device: str
+    saw: str
+    means: str
+    next: str
+
+
+class DoctorStepOut(Out):
+    """A step. `saw` is empty and `skipped_because` says why, if it was skipped."""
+
+    step: str
+    outcome: Outcome
+    looked_at: str
+    saw: str
+    findings: tuple[FindingOut, ...] = ()
+    skipped_because: str | None = None
+
+
+class DoctorOut(Out):
+    """All steps, in the order in which things go wrong. `well`: nothing is wrong; there may be warnings.
+
+    `device_missing`: something is missing or does not answer. `moved`: fingers were moved to see their
+    directions. `next`: what to do first; null if there is nothing to do.
+    """
+
+    format: Literal["palpate/doctor@1"] = "palpate/doctor@1"
+    rig: str
+    emulated: bool
+    well: bool
+    device_missing: bool
+    moved: bool
+    steps: tuple[DoctorStepOut, ...]
+    next: str | None
+
+    @property
+    def findings(self) -> tuple[FindingOut, ...]:
+        """All findings, in the steps' order."""
+        return tuple(item for step in self.steps for item in step.findings)

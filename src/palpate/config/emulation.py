@@ -1,0 +1,208 @@
+"""Emulated hardware and parts: tables of `[emulation]` in a rig file, and scenes, `palpate/scene@1`.
+
+Adapters, mechanics as bought and screwed together, a part that may move when it is pushed, and what lies on
+the table. Only emulators see any of it. Ranges [lo, hi] are drawn from by the seed.
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Discriminator, Field, Tag
+
+from palpate.config.fields import FileModel, Flag, Length, Name, Number, Positive, Text, in_order
+from palpate.config.loading import Source, load_json
+from palpate.config.problems import TAG, problem
+
+Span = Annotated[tuple[Length, Length], AfterValidator(in_order)]
+"""[lo, hi], from which the seed draws."""
+
+
+class AdapterConfig(FileModel):
+    """What USB adapters do to the bytes that pass, and when they go away. Ranges are drawn by the seed."""
+
+    latency_ms: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=255)] = Field(
+        default=1.0,
+        description="Latency timer: what does not fill a packet of 62 bytes waits so long at most.",
+    )
+    echoes: Flag = Field(default=False, description="Whether it returns whatever is sent.")
+    stall_ms: Span | None = Field(
+        default=None, description="[lo, hi]: a hub passes nothing for so long, now and then."
+    )
+    stall_every_s: Positive = Field(default=2.0, description="Time between such stalls, on average.")
+    gone_after_s: Span | None = Field(
+        default=None,
+        description="[lo, hi]: so long after the start it is unplugged, of arrays' one; absent: never.",
+    )
+    gone_for_s: Positive = Field(default=2.0, description="And comes back so much later.")
+    comes_back_as: Literal["same", "other"] = Field(
+        default="same", description="Under the name that it had, or another one."
+    )
+    grabbed_s: Length = Field(
+        default=0.0,
+        description="For so long after it is first opened, another program writes and reads, too.",
+    )
+
+
+_Signed = Annotated[tuple[Number, Number], AfterValidator(in_order)]
+_Loss = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.9)]
+
+
+class MechanicsConfig(FileModel):
+    """Ranges [lo, hi] from which the seed draws; absent: as in the model of the servo and the rig file."""
+
+    friction: Span | None = Field(
+        default=None, description="Friction in motion, times that of the servo's model; each servo's own."
+    )
+    rest_friction: Span | None = Field(
+        default=None, description="Friction at rest, times that in motion; at least 1 is taken."
+    )
+    cogging: Span | None = Field(
+        default=None, description="Torque that comes and goes along a turn, times the model's friction."
+    )
+    torque_loss: Annotated[tuple[_Loss, _Loss], AfterValidator(in_order)] | None = Field(
+        default=None, description="Share by which warm motors have less torque for a current."
+    )
+    supply_ohm: Span | None = Field(
+        default=None, description="Resistance of supply and cables that all servos share."
+    )
+    cable_n: _Signed | None = Field(
+        default=None, description="A cable pulls each slide outwards with so many N, inwards if negative."
+    )
+    slide_deflection_mm_per_n: Annotated[tuple[Length, Length], AfterValidator(in_order)] | None = Field(
+        default=None, description="Slides give way along their travel, by so much for each N on the tip."
+    )
+    slip_mm: _Signed | None = Field(
+        default=None, description="The screw of one slide's horn slips once: the tip is off by so much then."
+    )
+    slip_after_s: Span = Field(default=(5.0, 20.0), description="When it slips, from the start.")
+
+
+Mass = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=100)]
+"""kg"""
+
+Friction = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=2)]
+"""Coefficient of Coulomb friction."""
+
+_FrictionOrNone = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=2)]
+
+Range = tuple[float, float]
+"""[lo, hi], from which the seed draws."""
+
+
+def _number_or_range(value: object) -> str:
+    return TAG + ("range" if isinstance(value, list | tuple) else "number")
+
+
+_MassOrRange = Annotated[
+    Annotated[Mass, Tag(TAG + "number")]
+    | Annotated[tuple[Mass, Mass], AfterValidator(in_order), Tag(TAG + "range")],
+    Discriminator(_number_or_range),
+]
+_FrictionOrRange = Annotated[
+    Annotated[Friction, Tag(TAG + "number")]
+    | Annotated[tuple[Friction, Friction], AfterValidator(in_order), Tag(TAG + "range")],
+    Discriminator(_number_or_range),
+]
+_TipFrictionOrRange = Annotated[
+    Annotated[_FrictionOrNone, Tag(TAG + "number")]
+    | Annotated[tuple[_FrictionOrNone, _FrictionOrNone], AfterValidator(in_order), Tag(TAG + "range")],
+    Discriminator(_number_or_range),
+]
+
+
+def _check_feet(count: int) -> int:
+    if count in (1, 2):
+        raise problem(f"is {count}; a part stands on 3 feet at least, or on its whole base (0)")
+    return count
+
+
+class EmulatedPartConfig(FileModel):
+    """What moves the emulated part. A number, or [lo, hi] from which the seed draws."""
+
+    engine: Literal["still", "quasi-static", "mujoco"] = Field(
+        description="still: nothing moves it; quasi-static: it slides without inertia; mujoco: a rigid body "
+        "in MuJoCo, which needs palpate[physics]."
+    )
+    mass_kg: _MassOrRange = Field(default=0.15, description="Mass; drawn log-uniformly from a range.")
+    friction: _FrictionOrRange = Field(default=0.3, description="Friction between part and table.")
+    tip_friction: _TipFrictionOrRange = Field(
+        default=0.0, description="Friction between tips and whatever they touch."
+    )
+    feet: Annotated[int, Field(strict=True, ge=0, le=100), AfterValidator(_check_feet)] = Field(
+        default=0,
+        description="0: it stands on its whole base; 3 or more: on so many points, drawn by the seed and "
+        "unequally loaded.",
+    )
+
+
+class ConfigurationText(FileModel):
+    """Where the object frame lies in the support-plane frame W."""
+
+    x: Number = Field(description="mm")
+    y: Number = Field(description="mm")
+    theta: Number = Field(description="rad, counter-clockwise")
+
+
+class PartProperties(FileModel):
+    """What is known of the part where `[emulation.part]` of the rig file would have it drawn."""
+
+    mass_kg: Mass | None = Field(default=None, description="kg")
+    friction: Friction | None = Field(default=None, description="Friction between part and table.")
+
+
+class SceneFile(FileModel):
+    """The file as it stands; source of the exported JSON Schema."""
+
+    format: Literal["palpate/scene@1"]
+    object: Name = Field(description="Name of the object on the table.")
+    state: Name | None = Field(
+        default=None, description="Stable state; may be left out if there is one only."
+    )
+    configuration: ConfigurationText
+    objects: Text | None = Field(
+        default=None, description="File the object comes from, beside this one; else the run's catalogue."
+    )
+    part: PartProperties = Field(
+        default=PartProperties(),
+        description="Mass and friction, before those of the rig file's [emulation.part].",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One object on the table: `state` None means its only one, `objects` None the run's catalogue.
+
+    `mass_kg` and `friction` (part on table): None as the rig file has them.
+    """
+
+    object: str
+    state: str | None
+    x_mm: float
+    y_mm: float
+    theta_rad: float
+    objects: Path | None
+    mass_kg: float | None = None
+    friction: float | None = None
+
+
+def load_scene(source: Source) -> Scene:
+    """Read and check the scene in `source`; its `objects` path is taken from the scene file's folder.
+
+    Raises:
+        InputError: unreadable, wrong keys or values; one line.
+
+    """
+    text = load_json(source, SceneFile, {})
+    folder = Path(source).parent if isinstance(source, str | os.PathLike) else Path()
+    return Scene(
+        object=text.object,
+        state=text.state,
+        x_mm=text.configuration.x,
+        y_mm=text.configuration.y,
+        theta_rad=text.configuration.theta,
+        objects=None if text.objects is None else folder / text.objects,
+        mass_kg=text.part.mass_kg,
+        friction=text.part.friction,
+    )

@@ -1,0 +1,219 @@
+"""Serial ports: opening by name or URL, which there are, who uses them, latency of their adapters.
+
+A port is anything that pyserial's `serial_for_url` takes: a device path, `socket://host:port`, or the
+`mock://HUB/NAME` of an emulated rig. Here pyserial's errors become ours. Names under /dev/serial/by-id come
+from the adapter's serial number and survive replugging; names such as /dev/ttyUSB0 are given in the order of
+plugging in.
+
+FTDI chips, as in the vendor's U2D2, collect bytes until a buffer is full or their latency timer runs out: 16
+ms unless somebody has set it. On Linux it can be read and set under /sys (FTDI application note AN232B-04).
+"""
+
+import errno
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import serial
+from serial.serialutil import SerialBase
+from serial.tools.list_ports import comports
+from serial.tools.list_ports_common import ListPortInfo
+
+from palpate.base.errors import DeviceError
+
+try:
+    from termios import error as _terminal_error
+except ImportError:  # Windows has no terminals of this kind
+    PORT_ERRORS: tuple[type[Exception], ...] = (OSError,)
+else:
+    PORT_ERRORS = (OSError, _terminal_error)
+"""What a pyserial port may raise when its device goes away: SerialException is an OSError, and flushing an
+unplugged port lets the terminal's own error through."""
+
+_OPENING_ERRORS: tuple[type[Exception], ...] = (*PORT_ERRORS, ValueError)
+_TAKEN = (errno.EAGAIN, errno.EBUSY)
+_FORBIDDEN = (errno.EACCES, errno.EPERM)
+_MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
+_PORT_HINT = "check the cable and the port's name (palpate find-port lists what is there)"
+
+
+class PortTaken(DeviceError):
+    """Another program has the port for itself."""
+
+
+class PortForbidden(DeviceError):
+    """This user may not open the port."""
+
+
+class PortMissing(DeviceError):
+    """There is no such port."""
+
+
+def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool = False) -> SerialBase:
+    """Open a port (8N1), for this process alone, whose reads wait for at most `timeout_s`.
+
+    `shared`: also if another program has it, which loses what is read here; for an emergency stop only.
+    Raises PortTaken if another program uses the port, PortForbidden if this user may not, PortMissing if it
+    does not exist, another DeviceError naming it if it refuses the baud rate.
+    """
+    handlers = __package__ or "palpate.drivers.transport"
+    if handlers not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.insert(
+            0, handlers
+        )  # before pyserial's own: ours correct one of them
+    try:
+        port: SerialBase = serial.serial_for_url(
+            url, baudrate=baudrate, timeout=timeout_s, exclusive=None if shared else True
+        )
+    except _OPENING_ERRORS as error:
+        if isinstance(error, OSError) and error.errno in _TAKEN:
+            raise PortTaken(
+                f"port {url} is in use: another program is using it; close that program, then try again"
+            ) from error
+        if isinstance(error, OSError) and error.errno in _FORBIDDEN:
+            raise PortForbidden(
+                f"port {url} may not be opened by this user; join the group that owns it "
+                "(sudo usermod -aG dialout $USER), then log in again"
+            ) from error
+        missing = isinstance(error, OSError) and error.errno in _MISSING
+        what = "does not exist" if missing else f"does not exist or cannot be opened at {baudrate} baud"
+        raise (PortMissing if missing else DeviceError)(
+            f"port {url} {what}: {_reason(error)}; {_PORT_HINT}"
+        ) from error
+    return port
+
+
+def has_baudrate(url: str) -> bool:
+    """Whether a port sends at the rate with which it is opened; of `socket://` the other end decides."""
+    return not url.lower().startswith("socket://")
+
+
+def _reason(error: Exception) -> str:
+    """What the system said, without the layers that pyserial wraps around it."""
+    code = error.errno if isinstance(error, OSError) else None
+    return os.strerror(code).lower() if code else str(error)
+
+
+EMULATED_LATENCY_S = 1e-3
+"""Of a `mock://` port: nothing but the bytes takes time, and this much is patience enough."""
+
+LATENCY_TIMER = "latency_timer"
+
+TTYS = Path("/sys/class/tty")
+"""Where Linux tells of its serial ports."""
+
+
+def latency_timer_file(port: str, ttys: Path = TTYS) -> Path | None:
+    """The file that holds a port's latency timer in ms; None if it has none, or the system does not tell."""
+    file = ttys / Path(port).resolve().name / "device" / LATENCY_TIMER
+    return file if "://" not in port and file.is_file() else None
+
+
+def latency_timer_s(port: str, ttys: Path = TTYS) -> float | None:
+    """A port's latency timer, None if it is not known."""
+    file = latency_timer_file(port, ttys)
+    if file is None:
+        return None
+    try:
+        return int(file.read_text(encoding="ascii")) / 1e3
+    except (OSError, ValueError):
+        return None
+
+
+_BY_ID = Path("/dev/serial/by-id")
+_PROCESSES = Path("/proc")
+
+_KINDS = {
+    (0x0403, 0x6014): "FTDI FT232H, as in ROBOTIS U2D2",
+    (0x0403, 0x6001): "FTDI FT232R, as in ROBOTIS USB2DYNAMIXEL",
+    (0x2F5D, 0x2202): "ROBOTIS OpenRB-150",
+}
+"""USB vendor and product id of adapters that servos often hang on."""
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPort:
+    """A port. What the system does not tell is None.
+
+    `used_by`: a program that has it open, as far as this user may see. `permitted`: this user may open it.
+    """
+
+    device: str
+    by_id: str | None
+    description: str | None
+    usb_ids: tuple[int, int] | None
+    serial_number: str | None
+    latency_timer_s: float | None
+    used_by: str | None
+    permitted: bool
+
+    @property
+    def name(self) -> str:
+        """The name that survives replugging where there is one: what belongs into a rig file."""
+        return self.by_id or self.device
+
+    @property
+    def kind(self) -> str | None:
+        """What is known of the adapter, else what it says of itself."""
+        return _KINDS.get(self.usb_ids or (0, 0), self.description)
+
+
+def serial_ports() -> list[SerialPort]:
+    """All ports of this computer, in order of their names."""
+    return describe_ports(comports())
+
+
+def describe_ports(
+    found: Iterable[ListPortInfo],
+    by_id: Path = _BY_ID,
+    ttys: Path = TTYS,
+    processes: Path = _PROCESSES,
+) -> list[SerialPort]:
+    """What pyserial found, with what the system tells besides; the folders are those of Linux."""
+    names = {str(link.resolve()): str(link) for link in _entries(by_id)}
+    ports = sorted(found, key=lambda info: info.device)
+    users = port_users(processes, {info.device for info in ports})
+    return [
+        SerialPort(
+            info.device,
+            names.get(str(Path(info.device).resolve())),
+            None if info.description in (None, "n/a") else info.description,
+            None if info.vid is None or info.pid is None else (info.vid, info.pid),
+            info.serial_number,
+            latency_timer_s(info.device, ttys),
+            users.get(info.device),
+            os.access(info.device, os.R_OK | os.W_OK),
+        )
+        for info in ports
+    ]
+
+
+def port_users(processes: Path, devices: set[str]) -> dict[str, str]:
+    """For each device that is open somewhere: the program's name and number."""
+    users: dict[str, str] = {}
+    for process in _entries(processes):
+        if not process.name.isdecimal() or int(process.name) == os.getpid():
+            continue
+        for handle in _entries(process / "fd"):
+            try:
+                target = os.readlink(handle)
+            except OSError:
+                continue
+            if target in devices:
+                users[target] = f"{_read_text(process / 'comm') or 'a program'} (process {process.name})"
+    return users
+
+
+def _entries(folder: Path) -> list[Path]:
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []  # not there, or another user's
+
+
+def _read_text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except OSError:
+        return ""

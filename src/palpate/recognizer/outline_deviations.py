@@ -1,0 +1,261 @@
+"""Deviations of a stranger's outline from a hypothesis's: a Gaussian process along it, known from touches.
+
+Places on outlines say where along its boundary a hypothesis is touched, seen from its own frame. The outline
+is displaced along its normals by a process over arc length with covariance σ² exp(−r² / 2ℓ²), r being the
+chord of the circle on which the ring is rolled up, and scaled. A rigid motion of the stranger is not known,
+either: kriging with a trend. Normals are the process's derivative (C. E. Rasmussen and C. K. I. Williams,
+Gaussian Processes for Machine Learning, MIT Press, 2006, §2.7 and §9.4).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from scipy.special import erf, ndtr
+
+from palpate.base.geometry import Floats, Ints, Polygon
+from palpate.base.geometry.plane import rotate
+from palpate.recognizer.catalogue import Catalogue
+
+_NEAR_MM = 1e-6
+
+Span = tuple[float, float]
+"""Heights (from, to) of a tip's ends, mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutlinePlaces:
+    """Places on the boundaries of h hypotheses, k on each: all (h, k), vectors (h, k, 2), frames centred.
+
+    `foot` mm, unit `normal` outward; `along` mm: arc length from the ring's beginning, the solid on the left;
+    `ring`: which ring of the state, of length `perimeter` mm; `gap` mm: from the foot to the point asked for.
+    """
+
+    foot: Floats
+    normal: Floats
+    along: Floats
+    ring: Ints
+    perimeter: Floats
+    gap: Floats
+
+    @classmethod
+    def joined(cls, parts: Sequence["OutlinePlaces"]) -> "OutlinePlaces":
+        """The places of all parts, one part after the other, on the same outlines."""
+        return cls(
+            *(np.concatenate([getattr(part, item.name) for part in parts], axis=1) for item in fields(cls))
+        )
+
+    def mapped(self, change: Callable[[Any], Any]) -> "OutlinePlaces":
+        """The same change of all arrays: other rows, other columns."""
+        return OutlinePlaces(*(change(getattr(self, item.name)) for item in fields(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Boundary:
+    """n segments of a state's rings, the solid on their left; see `OutlinePlaces`."""
+
+    start: Floats
+    direction: Floats
+    length: Floats
+    along: Floats
+    ring: Ints
+    perimeter: Floats
+
+
+def places_on_outlines(
+    catalogue: Catalogue, states: Ints, spans_mm: Sequence[Span], points: Floats
+) -> OutlinePlaces:
+    """Places nearest to `points` (h, k, 2), mm in the centred frames of `states` (h,), at heights (k).
+
+    `spans_mm`: from which height to which the tip is that touches at each.
+    """
+    rows = []
+    for state, own in zip(states.tolist(), points, strict=True):
+        found = [_nearest(_boundary(catalogue, state, span), own, [each == span for each in spans_mm])
+                 for span in dict.fromkeys(spans_mm)]  # fmt: skip
+        row = [np.zeros((len(spans_mm), *part.shape[1:]), part.dtype) for part in found[0][1]]
+        for columns, parts in found:
+            for whole, part in zip(row, parts, strict=True):
+                whole[columns] = part
+        rows.append(row)
+    return OutlinePlaces(*(np.stack(column) for column in zip(*rows, strict=True)))
+
+
+def _nearest(boundary: _Boundary, points: Floats, chosen: Sequence[bool]) -> tuple[Ints, list[Floats]]:
+    """Which points (columns) are chosen, and the fields of `OutlinePlaces` for these."""
+    columns = np.flatnonzero(chosen)
+    rel = points[columns][:, None] - boundary.start
+    at = np.clip(np.sum(rel * boundary.direction, axis=2), 0.0, boundary.length)
+    away = rel - at[..., None] * boundary.direction
+    distance = np.hypot(away[..., 0], away[..., 1])
+    best = np.argmin(distance, axis=1)
+    pick = np.arange(len(columns)), best
+    u, v = boundary.direction[best].T
+    outward = np.column_stack([v, -u])
+    gap = distance[pick]
+    aside = away[pick] / np.maximum(gap, _NEAR_MM)[:, None]
+    outside = (np.sum(aside * outward, axis=1) > 0) & (gap > _NEAR_MM)
+    return columns, [
+        points[columns] - away[pick],
+        np.where(outside[:, None], aside, outward),
+        boundary.along[best] + at[pick],
+        boundary.ring[best],
+        boundary.perimeter[best],
+        gap,
+    ]
+
+
+def _boundary(catalogue: Catalogue, state: int, span_mm: Span) -> _Boundary:
+    """The rings of a state in a span of heights; of all its sections, if it has none there.
+
+    Some may be inside of others: no point outside is nearest to these.
+    """
+    item = catalogue.states[state]
+    sections = item.state.sections_within(span_mm) or item.state.sections
+    rings = [
+        ring for section in sections for polygon in section.polygons for ring in _oriented_rings(polygon)
+    ]
+    start = np.concatenate(rings) - item.origin_mm
+    step = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
+    length = np.hypot(*step.T)
+    count = [len(ring) for ring in rings]
+    parts = np.split(length, np.cumsum(count)[:-1])
+    along = np.concatenate([np.cumsum(part) - part for part in parts])
+    perimeter = np.array([part.sum() for part in parts])
+    first = min(item.state.sections.index(section) for section in sections)
+    kept = length > 0
+    direction = step[kept] / length[kept, None]
+    ring = np.repeat(np.arange(len(rings)), count)
+    return _Boundary(
+        start[kept], direction, length[kept], along[kept], 1000 * first + ring[kept], perimeter[ring][kept]
+    )
+
+
+def _oriented_rings(polygon: Polygon) -> list[Floats]:
+    """Its rings with the solid on the left."""
+    return [_orient(polygon.outer, 1.0), *(_orient(hole, -1.0) for hole in polygon.holes)]
+
+
+def _orient(ring: Floats, sign: float) -> Floats:
+    x, y = ring.T
+    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    return ring if sign * area > 0 else ring[::-1]
+
+
+def in_centred_frame(points_mm: Floats, theta_rad: Floats, position_mm: Floats) -> Floats:
+    """Points (k, 2) or (h, k, 2) of W, relative to the anchor, in the frames of h poses: (h, k, 2)."""
+    seen = np.broadcast_to(points_mm, (len(theta_rad), *points_mm.shape[-2:]))
+    return rotate(seen, np.broadcast_to(-theta_rad[:, None], seen.shape[:2])) - position_mm[:, None]
+
+
+_RIGID_SHIFT_MM, _RIGID_TURN_RAD = 100.0, 1.5  # standard deviations of the rigid motion: any
+_LEAST_VARIANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """m kinds of strangers, all (m,): standard deviation `sigma_mm` of what varies along the outline, its
+    correlation length `length_mm`, and standard deviation `scale` of the size, relative.
+    """
+
+    sigma_mm: Floats
+    length_mm: Floats
+    scale: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineTouches:
+    """Touches at places of h outlines, and what agrees there, for t touches, all (h, t).
+
+    Deviations from −`inward_mm` to `outward_mm` agree, with normals within `normal_rad` of the predicted one.
+    `noise_mm` and `noise_rad`: standard deviations of the measurement; `known_mm` and `known_rad`: of what is
+    known of the deviation and of the normal once the touch has agreed.
+    """
+
+    places: OutlinePlaces
+    inward_mm: Floats
+    outward_mm: Floats
+    normal_rad: Floats
+    noise_mm: Floats
+    noise_rad: Floats
+    known_mm: Floats
+    known_rad: Floats
+
+    def followed_by(self, other: "OutlineTouches") -> "OutlineTouches":
+        """These touches, and then those of another on the same outlines."""
+        numbers = [
+            np.concatenate([getattr(self, item.name), getattr(other, item.name)], axis=1)
+            for item in fields(self)[1:]
+        ]
+        return OutlineTouches(OutlinePlaces.joined([self.places, other.places]), *numbers)
+
+    def column(self, index: int) -> "OutlineTouches":
+        """One of the touches."""
+        return self.mapped(lambda item: item[:, index : index + 1])
+
+    def mapped(self, change: Callable[[Any], Any]) -> "OutlineTouches":
+        """The same change of all arrays: other rows, other columns."""
+        numbers = [change(getattr(self, item.name)) for item in fields(self)[1:]]
+        return OutlineTouches(self.places.mapped(change), *numbers)
+
+
+def agreement(touches: OutlineTouches, deviations: Deviations) -> Floats:
+    """Probability (m, h, t) that strangers of each kind agree with a touch, given that they did before."""
+    deviation, normal = _conditional_deviations(touches, deviations)
+    across, turned = np.hypot(deviation, touches.noise_mm), np.hypot(normal, touches.noise_rad)
+    stops = ndtr(touches.outward_mm / across) - ndtr(-touches.inward_mm / across)
+    result: Floats = stops * erf(touches.normal_rad / (np.sqrt(2.0) * turned))
+    return result
+
+
+def _conditional_deviations(touches: OutlineTouches, deviations: Deviations) -> tuple[Floats, Floats]:
+    """Standard deviations (m, h, t) of every deviation and turn of the normal, given all the touches before.
+
+    Cholesky's factor has them on its diagonal, deviation and normal of one touch after those of the other.
+    """
+    covariance = _covariance(touches.places, deviations)
+    known = np.stack([touches.known_mm, touches.known_rad], axis=2).reshape(len(touches.known_mm), -1)
+    index = np.arange(covariance.shape[2])
+    covariance[:, :, index, index] += known**2
+    diagonal = np.linalg.cholesky(covariance)[:, :, index, index]
+    spread = np.sqrt(np.maximum(diagonal**2 - known**2, _LEAST_VARIANCE))
+    return spread[:, :, 0::2], spread[:, :, 1::2]
+
+
+def _covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
+    """Prior covariance (m, h, 2t, 2t) of deviations and turns of the normal, one touch after the other."""
+    hypotheses, count = places.along.shape
+    smooth = _smooth_covariance(places, deviations)
+    support = np.sum(places.normal * places.foot, axis=2)
+    sized = (deviations.scale**2)[:, None, None, None] * (support[:, :, None] * support[:, None])
+    smooth[..., 0, :, 0] += sized
+    x, y = np.moveaxis(places.foot, 2, 0)
+    u, v = np.moveaxis(places.normal, 2, 0)
+    trend = np.zeros((hypotheses, count, 2, 3))
+    trend[..., 0, :] = -np.stack(
+        [u * _RIGID_SHIFT_MM, v * _RIGID_SHIFT_MM, (x * v - y * u) * _RIGID_TURN_RAD], axis=2
+    )
+    trend[..., 1, 2] = -_RIGID_TURN_RAD
+    flat = trend.reshape(hypotheses, 2 * count, 3)
+    result: Floats = smooth.reshape(len(deviations.scale), hypotheses, 2 * count, 2 * count)
+    result += flat @ flat.swapaxes(1, 2)
+    return result
+
+
+def _smooth_covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
+    """What varies along the outline: covariance (m, h, t, 2, t, 2) of it and of the turns of the normal."""
+    same = places.ring[:, :, None] == places.ring[:, None]
+    turn = 2 * np.pi / places.perimeter[:, :, None]
+    u = turn * (places.along[:, :, None] - places.along[:, None])
+    sin, cos, chord = np.sin(u) / turn, np.cos(u), 2 * np.sin(u / 2) / turn
+    sigma, length = (item[:, None, None, None] for item in (deviations.sigma_mm, deviations.length_mm))
+    value = np.where(same, sigma**2 * np.exp(-((chord / length) ** 2) / 2), 0.0)
+    slope = -value * sin / length**2
+    # The normal turns by −d′ where the displacement d grows.
+    result = np.empty((*value.shape[:3], 2, value.shape[3], 2))
+    result[..., 0, :, 0] = value
+    result[..., 0, :, 1] = slope
+    result[..., 1, :, 0] = slope.swapaxes(2, 3)
+    result[..., 1, :, 1] = value * (cos - (sin / length) ** 2) / length**2
+    return result

@@ -1,0 +1,363 @@
+"""Array steps of a diagnosis: identity, geometry, frames, noise, drift and force scale."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from palpate.base.errors import InputError, quantity
+from palpate.config.diagnosis_results import Cause, DoctorStepOut, FindingOut
+from palpate.drivers.tactile import ContactExtractor, Shape
+from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, threshold_problem
+from palpate.rig.diagnostics.array_examination import (
+    LISTEN_S,
+    ExaminedArray,
+    frame_rate_hz,
+    is_loss_too_high,
+    is_rate_too_low,
+)
+from palpate.rig.diagnostics.steps import (
+    DiagnosisCase,
+    error_finding,
+    finish_step,
+    join_words,
+    skip_step,
+    warning_finding,
+)
+from palpate.rig.diagnostics.taxel_steps import (
+    TAXEL_MAP,
+    UntouchedArray,
+    UntouchedStatistics,
+    analyse_untouched,
+    judge_taxels,
+)
+
+_MAX_RADIUS_ERROR_SHARE = 0.1
+_MAX_SCALE_RATIO = 2.0  # factor between what should be the same
+
+_STEPS = (
+    ("arrays answer", "asked each array who it is"),
+    ("array geometry", "compared rows, columns, radius and coverage with the rig file and its calibration"),
+    ("frames", f"counted the frames of {LISTEN_S:g} s"),
+    TAXEL_MAP,
+    ("noise and drift", "compared noise and drift of the untouched taxels with what contacts need"),
+    ("force scale", "compared counts per N, full scale and bits with each other and between arrays"),
+)
+
+
+def judge_arrays(case: DiagnosisCase, seen: Sequence[ExaminedArray], because: str) -> list[DoctorStepOut]:
+    """All steps on arrays; skipped `because` if none was looked at."""
+    if not seen:
+        return [skip_step(*name, because) for name in _STEPS]
+    silent = [_silent(item) for item in seen if item.description is None]
+    there = [item for item in seen if item.description is not None]
+    kinds = {_kind(item) for item in there}
+    named = [f"{item.spec.name} {_kind(item)}" for item in there]
+    shown = f"each {join_words(list(kinds))}" if len(kinds) == 1 < len(there) else join_words(named)
+    saw = f"{len(there)} of {quantity(len(seen), 'array', 'arrays')}: {shown}" if there else "none answers"
+    first = finish_step(*_STEPS[0], saw, silent)
+    if not there:
+        return [first, *(skip_step(*name, "no array answers as it should") for name in _STEPS[1:])]
+    geometry = {item: _geometry(case, item) for item in there}
+    sound = [_array(item) for item in there if not geometry[item]]
+    fitting = quantity(len(sound), "array fits", "arrays fit")
+    steps = [
+        first,
+        finish_step(
+            *_STEPS[1], f"{fitting} the rig file", [found for item in there for found in geometry[item]]
+        ),
+    ]
+    if not sound:
+        return steps + [skip_step(*name, "no array is of the rig file's geometry") for name in _STEPS[2:]]
+    judges: Sequence[Callable[[DiagnosisCase, Sequence[UntouchedArray]], DoctorStepOut]] = (
+        _frames,
+        judge_taxels,
+        _noise,
+        _scale,
+    )
+    return steps + [judge(case, sound) for judge in judges]
+
+
+def _kind(item: ExaminedArray) -> str:
+    described = item.description
+    assert described is not None
+    return f"{described.rows} × {described.cols} {described.shape.name.lower()}"
+
+
+def _silent(item: ExaminedArray) -> FindingOut:
+    array = item.spec.array
+    if item.other_rate is not None:
+        return error_finding(
+            Cause.ARRAY_BAUD_RATE,
+            item.name,
+            f"it answers at {item.other_rate} baud, not at the rig file's {array.baudrate_bps}",
+            "array and rig file agree in all but the rate",
+            f"write baudrate_bps = {item.other_rate} for finger {item.spec.name}'s array in the rig file",
+        )
+    if item.other_protocol is not None:
+        return error_finding(
+            Cause.ARRAY_PROTOCOL,
+            item.name,
+            f'it answers in the protocol "{item.other_protocol}", not in the rig file\'s "{array.protocol}"',
+            "the rig file names another kind of array, or this is another finger's port",
+            f'write protocol = "{item.other_protocol}" for finger {item.spec.name}\'s array in the rig file',
+        )
+    if item.answered:
+        return error_finding(
+            Cause.ARRAY_FIRMWARE,
+            item.name,
+            str(item.failure),
+            "it speaks the protocol, and not as palpate does",
+            "put firmware on it that speaks the protocol's present version (docs/tactile-protocol.md)",
+        )
+    if item.noisy:
+        return error_finding(
+            Cause.ARRAY_PROTOCOL,
+            item.name,
+            f'it sends what is no message of the protocol "{array.protocol}" at {array.baudrate_bps} baud',
+            "it speaks another protocol or at another rate, or something else hangs on this port",
+            f"check protocol, baudrate_bps and port of finger {item.spec.name}'s array in the rig file",
+        )
+    return error_finding(
+        Cause.ARRAY_SILENT,
+        item.name,
+        f"its port {array.port} opens, and nothing answers there at any usual baud rate",
+        "it has no power, its data lines are crossed or loose, or this is another device's port",
+        f"check power and cable of finger {item.spec.name}'s array",
+    )
+
+
+def _geometry(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
+    described, spec = item.description, item.spec
+    assert described is not None
+    calibrated = spec.array.taxels
+    if calibrated is not None:
+        shape = len(calibrated.gain), len(calibrated.gain[0])
+        if shape != (described.rows, described.cols):
+            return [
+                error_finding(
+                    Cause.ARRAY_GEOMETRY,
+                    item.name,
+                    f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
+                    "another array was mounted since, or its port is another finger's",
+                    case.calibrate_or(f"correct or leave out array.taxels of finger {spec.name}"),
+                )
+            ]
+    try:
+        ContactExtractor(described, calibration_of(case.rig, spec, described))
+    except InputError as error:
+        return [
+            error_finding(
+                Cause.ARRAY_GEOMETRY,
+                item.name,
+                str(error),
+                "contacts cannot be computed from such an array",
+                "correct what the array says of itself (docs/tactile-protocol.md)",
+            )
+        ]
+    if item.spec.tip.is_pad:
+        return _pad_geometry(item)
+    if described.shape is not Shape.CYLINDER:
+        return []
+    return [*_radius(item), *_coverage(item)]
+
+
+def _pad_geometry(item: ExaminedArray) -> list[FindingOut]:
+    assert item.description is not None
+    problem = pad_problem(item.spec, item.description)
+    if problem is None:
+        return []
+    return [
+        error_finding(
+            Cause.ARRAY_GEOMETRY,
+            item.name,
+            problem,
+            "another array is mounted, or the rig file is mistaken about the pad",
+            f"measure the pad of finger {item.spec.name} and its array, and correct what is wrong",
+        )
+    ]
+
+
+def _radius(item: ExaminedArray) -> list[FindingOut]:
+    described, tip = item.description, item.spec.tip
+    assert described is not None
+    if (
+        abs(described.tip_radius_mm - tip.radius_mm)
+        <= _MAX_RADIUS_ERROR_SHARE * tip.radius_mm + tip.radius_bound_mm
+    ):
+        return []
+    return [
+        error_finding(
+            Cause.ARRAY_GEOMETRY,
+            item.name,
+            f"it says its tip's radius is {described.tip_radius_mm:g} mm, the rig file {tip.radius_mm:g} mm",
+            "another array is mounted, or one of the two numbers is a diameter or a mistake",
+            f"measure the tip of finger {item.spec.name}, and correct the number that is wrong",
+        )
+    ]
+
+
+def _coverage(item: ExaminedArray) -> list[FindingOut]:
+    """An array that covers less than approaches are planned for."""
+    described, array = item.description, item.spec.array
+    assert described is not None
+    if described.cols < 2:
+        return []
+    pitch = (described.columns[-1] - described.columns[0]) / (described.cols - 1)
+    covered = math.degrees(pitch * described.cols)
+    if covered >= array.coverage_deg - 1.5 * math.degrees(pitch):
+        return []
+    return [
+        error_finding(
+            Cause.ARRAY_GEOMETRY,
+            item.name,
+            f"its {described.cols} columns cover {covered:.0f}°, the rig file says {array.coverage_deg:g}°",
+            "approaches would be planned whose contact no taxel sees",
+            f"write coverage_deg = {math.floor(covered)} for finger {item.spec.name}'s array in the rig file",
+        )
+    ]
+
+
+def _array(item: ExaminedArray) -> UntouchedArray:
+    assert item.description is not None
+    taxels = item.spec.array.taxels
+    known = frozenset() if taxels is None else frozenset(taxels.unusable)
+    shown = analyse_untouched(item.frames, item.description.max_count, item.spec.array.drift_counts_per_s)
+    return UntouchedArray(item, shown, known)
+
+
+def _frames(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
+    wanted = case.rig.closing.sample_rate_hz
+    findings = [found for array in arrays for found in _stream(array.seen, wanted)]
+    rates = [f"{frame_rate_hz(array.seen.frames):.0f}" for array in arrays]
+    lost = sum(array.seen.lost for array in arrays)
+    saw = f"{join_words(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged"
+    return finish_step(*_STEPS[2], saw, findings)
+
+
+def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
+    got, lost, rate = len(item.frames), item.lost, frame_rate_hz(item.frames)
+    if is_loss_too_high(lost, got):
+        return [
+            error_finding(
+                Cause.FRAMES_LOST,
+                item.name,
+                f"{lost} of {got + lost} frames were lost or damaged"
+                + (f"; {item.broken}" if item.broken else ""),
+                "its cable is bad, too long or beside motor cables, or a USB hub is overloaded",
+                "plug the array into the computer directly, with another cable",
+            )
+        ]
+    limit = 0.0 if item.description is None else item.description.max_rate_hz
+    if item.broken is not None and wanted > limit:
+        return [
+            error_finding(
+                Cause.FRAMES_SLOW,
+                item.name,
+                item.broken,
+                f"the rig file asks for more frames than it can send (at most {limit:g} a second)",
+                f"write sample_rate_hz = {limit:g} or less below [closing] in the rig file",
+            )
+        ]
+    if item.broken is not None or not got:
+        return [
+            error_finding(
+                Cause.NO_FRAMES,
+                item.name,
+                item.broken or "it answers, and sends no frames",
+                "something in it does not work, or it has restarted",
+                "power it off and on, then run this again",
+            )
+        ]
+    if not is_rate_too_low(rate, wanted):
+        return []
+    return [
+        warning_finding(
+            Cause.FRAMES_SLOW,
+            item.name,
+            f"{rate:.0f} frames a second arrive instead of {wanted:g}",
+            "array or wire cannot send more, and contacts are noticed later",
+            f"write sample_rate_hz = {math.floor(rate)} in the rig file, or raise the array's baud rate",
+        )
+    ]
+
+
+def _noise(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
+    heard = [(array, array.shown) for array in arrays if array.shown is not None]
+    if not heard:
+        return skip_step(*_STEPS[4], "no array sends enough frames")
+    findings = [found for array, shown in heard for found in _noise_and_drift(case, array, shown)]
+    noises = [shown.noise_counts for _, shown in heard]
+    drifts = [shown.drift_counts_per_s for _, shown in heard]
+    drift = f"drift up to {max(drifts):.2g} counts/s" if any(drifts) else "no drift beyond what is declared"
+    noise = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (min(noises), max(noises))))
+    return finish_step(*_STEPS[4], f"noise of {noise} counts, {drift}", findings)
+
+
+def _noise_and_drift(
+    case: DiagnosisCase, array: UntouchedArray, shown: UntouchedStatistics
+) -> list[FindingOut]:
+    spec, described = array.seen.spec, array.seen.description
+    assert described is not None
+    if shown.drifting:
+        allowed = spec.array.drift_counts_per_s
+        return [
+            error_finding(
+                Cause.DRIFT,
+                array.seen.name,
+                f"zeros of {quantity(shown.drifting, 'taxel', 'taxels')} move by up to "
+                f"{shown.drift_counts_per_s:.2g} counts/s; the rig file allows {allowed:g}",
+                "it is still warming up, something touches the tip, or it drifts more than is declared",
+                "leave it on for ten minutes with nothing near the tip, then run this again",
+            )
+        ]
+    extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
+    extractor.tare(array.seen.frames)
+    noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
+    if noisy is not None:
+        return [
+            error_finding(
+                Cause.NOISE,
+                array.seen.name,
+                noisy.partition("; ")[0],
+                "noise comes in by supply or cable, or contact_force_n is too small for this array",
+                "switch the servos' supply off: if noise goes, part the cables, join the grounds; if not, "
+                + noisy.partition("; ")[2],
+            )
+        ]
+    doubt = doubt_warning(case.rig, spec, extractor)
+    if doubt is None:
+        return []
+    means, _, do = doubt.partition("; ")[2].partition(": ")
+    return [warning_finding(Cause.HIDDEN_PUSH, array.seen.name, doubt.partition("; ")[0], means, do)]
+
+
+def _scale(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
+    del case
+    per_n = {array.seen: array.seen.description.counts_per_n for array in arrays if array.seen.description}
+    usual = float(np.median(list(per_n.values())))
+    findings = []
+    for item, found in per_n.items():
+        described = item.description
+        assert described is not None
+        full = found * described.full_scale_n
+        if not 1 / _MAX_SCALE_RATIO <= full / described.max_count <= _MAX_SCALE_RATIO:
+            saw = (
+                f"{found:g} counts per N up to {described.full_scale_n:.3g} N make {full:.0f} counts; "
+                f"{described.bit_depth} bits end at {described.max_count}"
+            )
+            off = max(full / described.max_count, described.max_count / full)
+            why = f"forces would be off by a factor of about {off:.2g}"
+            findings.append(error_finding(Cause.FORCE_SCALE, item.name, saw, why, _WHERE_SCALE))
+        elif len(per_n) > 2 and not 1 / _MAX_SCALE_RATIO <= found / usual <= _MAX_SCALE_RATIO:
+            saw = f"{found:g} counts per N; the rig's other arrays have {usual:g}"
+            why = "arrays of different sensitivity, or a number that is wrong"
+            findings.append(warning_finding(Cause.FORCE_SCALE, item.name, saw, why, _WHERE_SCALE))
+    low, high = min(per_n.values()), max(per_n.values())
+    saw = f"{low:g} counts per N" if low == high else f"{low:g} to {high:g} counts per N"
+    return finish_step(*_STEPS[5], saw, findings)
+
+
+_WHERE_SCALE = (
+    "correct counts_per_n, in the array's firmware or in the rig file, by pressing with a known weight"
+)

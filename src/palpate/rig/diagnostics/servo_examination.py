@@ -1,0 +1,282 @@
+"""Examination of servos without moving them: each by itself, and the read loop over all.
+
+Torque stays as it is found, and nothing is written to EEPROM.
+"""
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.base.errors import DeviceError, InputError
+from palpate.config.diagnosis_results import BusLoopOut, ServoCheckOut, SettingOut
+from palpate.drivers.dynamixel import (
+    RETURN_DELAY_UNIT_S,
+    Bus,
+    Health,
+    Model,
+    PortFailed,
+    Servo,
+    ServoState,
+    StateReader,
+    StatusError,
+    read_health,
+)
+from palpate.drivers.transport import Clock
+from palpate.rig.diagnostics.steps import DiagnosisCase
+from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problem
+
+LOOP_S = 1.0
+"""How long servos are read over and over."""
+
+_WARM_MARGIN_C = 10  # below the limit
+
+
+def check_servo(bus: Bus, wanted: ServoSettings) -> ServoCheckOut:
+    """Look at one servo; it counts as answering if it does, as the model that the rig file says.
+
+    Raises PortFailed if the port itself fails.
+    """
+    servo = wanted.servo
+    blank = ServoCheckOut(id=servo.dxl_id, owner=wanted.owner, model=servo.model.name, answers=False)
+    try:
+        reply = servo.check()
+        eeprom = wanted.eeprom()
+        health = read_health(bus, servo, eeprom)
+    except PortFailed:
+        raise
+    except (DeviceError, InputError) as error:
+        return blank.model_copy(update={"problems": (str(error),)})
+    settings = tuple(
+        SettingOut(item=name, found=health.settings[name], wanted=value)
+        for name, value in eeprom.items()
+        if health.settings[name] != value
+    )
+    return ServoCheckOut.of(
+        health,
+        id=servo.dxl_id,
+        owner=wanted.owner,
+        model=servo.model.name,
+        answers=True,
+        firmware=reply.firmware,
+        hardware_error=tuple(_words(str(flag.name)) for flag in health.hardware_error),
+        return_delay_us=round(health.settings["Return Delay Time"] * RETURN_DELAY_UNIT_S * 1e6),
+        settings=settings,
+        problems=tuple(_servo_problems(health)),
+        warnings=tuple(_servo_warnings(health, settings)),
+    )
+
+
+def check_loop(
+    bus: Bus, clock: Clock, servos: Sequence[Servo], baudrate: int, return_delays_s: Sequence[float]
+) -> tuple[BusLoopOut, dict[int, ServoState]]:
+    """Read the state of all servos for a second, as a run does; also the last state of each.
+
+    Raises what the bus raises, for instance of servos without enough indirect addresses.
+    """
+    reader = StateReader(bus, servos)
+    reader.arrange()
+    begin = before = clock.now()
+    times_s: list[float] = []
+    states: dict[int, ServoState] = {}
+    while before - begin < LOOP_S:
+        states.update(reader.read(servos).values)
+        now = clock.now()
+        times_s.append(now - before)
+        before = now
+    loop = BusLoopOut(
+        servos=len(servos),
+        cycles=len(times_s),
+        fast=reader.is_fast,
+        rate_hz=len(times_s) / (before - begin),
+        median_ms=float(np.median(times_s)) * 1e3,
+        p99_ms=float(np.quantile(times_s, 0.99)) * 1e3,
+        wire_ms=reader.wire_time_s(baudrate, return_delays_s) * 1e3,
+    )
+    return loop, states
+
+
+def rate_in_run_hz(loop: BusLoopOut, return_delays_s: Sequence[float]) -> float:
+    """How often a run can read all servos: it sets their Return Delay Times, which took part here, to 0."""
+    delay_s = max(return_delays_s, default=0.0) if loop.fast else sum(return_delays_s)
+    return 1 / max(1 / loop.rate_hz - delay_s, 1e-6)
+
+
+def _servo_problems(health: Health) -> list[str]:
+    problems = []
+    if health.hardware_error:
+        causes = " and ".join(_words(str(flag.name)) for flag in health.hardware_error)
+        problems.append(f"it reports a hardware error ({causes}); remove the cause, then reboot the servo")
+    low, high = health.voltage_limits_v
+    if not low <= health.voltage_v <= high:
+        problems.append(
+            f"its supply is {health.voltage_v:.1f} V, outside {low:.1f} … {high:.1f} V; check the supply"
+        )
+    if health.temperature_c >= health.temperature_limit_c:
+        problems.append(
+            f"it is at {health.temperature_c} °C, its limit {health.temperature_limit_c} °C; let it cool down"
+        )
+    if health.torque_on:
+        problems.append("its torque is on, and nothing should hold it now; `palpate stop` switches it off")
+    return problems
+
+
+def _servo_warnings(health: Health, settings: Sequence[SettingOut]) -> list[str]:
+    warnings = []
+    if settings:
+        differing = ", ".join(f"{item.item} {item.found} → {item.wanted}" for item in settings)
+        warnings.append(f"not set up yet: {differing}")
+    if health.temperature_limit_c - _WARM_MARGIN_C <= health.temperature_c < health.temperature_limit_c:
+        warnings.append(f"it is warm: {health.temperature_c} °C of {health.temperature_limit_c} °C")
+    return warnings
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").lower()
+
+
+EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
+"""Items that runs do not write, and that can spoil them."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExaminedServo:
+    """A servo: its health with its settings beside those that are wanted.
+
+    `health` is None if it could not be read, and `failure` says why: `old` firmware without some item, a
+    model `unable` to keep the rig file's limits, or lost answers.
+    """
+
+    owner: str
+    dxl_id: int
+    model: Model
+    wanted: Mapping[str, int]
+    firmware: int | None = None
+    health: Health | None = None
+    failure: str | None = None
+    old: bool = False
+    unable: bool = False
+
+    @property
+    def name(self) -> str:
+        """How findings call it."""
+        return f"servo {self.dxl_id} ({self.owner})"
+
+    @property
+    def differing(self) -> dict[str, tuple[int, int]]:
+        """Items that are not as they are wanted: found and wanted."""
+        if self.health is None:
+            return {}
+        found = self.health.settings
+        return {name: (found[name], value) for name, value in self.wanted.items() if found[name] != value}
+
+    def setting(self, item: str) -> int | None:
+        """An item's value, None if it was not read or the model has none."""
+        return None if self.health is None else self.health.settings.get(item)
+
+    @property
+    def return_delay_s(self) -> float:
+        """How long it waits before it answers."""
+        return (self.setting("Return Delay Time") or 0) * RETURN_DELAY_UNIT_S
+
+
+@dataclass(frozen=True, eq=False)
+class ExaminedServos:
+    """All servos that were looked at. `lost`: answers lost or damaged, of `asked` questions.
+    `starts`: for each finger whose servos could be read, why a run would not start from where it stands.
+    `failure` of the bus as a whole; then nothing else is known.
+    """
+
+    servos: tuple[ExaminedServo, ...]
+    states: Mapping[int, ServoState]
+    loop: BusLoopOut | None
+    asked: int
+    lost: int
+    stale: int
+    starts: Mapping[str, str | None]
+    failure: str | None = None
+
+
+def examine_servos(case: DiagnosisCase, sound: frozenset[int]) -> ExaminedServos:
+    """Read the servos whose ids are `sound`."""
+    rate = case.rig.bus.baudrate_bps
+    try:
+        port = case.place.open(rate)
+        with closing(Bus(port, case.place.clock, rate, latency_s=case.place.latency_s)) as bus:
+            return _read(case, bus, sound)
+    except DeviceError as error:
+        return ExaminedServos((), {}, None, 0, 0, 0, {}, str(error))
+
+
+def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServos:
+    items = [item for item in servo_settings(case.rig, bus) if item.servo.dxl_id in sound]
+    seen = []
+    for item in items:
+        case.tell(f"servo {item.servo.dxl_id} ({item.owner})")
+        seen.append(_examine_servo(bus, item))
+    case.tell("reading all servos")
+    able = [
+        (item.servo, servo)
+        for item, servo in zip(items, seen, strict=True)
+        if servo.health is not None and not servo.health.hardware_error
+    ]
+    loop: BusLoopOut | None = None
+    states: Mapping[int, ServoState] = {}
+    if able:
+        delays = [servo.return_delay_s for _, servo in able]
+        try:
+            loop, states = check_loop(
+                bus, case.place.clock, [servo for servo, _ in able], case.rig.bus.baudrate_bps, delays
+            )
+        except PortFailed:
+            raise
+        except (DeviceError, InputError):  # what was lost is counted
+            pass
+    counts = bus.counts
+    return ExaminedServos(
+        tuple(seen),
+        states,
+        loop,
+        counts.instructions,
+        counts.damaged + counts.silent,
+        counts.stale,
+        _starts(case, bus, states),
+    )
+
+
+def _starts(case: DiagnosisCase, bus: Bus, states: Mapping[int, ServoState]) -> dict[str, str | None]:
+    starts: dict[str, str | None] = {}
+    for finger in finger_settings(case.rig, bus):
+        near, far = (item.servo for item in finger.servos)
+        if near.dxl_id in states and far.dxl_id in states:
+            at = states[near.dxl_id].position_rad, states[far.dxl_id].position_rad
+            starts[finger.spec.name] = start_problem(finger.spec, case.rig, (near, far), at)
+    return starts
+
+
+def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:
+    servo = item.servo
+    seen = ExaminedServo(item.owner, servo.dxl_id, servo.model, {})
+    try:
+        seen = replace(seen, firmware=servo.check().firmware, model=servo.model)
+        wanted = item.eeprom()
+    except PortFailed:
+        raise
+    except InputError as error:
+        return replace(seen, failure=str(error), unable=True)
+    except DeviceError as error:
+        return replace(seen, failure=str(error))
+    try:
+        return replace(seen, wanted=wanted, health=_health(bus, servo, wanted))
+    except PortFailed:
+        raise
+    except (InputError, StatusError) as error:  # of an item that it does not have yet
+        return replace(seen, failure=str(error), old=True)
+    except DeviceError as error:
+        return replace(seen, failure=str(error))
+
+
+def _health(bus: Bus, servo: Servo, wanted: Mapping[str, int]) -> Health:
+    there = [name for name in EXTRA_ITEMS if name in servo.model.items]
+    return read_health(bus, servo, [*wanted, *there])

@@ -1,0 +1,163 @@
+"""Ground truth on an emulated table: in the frame of the answers, and how far off an answer is.
+
+A calibration cannot measure where the rig stands on its table. Its answers are in the hand frame, in which
+the fingers are nearest to where the rig file has them; the emulators' truth is in the table's frame. Scenes
+that fingers cannot touch, as the part lies outside of the workspace or lower than the fingers, are allowed,
+to try what happens on a table that seems empty.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import shapely
+from shapely import affinity
+
+from palpate.calibration.frame_alignment import BasePose, align_to_nominal
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile
+from palpate.drivers.emulators import ArmTruth, FingerTruth
+from palpate.recognizer import CatalogueState, Configuration, Hypothesis
+from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
+from palpate.rig.catalogue.reachability import workspace_words
+from palpate.rig.catalogue.section_stack import region_within
+from palpate.rig.emulated.devices import EmulatedRig, emulate
+from palpate.rig.emulated.scene import Placement, displace
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The truth as the configuration equal to it, by the state's symmetry, that is nearest to the answer.
+
+    `hypothesis` is the answer's hypothesis with the right object and state, None if there is none; then the
+    errors are None too.
+    """
+
+    hypothesis: Hypothesis | None
+    configuration: Configuration
+    inside_bounds: bool
+    position_error_mm: float | None
+    orientation_error_rad: float | None
+
+
+def compare_answer(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Comparison:
+    """Compare the truth with the best of the hypotheses that name its object and state."""
+    truth = Configuration(placement.x_mm, placement.y_mm, placement.theta_rad)
+    found = [
+        _compare_hypothesis(placement, item)
+        for item in hypotheses
+        if item.state.object_name == placement.model.name and item.state.state.name == placement.state.name
+    ]
+    if not found:
+        return Comparison(None, truth, False, None, None)
+    return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
+
+
+def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis) -> Comparison:
+    answer, bounds = hypothesis.configuration, hypothesis.search_bounds
+    theta = _equal_turn(hypothesis.state, placement.theta_rad, answer.theta_rad)
+    # A symmetry turns the object about its centroid, which stays where it is.
+    cx, cy = hypothesis.state.origin_mm
+    x, y = placement.x_mm, placement.y_mm
+    x += _rotated_x(cx, cy, placement.theta_rad) - _rotated_x(cx, cy, theta)
+    y += _rotated_x(cy, -cx, placement.theta_rad) - _rotated_x(cy, -cx, theta)
+    inside = all(
+        lo <= value <= hi
+        for value, (lo, hi) in ((x, bounds.x_mm), (y, bounds.y_mm), (theta, bounds.theta_rad))
+    )
+    return Comparison(
+        hypothesis,
+        Configuration(float(x), float(y), float(theta)),
+        inside,
+        math.hypot(answer.x_mm - x, answer.y_mm - y),
+        abs(answer.theta_rad - theta),
+    )
+
+
+def _equal_turn(state: CatalogueState, theta_rad: float, near_rad: float) -> float:
+    """The orientation next to `near_rad` at which the state looks as it does at `theta_rad`."""
+    if state.symmetry_order == 0:
+        return near_rad
+    turn = 2 * math.pi / state.symmetry_order
+    return theta_rad + turn * round((near_rad - theta_rad) / turn)
+
+
+def _rotated_x(x: float, y: float, angle: float) -> float:
+    """First coordinate of (x, y) turned by `angle`; the second is that of (y, −x)."""
+    return math.cos(angle) * x - math.sin(angle) * y
+
+
+def placement_in_hand_frame(
+    on_bench: RigOnBench, placement: Placement | None, seed: int, emulated: EmulatedRig | None = None
+) -> Placement | None:
+    """The placement in the frame that the rig's answers are in: the hand frame once fingers' places were
+    calibrated, else that of the rig file.
+
+    `emulated`: the rig as described, as it was made for this seed; made anew without it.
+    With it, the part is where fingers have pushed it by now.
+    """
+    if placement is not None and emulated is not None:
+        placement = displace(placement, emulated.bench.part.displacement)
+    file = on_bench.calibration
+    if placement is None or file is None or all(finger.place is None for finger in file.fingers):
+        return placement
+    devices = emulated or emulate(on_bench.described, None, seed)
+    return in_hand_frame(placement, on_bench.described, [item.truth for item in devices.bench.fingers])
+
+
+def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
+    """The placement as a calibrated rig speaks of it: fingers stand nearest to the drawing there.
+
+    `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
+    """
+    drawn = [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
+    built = [built_pose(spec, truth) for spec, truth in zip(rig.fingers, truths, strict=True)]
+    moved = align_to_nominal(drawn, built)
+    x, y = moved.point_mm((placement.x_mm, placement.y_mm))
+    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
+
+
+def built_pose(spec: FingerConfig, truth: FingerTruth | ArmTruth) -> BasePose:
+    """Where a finger really stands; an arm's heading as a calibration has it, with the shoulder's zero."""
+    heading = truth.heading_rad
+    if isinstance(spec, ArmFingerConfig) and isinstance(truth, ArmTruth):
+        described_rad = math.radians(spec.shoulder.zero_deg) - math.pi
+        heading += (described_rad - truth.shoulder.zero_rad) / spec.shoulder.gear_ratio
+    return BasePose(truth.base_mm, heading)
+
+
+_ORIGIN = shapely.Point(0, 0)
+_TOLERANCE_MM = 0.01
+_EMPTY = "the table will seem empty"
+
+
+def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
+    """A line if the part that a scene puts on an emulated table cannot be touched as it should; else none."""
+    name = f"scene: {placement.model.name}, {placement.state.name}"
+    heights = at_heights(rig)
+    met = shapely.union_all([_region(placement, at.span_mm) for at in heights])
+    if met.is_empty:
+        high = f"{placement.state.top_mm:.3g} mm high"
+        fingers = finger_heights_text(heights)
+        return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {_EMPTY}"]
+    if shapely.distance(met, _ORIGIN) >= rig.workspace.radius_mm:
+        return [f"{name}: lies outside of {workspace_words(rig)}; {_EMPTY}"]
+    beyond = sticks_out_mm(rig, placement)
+    if beyond > 0:
+        return [f"{name}: sticks out of {workspace_words(rig)}, by {beyond:.3g} mm; fingers may start on it"]
+    return []
+
+
+def sticks_out_mm(rig: RigFile, placement: Placement) -> float:
+    """How far the part sticks out of the workspace at the heights of fingers; 0 if it does not."""
+    met = shapely.union_all([_region(placement, at.span_mm) for at in at_heights(rig)])
+    if met.is_empty:
+        return 0.0
+    beyond = float(shapely.hausdorff_distance(met, _ORIGIN)) - rig.workspace.radius_mm
+    return beyond if beyond > _TOLERANCE_MM else 0.0
+
+
+def _region(placement: Placement, span_mm: tuple[float, float]) -> shapely.Geometry:
+    region = region_within(placement.state, span_mm)
+    turned = affinity.rotate(region, placement.theta_rad, (0, 0), use_radians=True)
+    return affinity.translate(turned, placement.x_mm, placement.y_mm)

@@ -1,1 +1,0 @@
-"""Monitoring of tactile arrays, live or from a recorded session, without moving anything."""

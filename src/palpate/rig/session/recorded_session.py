@@ -1,0 +1,360 @@
+"""A recorded session: the inputs it was started from, samples of its bytes, and its grips.
+
+Inputs are kept in its folder, so that the folder is enough to run it again. The copies of rig file and
+calibration lie beside each other as the originals do, so that the folder's rig file can be given to any
+command. Samples are what its bytes say of servos and taxels, beside its events, on one clock.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from datetime import datetime
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from palpate.base.errors import DeviceError, InputError
+from palpate.base.file_io import write_text
+from palpate.base.geometry import ObjectModel
+from palpate.config import (
+    FingerConfig,
+    ObjectsFile,
+    RigFile,
+    Scene,
+    calibration_path,
+    load_objects,
+    load_scene,
+)
+from palpate.config.writers import file_text
+from palpate.drivers.dynamixel import Model, StateTraffic, model_by_name
+from palpate.drivers.kinematics import FingerKinematics, Turn
+from palpate.drivers.tactile import ArrayDriver, TactileFrame
+from palpate.drivers.transport import (
+    Direction,
+    PlaybackPort,
+    PortBytes,
+    RecordedBytes,
+    RecordEntry,
+    SessionEvent,
+    VirtualClock,
+)
+from palpate.recognizer import Contact, Finger, NormalRange
+from palpate.rig.arrays import array_of
+from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.conversion import kinematics_of
+from palpate.rig.session.log_reader import SessionFile
+
+_RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects.json"
+
+
+def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene: Scene | None) -> None:
+    """Keep the inputs of a run in its session's folder; InputError if one cannot be written.
+
+    A scene whose object comes from a file of its own gets that file's copy instead.
+    """
+    keep_rig(folder, on_bench)
+    write_text(folder / _OBJECTS, file_text(objects))
+    if scene is not None and scene.objects is not None:
+        write_text(folder / _SCENE_OBJECTS, file_text(load_objects(scene.objects)))
+        scene = replace(scene, objects=Path(_SCENE_OBJECTS))
+    if scene is not None:
+        write_text(folder / _SCENE, file_text(scene))
+
+
+def keep_rig(folder: Path, on_bench: RigOnBench) -> None:
+    """Keep a rig file and the calibration that is in use; InputError if one cannot be written."""
+    write_text(folder / _RIG, _text(on_bench.path))
+    if on_bench.calibration_path is not None:
+        write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
+
+
+def load_kept_inputs(
+    folder: Path, *, scene: bool, calibration: bool
+) -> tuple[RigOnBench, ObjectsFile, Scene | None]:
+    """The inputs that a session's folder keeps; InputError if one is missing or cannot be read.
+
+    `scene`, `calibration`: whether the session had one.
+    """
+    if not (folder / _RIG).is_file():
+        raise InputError(
+            f"{folder} cannot be replayed: it keeps no {_RIG}; "
+            "sessions do so since palpate records them for replay"
+        )
+    on_bench = load_calibrated(folder / _RIG, calibration=calibration)
+    if calibration and on_bench.calibration is None:
+        missing = calibration_path(folder / _RIG).name
+        raise InputError(f"{folder} cannot be replayed: its run used a calibration, but {missing} is missing")
+    return (
+        on_bench,
+        load_objects(folder / _OBJECTS),
+        load_scene(folder / _SCENE) if scene else None,
+    )
+
+
+def used_calibration(file: SessionFile) -> bool:
+    """Whether the run of a session used a calibration; InputError if its first line says neither."""
+    value = file.header.get("calibration", False)
+    if not isinstance(value, bool):
+        raise InputError(f'{file.path}: line 1: "calibration" must be true or false')
+    return value
+
+
+def _text(source: Path | Traversable) -> str:
+    try:
+        return source.read_bytes().decode("utf-8-sig")
+    except (OSError, ValueError) as error:  # it was read a moment ago
+        raise InputError(f"{source} cannot be read any more: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSample:
+    """One servo's state; `joint` is its name in the rig file, with its finger's before it."""
+
+    t_s: float
+    joint: str
+    dxl_id: int
+    position_rad: float
+    velocity_rad_s: float
+    current_a: float
+    torque_on: bool
+    hardware_error: int
+
+
+@dataclass(frozen=True, slots=True)
+class TipSample:
+    """Centre of a finger's tip in W, computed from both of its servos."""
+
+    t_s: float
+    finger: str
+    x_mm: float
+    y_mm: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameSample:
+    """One frame of a finger's array."""
+
+    t_s: float
+    finger: str
+    frame: TactileFrame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EventSample:
+    """One event of the log but its bytes, as it stands there (docs/session-log.md)."""
+
+    t_s: float
+    kind: str
+    values: Mapping[str, Any]
+
+
+Sample = ServoSample | TipSample | FrameSample | EventSample
+
+
+@dataclass(frozen=True, eq=False)
+class SessionSamples:
+    """A session with what is needed to read its samples, which are iterated over in order of time."""
+
+    file: SessionFile
+    rig: RigFile
+    objects: tuple[ObjectModel, ...]
+
+    @property
+    def started(self) -> datetime | None:
+        """When the run began, UTC; None if the log does not say."""
+        try:
+            return datetime.fromisoformat(str(self.file.header.get("started")))
+        except ValueError:
+            return None
+
+    def __iter__(self) -> Iterator[Sample]:
+        yield EventSample(0.0, "session", self.file.header)
+        decoder = SampleDecoder(self.rig)
+        for entry in self.file.entries:
+            yield from decoder.feed(entry)
+
+
+class SampleDecoder:
+    """Makes samples of a log's entries, one after the other, while it is being written or later."""
+
+    def __init__(self, rig: RigFile) -> None:
+        self._joints = _joints(rig)
+        self._bus_port = rig.bus.port
+        self._traffic = StateTraffic({dxl_id: model for dxl_id, (_, model) in self._joints.items()})
+        self._tips = _Tips(rig)
+        self._arrays = {finger.array.port: _Array(finger) for finger in rig.fingers}
+
+    def feed(self, entry: RecordEntry) -> Iterator[Sample]:
+        """The samples that an entry completes."""
+        what = entry.what
+        if isinstance(what, SessionEvent):
+            yield EventSample(entry.t_s, what.kind, what.values)
+        elif isinstance(what, PortBytes) and what.port == self._bus_port:
+            yield from self._servos(entry.t_s, what)
+        elif isinstance(what, PortBytes) and what.port in self._arrays:
+            yield from self._arrays[what.port].feed(RecordedBytes(entry.t_s, what.direction, what.data))
+
+    def _servos(self, t_s: float, what: PortBytes) -> Iterator[ServoSample | TipSample]:
+        if what.direction is Direction.SENT:
+            self._traffic.sent(what.data)
+            return
+        for dxl_id, state in self._traffic.received(what.data):
+            yield ServoSample(
+                t_s,
+                self._joints[dxl_id][0],
+                dxl_id,
+                state.position_rad,
+                state.velocity_rad_s,
+                state.current_a,
+                state.torque_on,
+                int(state.hardware_error),
+            )
+            yield from self._tips.after(t_s, dxl_id, state.position_rad)
+
+
+class _Array:
+    """An array's own driver, which reads what was recorded; silent until the recording says what it is."""
+
+    def __init__(self, finger: FingerConfig) -> None:
+        self._finger = finger
+        self._clock = VirtualClock()
+        self._before: list[RecordedBytes] = []
+        self._driver: tuple[PlaybackPort, ArrayDriver] | None = None
+
+    def feed(self, piece: RecordedBytes) -> Iterator[FrameSample]:
+        if self._driver is None:
+            if piece.direction is Direction.SENT and self._before:
+                self._driver = self._connected()
+            self._before.append(piece)
+            if self._driver is None:
+                return
+            self._before.clear()
+        port, array = self._driver
+        port.extend([piece])
+        self._clock.advance_to(piece.t_s)
+        try:
+            for frame in array.frames():
+                yield FrameSample(frame.host_time_s, self._finger.name, frame)
+        except DeviceError:  # as the run's own driver may have raised
+            self._driver, self._before = None, [piece]
+
+    def _connected(self) -> tuple[PlaybackPort, ArrayDriver] | None:
+        """A driver that has met what was said so far; None if the array has not described itself yet."""
+        port = PlaybackPort(self._finger.array.port, self._before, self._clock)
+        array = array_of(self._finger, port, self._clock)
+        try:
+            array.connect()
+        except DeviceError:
+            return None
+        port.play()
+        return port, array
+
+
+def open_samples(file: SessionFile, folder: Path) -> SessionSamples:
+    """Samples of a session in its folder; InputError if the folder lacks its rig or objects file."""
+    on_bench, objects, _ = load_kept_inputs(folder, scene=False, calibration=used_calibration(file))
+    return SessionSamples(file, on_bench.rig, tuple(objects.objects))
+
+
+def _joints(rig: RigFile) -> dict[int, tuple[str, Model]]:
+    """Name and model of each servo, by ID."""
+    found = {}
+    for finger in rig.fingers:
+        for joint, servo in finger.servos.items():
+            found[servo.dxl_id] = f"{finger.name}_{joint}", model_by_name(servo.model)
+    if rig.stage is not None:
+        found[rig.stage.dxl_id] = "stage", model_by_name(rig.stage.model)
+    return found
+
+
+class _Tips:
+    """Where tips are, from the last known angles of their servos and of the stage."""
+
+    def __init__(self, rig: RigFile) -> None:
+        self._stage = rig.stage
+        self._turn = Turn()
+        self._angles: dict[int, float] = {}
+        self._fingers: dict[int, tuple[str, FingerKinematics, tuple[int, ...]]] = {}
+        for finger in rig.fingers:
+            ids = tuple(servo.dxl_id for servo in finger.servos.values())
+            for dxl_id in ids:
+                self._fingers[dxl_id] = finger.name, kinematics_of(finger), ids
+
+    def after(self, t_s: float, dxl_id: int, position_rad: float) -> Iterator[TipSample]:
+        """The tip that a servo's new angle places; none while the other angle is not known."""
+        self._angles[dxl_id] = position_rad
+        stage = self._stage
+        if stage is not None and dxl_id == stage.dxl_id:
+            zero = math.radians(stage.zero_deg) - math.pi
+            self._turn = Turn(stage.centre_mm, (position_rad - zero) / stage.gear_ratio)
+        if dxl_id not in self._fingers:
+            return
+        name, kinematics, (near, far) = self._fingers[dxl_id]
+        if dxl_id == far and near in self._angles:
+            x, y = self._turn.point_mm(kinematics.centre_mm((self._angles[near], self._angles[far])))
+            yield TipSample(t_s, name, x, y)
+
+
+@dataclass(eq=False)
+class GripRecord:
+    """One grip: values of its events, in the log's words; `stages`: when each began (s).
+
+    `planned` is what was planned before it; None for one that explores.
+    """
+
+    number: int
+    stages: list[tuple[str, float]] = field(default_factory=list)
+    touches: Sequence[Mapping[str, Any]] = ()
+    hypotheses: Sequence[Mapping[str, Any]] = ()
+    verdict: str | None = None
+    planned: Mapping[str, Any] | None = None
+    is_moved: bool = False
+    end_s: float = 0.0
+
+
+def grip_records(file: SessionFile) -> list[GripRecord]:
+    """Grips of a session in order, the last one as far as it went."""
+    found: dict[int, GripRecord] = {}
+    for t_s, kind, values in file.events():
+        number = values.get("grip")
+        if not isinstance(number, int):
+            continue
+        grip = found.setdefault(number, GripRecord(number))
+        grip.end_s = t_s
+        if kind == "stage":
+            grip.stages.append((str(values.get("stage")), t_s))
+        elif kind == "touches":
+            grip.touches = values["touches"]
+        elif kind == "recognised":
+            grip.hypotheses, grip.verdict = values["hypotheses"], values["verdict"]
+        elif kind == "planned":
+            grip.planned = values
+        elif kind == "moved":
+            grip.is_moved = True
+    return [found[number] for number in sorted(found) if found[number].stages or found[number].touches]
+
+
+def contacts_in(touch: Mapping[str, Any]) -> list[Contact]:
+    """What the recogniser was given of a touch in the log: its contact, or those of a pad's points."""
+    return [_contact(item) for item in touch.get("points") or [touch["contact"]]]
+
+
+def places_touched(touch: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+    """Contacts by which a touch in the log is shown, each a place with its own bound.
+
+    Those of the touched points of a pad, without normals: it measures none. Else its contact or miss.
+    """
+    points = [{**item, "normal": None} for item in touch.get("points") or () if item["touched"]]
+    return points or [touch["contact"]]
+
+
+def _contact(item: Mapping[str, Any]) -> Contact:
+    values: dict[str, Any] = dict(item)
+    normal, finger = values.pop("normal"), Finger(**values.pop("finger"))
+    known = {item.name for item in fields(Contact)}
+    rest: dict[str, Any] = {name: _plain(value) for name, value in values.items() if name in known}
+    return Contact(finger=finger, normal=None if normal is None else NormalRange(**normal), **rest)
+
+
+def _plain(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,1 +1,0 @@
-"""Tactile arrays on a terminal: taxel maps, lines and the screen of `palpate watch`."""
