@@ -80,8 +80,8 @@ class Servo:
                 [self.dxl_id],
                 self._bus.port_name,
                 f"servo {self.dxl_id} on {self._bus.port_name} answers as "
-                f"{_model_label(answer.model_number)} (model number {answer.model_number}), not {self.model.name}; "
-                "check ids and `model` in the rig file",
+                f"{_model_label(answer.model_number)} (model number {answer.model_number}), "
+                f"not {self.model.name}; check ids and `model` in the rig file",
             )
         self.model = model_by_name(self.model.name, answer.firmware)
         level = self.item("Status Return Level")

@@ -5,8 +5,7 @@ tip. Each has an error made of the gain spread (shared out over the rows that ca
 drift, the crosstalk's spread and what the templates cannot resolve. `extract`, for a contact that is to be
 measured: the normal range is the hull of all directions from which some contact of `templates` (flat edge,
 vertex, edge that ends, notch of two edges) gives these columns with a misfit at most `MISFIT_SLACK` above the
-best one's: four standard deviations. `process`, for whole recordings, does the same for many frames at once
-(`template_search`), except where columns are missing: there the range is the patch and what may lie beyond.
+best one's: four standard deviations. `process` does the same for every frame of a recording.
 Taxels that cannot be trusted (dead, hot or saturated) are not looked at, and columns beyond the array's edge
 are unknown: both widen the range by themselves. If no single edge fits, the contact is probably in a notch:
 the range is the extent of the patch, which holds the normals of both edges, and the flag `WIDE` says so. Flat
@@ -269,15 +268,13 @@ class ContactExtractor:
             raw.mean(axis=0)[None] - self.baseline.mean,
             None if tracker is None else tracker.bound_at(now)[None],
             (raw.max(axis=0) >= self._description.max_count)[None],
-            exact=True,
         )
         return patches.patch(0)
 
     def process(self, counts: Counts, time_s: Floats) -> Patches:
         """Every frame of a recording: `counts` (n, rows, cols), sampled at `time_s` (n,), the array's time.
 
-        The baseline follows its drift on the way, as `follow` lets it. Normal ranges are a little wider than
-        `extract`'s, and much wider where the array's edge cuts the patch. Raises InputError if the frames are
+        The baseline follows its drift on the way, as `follow` lets it. Raises InputError if the frames are
         not this array's.
         """
         d = self._description
@@ -290,7 +287,7 @@ class ContactExtractor:
         for begin in range(0, len(counts), _FRAMES_AT_ONCE):
             piece = counts[begin : begin + _FRAMES_AT_ONCE]
             zeros, doubt = self._zeros(piece, time_s[begin : begin + _FRAMES_AT_ONCE])
-            pieces.append(self._patches(piece - zeros, doubt, piece >= d.max_count, exact=False))
+            pieces.append(self._patches(piece - zeros, doubt, piece >= d.max_count))
         if not pieces:
             pieces = [self._patches(np.zeros((0, d.rows, d.cols)), None, np.zeros((0, d.rows, d.cols), bool))]
         return concatenate_patches(pieces)
@@ -302,16 +299,12 @@ class ContactExtractor:
         self._set_guard(float(time_s[-1]))
         return zeros.mean[zeros.block_of], zeros.bound[zeros.block_of]
 
-    def _patches(
-        self, counts: Floats, doubt_counts: Floats | None, full: Bools, *, exact: bool = False
-    ) -> Patches:
+    def _patches(self, counts: Floats, doubt_counts: Floats | None, full: Bools) -> Patches:
         """Patches from counts above zero (n, r, c), within `doubt_counts`; `full`: at the largest count."""
         full &= self._baseline.usable
         usable = self._baseline.usable & ~full
         if self._cylinder is not None:
-            return self._cylinder.patches(
-                counts, doubt_counts, usable, full, self._baseline.noise_counts, exact=exact
-            )
+            return self._cylinder.patches(counts, doubt_counts, usable, full, self._baseline.noise_counts)
         drift = np.zeros_like(counts) if doubt_counts is None else doubt_counts * self._n_per_count
         noise = np.broadcast_to(self._n_per_count * self._baseline.noise_counts, counts.shape)
         force = np.where(usable, counts * self._n_per_count, 0.0)

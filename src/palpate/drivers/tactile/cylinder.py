@@ -1,6 +1,6 @@
 """Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
 
-Puts the steps together: `columns`, then `template_search` or `templates`, then `load_bounds`.
+Puts the steps together: `columns`, then `templates`, then `load_bounds`.
 """
 
 import math
@@ -21,7 +21,6 @@ from palpate.drivers.tactile.load_bounds import (
     log_concave_limit_n,
 )
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, mask_untouched
-from palpate.drivers.tactile.template_search import WINDOW_SIGMAS, ProfileBatch, TemplateSlabs
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 
 MISFIT_SLACK = 16.0
@@ -90,10 +89,6 @@ class CylinderTip:
         """Make the templates, if they are not made yet."""
         _ = self._templates
 
-    @cached_property
-    def _slabs(self) -> TemplateSlabs:
-        return TemplateSlabs(self._templates)
-
     def patches(
         self,
         counts: Floats,
@@ -101,13 +96,8 @@ class CylinderTip:
         usable: Bools,
         full: Bools,
         noise_counts: float,
-        *,
-        exact: bool,
     ) -> Patches:
-        """Patches from counts above zero (n, r, c), zeros being off by at most `doubt_counts`.
-
-        `exact`: normal ranges from all templates, one frame after the other, rather than from `slabs`.
-        """
+        """Patches from counts above zero (n, r, c), zeros being off by at most `doubt_counts`."""
         cols = counts.shape[2]
         columns = columns_of(
             counts, usable, self._n_per_count, noise_counts, doubt_counts, self._calibration, self._pitch
@@ -120,7 +110,7 @@ class CylinderTip:
         force = np.where(beside, columns.force_n, 0.0).sum(axis=1)
         touched = runs.found & (force >= self._calibration.contact_force_n)
         flags = self._flags(columns, runs, span, usable, full)
-        angle, half, wide = self._normals(columns, runs, span, beside, flags, touched, exact=exact)
+        angle, half, wide = self._normals(columns, runs, span, flags, touched)
         flags |= np.where(wide, PatchFlag.WIDE.bit, 0)
         centroid, centroid_bound = self._centroid(columns, span, beside, flags)
         height, height_bound = self._height(columns, span)
@@ -176,42 +166,22 @@ class CylinderTip:
         return result
 
     def _normals(
-        self,
-        columns: Columns,
-        runs: Runs,
-        span: Bools,
-        beside: Bools,
-        flags: Ints,
-        touched: Bools,
-        *,
-        exact: bool,
+        self, columns: Columns, runs: Runs, span: Bools, flags: Ints, touched: Bools
     ) -> tuple[Floats, Floats, Bools]:
-        """Middle and half of the range of normals (n,), and where it is the patch's extent."""
-        cut = (flags & PatchFlag.TRUNCATED.bit) > 0
-        past = np.where(cut, 2.0, 0.5)
+        """Middle and half of the range of normals (n,), and True where it is the patch's extent."""
+        past = np.where((flags & PatchFlag.TRUNCATED.bit) > 0, 2.0, 0.5)
         low, high = runs.first - past, runs.last + past
         narrow = np.zeros(len(touched), dtype=bool)
         whole = ((flags & PatchFlag.SATURATED.bit) == 0) & (columns.seen | ~span).all(axis=1)
         missing = np.where(whole, self._missing(columns, runs), np.inf)
         variance = self._variance(columns, runs, span)
-        if exact:
-            for i in np.flatnonzero(touched):
-                first, last = int(runs.first[i]), int(runs.last[i])
-                profile = ColumnProfile(columns.force_n[i], variance[i], first, last, float(missing[i]))
-                match = self._templates.match(profile, MISFIT_SLACK)
-                if match is not None and match.misfit <= MISFIT_LIMIT and match.one_edge:
-                    low[i], high[i] = match.low_rad / self._pitch, match.high_rad / self._pitch
-                    narrow[i] = True
-        else:
-            at = np.flatnonzero(touched & np.isfinite(missing))
-            found = self._slabs.match(_profiles(columns, span, beside, variance, missing, at), MISFIT_SLACK)
-            good = (found.misfit <= MISFIT_LIMIT) & found.one_edge
-            low[at[good]], high[at[good]] = found.low[good], found.high[good]
-            narrow[at[good]] = True
-            # Cut by the array's edge and not matched: anywhere that a patch can reach.
-            lost, far = cut & ~narrow, _MAX_BEYOND_EDGE_RAD / self._pitch
-            low = np.where(lost & (runs.first == 0), runs.first - far, low)
-            high = np.where(lost & (runs.last == span.shape[1] - 1), runs.last + far, high)
+        for i in np.flatnonzero(touched):
+            first, last = int(runs.first[i]), int(runs.last[i])
+            profile = ColumnProfile(columns.force_n[i], variance[i], first, last, float(missing[i]))
+            match = self._templates.match(profile, MISFIT_SLACK)
+            if match is not None and match.misfit <= MISFIT_LIMIT and match.one_edge:
+                low[i], high[i] = match.low_rad / self._pitch, match.high_rad / self._pitch
+                narrow[i] = True
         return (
             self._columns[0] + (low + high) / 2 * self._pitch,
             (high - low) / 2 * self._pitch,
@@ -312,32 +282,6 @@ class CylinderTip:
         if doubt_counts is not None:
             bound += (doubt_counts * self._n_per_count * beside[:, None, :]).sum(axis=(1, 2))
         return bound
-
-
-def _profiles(
-    columns: Columns, span: Bools, beside: Bools, variance: Floats, missing: Floats, at: Ints
-) -> ProfileBatch:
-    """What the slabs are asked about frames `at`."""
-    force = np.where(beside, columns.force_n, 0.0)[at]
-    whole = np.maximum(force.sum(axis=1), 1e-12)
-    place = np.arange(force.shape[1])
-    centroid = force @ place / whole
-    away = np.where(beside[at], place - centroid[:, None], 0.0)
-    error = np.where(columns.seen, columns.variance, 0.0)[at]
-    window = WINDOW_SIGMAS * np.sqrt((error * away**2).sum(axis=1)) / whole
-    # Beyond an edge the rest is centred at most two columns out: it can only pull the centroid there.
-    ends = 2 * np.maximum(force[:, [0, -1]] * span[at][:, [0, -1]], 0.0)
-    pull = ends / (ends + whole[:, None]) * (np.stack([centroid, place[-1] - centroid], axis=1) + 2)
-    centroid = centroid + (pull[:, 1] - pull[:, 0]) / 2
-    window += pull.sum(axis=1) / 2
-    return ProfileBatch(
-        force_n=columns.force_n[at],
-        variance=variance[at],
-        total_n=np.where(span, columns.force_n, 0.0).sum(axis=1)[at],
-        missing_n=missing[at],
-        centroid=centroid,
-        window=window,
-    )
 
 
 def _past_edge(

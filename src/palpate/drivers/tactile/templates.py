@@ -24,7 +24,7 @@ from palpate.base.geometry import Bools, Floats, Singles
 _REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
 _MIN_REACH_COLUMNS, _MAX_REACH_COLUMNS = 3, 20  # columns
 _STEPS_PER_COLUMN = 11
-MARGIN_COLUMNS = 0.75 / _STEPS_PER_COLUMN
+_MARGIN_COLUMNS = 0.75 / _STEPS_PER_COLUMN
 """What lies between one template and the next: to be added to a range on either side."""
 _GRID_STEP_RAD = math.radians(0.2)
 _TEMPLATES_AT_ONCE = 768
@@ -145,7 +145,7 @@ class TemplateSet:
         best = float(misfits.min())
         where, which = np.nonzero(misfits <= best + slack)
         angles = centres[where] * self._pitch + self._angles[keep[which]]
-        margin = MARGIN_COLUMNS * self._pitch  # half a step, and what lies between the shapes
+        margin = _MARGIN_COLUMNS * self._pitch  # half a step, and what lies between the shapes
         return TemplateMatch(
             low_rad=float(angles.min()) - margin,
             high_rad=float(angles.max()) + margin,
