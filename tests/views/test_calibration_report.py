@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
+from palpate.views.numerals import at_most
 from palpate.views.report.calibration import report_html, write_report
 from palpate.views.report.calibration_numbers import (
-    at_most,
     finger_tables,
     never_pressed,
     plus_minus,

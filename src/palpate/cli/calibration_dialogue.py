@@ -16,7 +16,7 @@ from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibr
 from palpate.config.commissioning_results import CalibratedFingerOut, CalibratedStageOut, CalibrateOut
 from palpate.jobs.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.rig.commissioning.calibration_run import STEPS, build_references
-from palpate.views.report.calibration_numbers import at_most
+from palpate.views.numerals import at_most
 from palpate.views.tables import table
 
 _COLUMN_TITLES = (

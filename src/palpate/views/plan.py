@@ -17,6 +17,7 @@ from palpate.config.recognition_results import (
 from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.grip_choice import GripPlan
 from palpate.rig.identification.result import state_names
+from palpate.views.numerals import at_least, at_most, decimal, floor_to, minus_signs
 from palpate.views.recognition import rings_at, touch_mark
 from palpate.views.recognition_text import ContactRecord
 from palpate.views.table_picture import picture, values
@@ -86,15 +87,14 @@ def letter(index: int) -> str:
 def direction_text(angle_rad: float) -> str:
     """A direction in degrees from −180 to 180."""
     degrees = math.degrees(math.remainder(angle_rad, 2 * math.pi))
-    return f"{round(degrees, 1) + 0.0:.1f}°".replace("-", "−")
+    return f"{decimal(degrees, 1)}°"
 
 
 def stop_words(item: Prediction) -> str | None:
     """Where a finger is stopped, in mm, rounded outward; None if nothing stops it."""
     if not math.isfinite(item.earliest_mm):
         return None
-    lo, hi = math.floor(10 * item.earliest_mm) / 10, math.ceil(10 * item.furthest_mm) / 10
-    return f"{lo:.1f} … {hi:.1f}".replace("-", "−")
+    return f"{at_least(item.earliest_mm, 1)} … {at_most(item.furthest_mm, 1)}"
 
 
 def normal_words(item: Prediction) -> str | None:
@@ -103,7 +103,7 @@ def normal_words(item: Prediction) -> str | None:
     if interval is None or not math.isfinite(item.earliest_mm):
         return None
     lo, hi = math.floor(math.degrees(interval[0])), math.ceil(math.degrees(interval[1]))
-    return "any" if hi - lo >= 360 else f"{lo} … {hi}°".replace("-", "−")
+    return "any" if hi - lo >= 360 else minus_signs(f"{lo} … {hi}°")
 
 
 def may_miss(item: Prediction) -> bool:
@@ -115,8 +115,8 @@ def certificate_bounds(planned: GripPlan, grip: Grip) -> str:
     """The bounds on contacts for which the grip is decisive."""
     ordered = [grip.approaches[row] for row in planned.rows]
     names = [planned.rig.fingers[item.finger_index].name for item in ordered]
-    bounds = [f"{math.floor(100 * item.position_bound_mm) / 100:.2f}" for item in ordered]
-    normal = f"{math.floor(10 * math.degrees(planned.resolution.normal_half_rad) + 1e-6) / 10:g}"
+    bounds = [at_least(item.position_bound_mm) for item in ordered]
+    normal = f"{floor_to(math.degrees(planned.resolution.normal_half_rad), 1):g}"
     if len(set(bounds)) == 1:
         return f"± {bounds[0]} mm and ± {normal}°"
     each = ", ".join(f"± {bound} mm ({name})" for name, bound in zip(names, bounds, strict=True))
@@ -232,7 +232,7 @@ def _facts(planned: GripPlan) -> list[tuple[str, str]]:
 
 def _approach_arrow(planned: GripPlan, grip: Grip, row: int) -> values.ApproachArrow:
     candidate, travel = grip.approaches[row], grip.travels_mm[row]
-    x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
+    x, y = (decimal(value, 1) for value in candidate.start_mm)
     return values.ApproachArrow(
         planned.rig.fingers[candidate.finger_index].name,
         candidate.start_mm,

@@ -10,6 +10,7 @@ from rich.text import Text
 from palpate.base.errors import quantity
 from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.grip_choice import GripPlan
+from palpate.views.numerals import decimal
 from palpate.views.plan import (
     MAX_LETTERS,
     certainty,
@@ -70,7 +71,7 @@ def _approaches(planned: GripPlan, grip: Grip) -> Table:
     lines = table(Column("finger", no_wrap=True, max_width=_NAME_COLUMNS), *numbers, numbers=numbers)
     for row in planned.rows:
         candidate, travel = grip.approaches[row], grip.travels_mm[row]
-        x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
+        x, y = (decimal(value, 1) for value in candidate.start_mm)
         lines.add_row(
             Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
             f"{x}, {y} mm",
@@ -100,7 +101,7 @@ def _hypothesis(item: Hypothesis) -> Text:
     share = f"{100 * item.weight:.0f} %"
     name = name if len(name) <= _NAME_COLUMNS - 6 else f"{name[: _NAME_COLUMNS - 7]}…"
     at = item.configuration
-    place = f"{at.x_mm:.1f}, {at.y_mm:.1f} mm, {math.degrees(at.theta_rad):.0f}°".replace("-", "−")
+    place = f"{decimal(at.x_mm, 1)}, {decimal(at.y_mm, 1)} mm, {decimal(math.degrees(at.theta_rad), 0)}°"
     return Text.assemble(f"{name:<{_NAME_COLUMNS - 6}}{share:>6}", "\n", (place, "dim"))
 
 

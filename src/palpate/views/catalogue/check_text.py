@@ -1,6 +1,5 @@
 """What `palpate objects check` found: in words for a terminal of 80 columns, and as a page."""
 
-import math
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from itertools import chain
@@ -16,6 +15,7 @@ from palpate.config.catalogue_results import (
     StateListedOut,
     StateNameOut,
 )
+from palpate.views.numerals import ceil_to, floor_to
 from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
 
 _MAX_PAIRS_PER_KIND = 40  # pairs of a kind
@@ -137,7 +137,7 @@ def _inside_words(range_mm: tuple[float, float]) -> str:
     """A range to hundredths of a mm, rounded inward: all of what is said holds."""
     if range_mm[0] == range_mm[1]:
         return f"{range_mm[0]:g}"
-    low, high = math.ceil(100 * range_mm[0] - 1e-3) / 100, math.floor(100 * range_mm[1] + 1e-3) / 100
+    low, high = ceil_to(range_mm[0]), floor_to(range_mm[1])
     return f"{low:g}–{high:g}" if low < high else f"{range_mm[0]:.6g}–{range_mm[1]:.6g}"
 
 

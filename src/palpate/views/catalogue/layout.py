@@ -1,6 +1,5 @@
 """Layout of the picture of objects: sizes, colours, which sections share a card, words that fit."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import shapely
 from palpate.base.errors import quantity
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range, StateSections
+from palpate.views.numerals import ceil_to, floor_to
 
 MAX_CARDS = 960
 """Of all pages."""
@@ -121,10 +121,6 @@ SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
 """Colours of the lowest and of the highest section."""
 
 
-_STEPS_PER_MM = 100  # in a mm, to which heights are rounded
-_ROUNDING_STEPS = 1e-6  # of a step: binary fractions of what is a whole number of them
-
-
 def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
     """Such as "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
 
@@ -139,15 +135,12 @@ def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
 
 
 def _outside(low: float, high: float) -> Range:
-    return math.floor(_STEPS_PER_MM * low + _ROUNDING_STEPS) / _STEPS_PER_MM, math.ceil(
-        _STEPS_PER_MM * high - _ROUNDING_STEPS
-    ) / _STEPS_PER_MM
+    return floor_to(low), ceil_to(high)
 
 
 def _inside(low: float, high: float) -> Range:
     """Rounded inward; as it is where nothing would be left."""
-    first = math.ceil(_STEPS_PER_MM * low - _ROUNDING_STEPS) / _STEPS_PER_MM
-    last = math.floor(_STEPS_PER_MM * high + _ROUNDING_STEPS) / _STEPS_PER_MM
+    first, last = ceil_to(low), floor_to(high)
     return (first, last) if first < last else (low, high)
 
 

@@ -16,6 +16,7 @@ from palpate.base.vocabulary import PushResponse
 from palpate.config.catalogue_results import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
 from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
 from palpate.views.catalogue.layout import known_words
+from palpate.views.numerals import ceil_to
 from palpate.views.tables import table
 
 _Name = tuple[str, str]
@@ -131,7 +132,7 @@ def _table(out: ObjectsListingOut, *, every: bool) -> Table:
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
         first = listed[0]
-        tolerance = f" ±{_round_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
+        tolerance = f" ±{ceil_to(first.tolerance_mm, 3):g} mm" if first.tolerance_mm else ""
         rows.add_row(Text(f"{_shorten(name, _NAME_COLUMNS - len(tolerance))}{tolerance}", style="bold"))
         shown = len(listed) if every or len(listed) <= _MAX_ROWS + 1 else _MAX_ROWS
         for state in listed[:shown]:
@@ -154,11 +155,6 @@ def _cells(state: StateListedOut) -> list[str]:
         "–" if tips is None else f"{math.degrees(tips):.3g}°",
         _MET[state.fingers],
     ]
-
-
-def _round_up(tolerance_mm: float) -> float:
-    """Rounded up to thousandths."""
-    return math.ceil(1000 * tolerance_mm - 1e-6) / 1000
 
 
 def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:

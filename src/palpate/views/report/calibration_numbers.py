@@ -22,6 +22,7 @@ from palpate.config.calibration_finger import (
     RotaryCalibration,
     TactileCalibration,
 )
+from palpate.views.numerals import at_most, decimal
 
 Part = TypeVar("Part")
 
@@ -42,13 +43,7 @@ class RowGroup:
 def plus_minus(value: float, sigma: float) -> str:
     """Value ± deviation with two digits of the deviation, rounded up; the value with as many decimals."""
     decimals = _decimals(sigma)
-    return f"{_signed(value, decimals)} ± {at_most(sigma, decimals)}"
-
-
-def at_most(bound: float, decimals: int) -> str:
-    """A bound with so many decimals, rounded up."""
-    power = 10**decimals
-    return f"{math.ceil(bound * power - 1e-9) / power:.{decimals}f}"
+    return f"{decimal(value, decimals)} ± {at_most(sigma, decimals)}"
 
 
 def finger_tables(file: CalibrationFile) -> list[RowGroup]:
@@ -208,11 +203,6 @@ def _group(
         return None
     shown = [(label, [_NONE if part is None else words(part) for part in parts]) for label, words in rows]
     return RowGroup(title, shown)
-
-
-def _signed(value: float, decimals: int) -> str:
-    words = f"{abs(value):.{decimals}f}"
-    return f"−{words}" if value < 0 and float(words) else words
 
 
 def _decimals(sigma: float) -> int:

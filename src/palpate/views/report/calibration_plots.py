@@ -17,6 +17,7 @@ from matplotlib.patches import Patch, Rectangle
 from palpate.base.geometry import Floats
 from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
+from palpate.views.numerals import signed
 from palpate.views.report.calibration_numbers import never_pressed, residuals_mm
 from palpate.views.svg import AXIS, CARD, FAINT, FOUND, FOUND_FILL, HUES, INK, MUTED, RULE, TRUTH
 from palpate.views.table_picture.frame import nice_step
@@ -107,7 +108,7 @@ def _touches(axes: Axes, touches: list[TouchResidual], hue: str, enlarged: float
     axes.quiver(*at.T, *arrows.T, color=hue, angles="xy", scale_units="xy", scale=1, width=0.0025)
     for k in np.flatnonzero(length != drawn):
         x, y = (at[k] + arrows[k]).tolist()
-        words = f"{touches[k].residual_mm:+.3f} mm, cut".replace("-", "−")
+        words = f"{signed(touches[k].residual_mm, '.3f')} mm, cut"
         axes.annotate(words, (x, y), (4, 2), textcoords="offset points", size=8)
     outliers = at[[touch.outlier for touch in touches]]
     axes.plot(*outliers.T, "x", color=TRUTH, markersize=8, markeredgewidth=2)

@@ -1,6 +1,8 @@
 """One self-contained HTML page: headings, tables, text as it stands, SVG pictures; fit for printing on A4."""
 
-from collections.abc import Iterable, Sequence
+import math
+from base64 import b64encode
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
 _STYLE = """
@@ -23,8 +25,11 @@ pre { background: color-mix(in srgb, var(--ink) 6%, transparent); padding: .7rem
   overflow-x: auto; font-size: .86rem; white-space: pre-wrap; overflow-wrap: anywhere; }
 figure { margin: .6rem 0; background: #fff; border: 1px solid var(--line); border-radius: .4rem;
   padding: .3rem; }
-figure svg { display: block; width: 100%; height: auto; max-height: 40rem; }
-.sections figure svg { max-height: none; }
+figure svg, figure img { display: block; width: 100%; height: auto; max-height: 40rem; }
+.sections figure svg, figure img { max-height: none; }
+.matrix { width: auto; } .matrix thead th { writing-mode: vertical-rl; transform: rotate(180deg);
+  white-space: nowrap; }
+.matrix td { text-align: center; min-width: 2.2rem; }
 .columns { display: grid; gap: 0 2rem;
   grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); }
 @media print {
@@ -63,6 +68,11 @@ def section(title: str, *parts: str, kind: str = "") -> str:
     return f'<section class="{kind}">\n{inner}\n</section>'
 
 
+def subheading(title: str) -> str:
+    """A title within a section."""
+    return f"<h3>{escape(title)}</h3>"
+
+
 def paragraph(text: str) -> str:
     """A paragraph."""
     return f"<p>{escape(text)}</p>"
@@ -78,6 +88,12 @@ def picture(svg: str) -> str:
     return f"<figure>{svg.strip()}</figure>"
 
 
+def embedded_picture(words: str, svg: str) -> str:
+    """A picture whose ids stay apart from those of other pictures; `words` for those who do not see it."""
+    data = b64encode(svg.encode()).decode()
+    return f'<figure><img alt="{escape(words)}" src="data:image/svg+xml;base64,{data}"/></figure>'
+
+
 def columns(*parts: str) -> str:
     """Parts side by side where there is room."""
     return '<div class="columns">' + "".join(f"<div>{part}</div>" for part in parts) + "</div>"
@@ -85,11 +101,25 @@ def columns(*parts: str) -> str:
 
 def table(names: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[str] = ()) -> str:
     """A table; columns in `numbers` are aligned right. Without names: rows of name and value."""
-    kinds = ['class="n"' if name in numbers else "" for name in names]
-    head = "".join(f"<th {kind}>{escape(name)}</th>" for name, kind in zip(names, kinds, strict=True))
+    kinds = [' class="n"' if name in numbers else "" for name in names]
+    head = "".join(f"<th{kind}>{escape(name)}</th>" for name, kind in zip(names, kinds, strict=True))
     body = "".join(f"<tr>{_cells(row, kinds)}</tr>" for row in rows)
     return f"<table>{f'<thead><tr>{head}</tr></thead>' if any(names) else ''}<tbody>{body}</tbody></table>"
 
 
 def _cells(row: Sequence[str], kinds: Sequence[str]) -> str:
-    return "".join(f"<td {kind}>{escape(cell)}</td>" for cell, kind in zip(row, kinds, strict=True))
+    return "".join(f"<td{kind}>{escape(cell)}</td>" for cell, kind in zip(row, kinds, strict=True))
+
+
+def matrix(names: Sequence[str], shares: Mapping[tuple[str, str], float]) -> str:
+    """A table of percentages: a row and a column for each name, the larger shares with more colour."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in names)
+    rows = [(row, "".join(_share_cell(shares.get((row, name), 0.0)) for name in names)) for row in names]
+    body = "".join(f"<tr><th>{escape(row)}</th>{cells}</tr>" for row, cells in rows)
+    return f'<table class="matrix"><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>'
+
+
+def _share_cell(share: float) -> str:
+    if not share:
+        return "<td></td>"
+    return f'<td style="background: rgb(213 94 0 / {math.sqrt(share):.2f})">{100 * share:.0f}</td>'

@@ -23,6 +23,7 @@ from palpate.rig.session.recorded_session import (
 )
 from palpate.views.answer import answer_lines
 from palpate.views.exports.scene import outlines_in_w, sort_by_weight
+from palpate.views.numerals import at_most
 from palpate.views.recognition_text import ContactRecord, why_lines
 from palpate.views.report.page import columns, heading, lines, page, paragraph, picture, section, table
 from palpate.views.sessions_text import info_lines, instant_words
@@ -105,7 +106,7 @@ def _touches(grip: GripRecord) -> str:
                     "touched" if contact["touched"] else "missed",
                     f"{x:.2f}",
                     f"{y:.2f}",
-                    f"± {math.ceil(100 * contact['position_bound_mm']) / 100:.2f}",
+                    f"± {at_most(contact['position_bound_mm'])}",
                     _normal(contact.get("normal")),
                     "" if force is None else f"{force:.2f}",
                 )

@@ -8,17 +8,10 @@ from typing import TypeVar
 from palpate.base.errors import quantity
 from palpate.base.geometry import ObjectModel
 from palpate.base.vocabulary import PartMotion
-from palpate.config.study_result import ComparedOut, StateStudiedOut, StudyOut
-from palpate.views.report.page import heading, page, paragraph, picture, section, table
-from palpate.views.report.study_pictures import (
-    MATRIX_STATES,
-    budget_picture,
-    confusion_picture,
-    heights_picture,
-    pair_pictures,
-    states_picture,
-    touches_picture,
-)
+from palpate.config.study_result import ComparedOut, HeightOut, StateStudiedOut, StudyOut
+from palpate.views.numerals import at_most, signed
+from palpate.views.report.page import heading, matrix, page, paragraph, picture, section, table
+from palpate.views.report.study_pictures import pair_pictures, touches_picture
 from palpate.views.report.study_text import (
     SOURCE_WORDS,
     VARIATION_DIVISOR,
@@ -31,13 +24,12 @@ from palpate.views.report.study_text import (
     more_runs_words,
     no_budget_words,
     placement_words,
-    signed_text,
-    up,
     verdict_words,
     wrong_answers_words,
 )
 
 _MAX_PAIRS = 40
+_MAX_MATRIX_STATES, _MAX_HEIGHTS = 16, 24
 _Value = TypeVar("_Value", int, float)
 _SIMULATED = {
     PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, "
@@ -105,8 +97,11 @@ def _accuracy(out: StudyOut) -> Iterator[str]:
     if out.accuracy is None or out.goal is None:
         return
     rows = [
-        ("guaranteed position, ± mm", *(up(value) for value in out.accuracy.position)),
-        ("guaranteed orientation, ± °", *(up(math.degrees(value)) for value in out.accuracy.orientation)),
+        ("guaranteed position, ± mm", *(at_most(value) for value in out.accuracy.position)),
+        (
+            "guaranteed orientation, ± °",
+            *(at_most(math.degrees(value)) for value in out.accuracy.orientation),
+        ),
     ]
     if out.true_error is not None:
         rows.append(("true error of position, mm", *(f"{value:.2f}" for value in out.true_error)))
@@ -137,14 +132,15 @@ def _costs(out: StudyOut) -> str:
 
 
 def _confusion(out: StudyOut) -> Iterator[str]:
+    names = list(dict.fromkeys(name for item in out.confusion for name in (item.a, item.b)))
     parts = [paragraph("No run ended with another state than the true one still possible.")]
-    if out.confusion:
+    if names:
+        shares = {(item.a, item.b): item.share for item in out.confusion}
         words = "Percent of the runs with the row's part that ended with the column's part still possible."
-        parts = [paragraph(words), picture(confusion_picture(out.confusion))]
-        count = len({name for item in out.confusion for name in (item.a, item.b)})
-        if count > MATRIX_STATES:
-            words = f"{MATRIX_STATES} of {count} states are shown, those with the largest shares."
-            parts.append(paragraph(words))
+        parts = [paragraph(words), matrix(names[:_MAX_MATRIX_STATES], shares)]
+    if len(names) > _MAX_MATRIX_STATES:
+        words = f"{_MAX_MATRIX_STATES} of {len(names)} states are shown, those with the largest shares."
+        parts.append(paragraph(words))
     if any(item.identified < item.runs for item in out.states):
         parts.append(
             paragraph(
@@ -152,7 +148,7 @@ def _confusion(out: StudyOut) -> Iterator[str]:
                 "they are not shown here."
             )
         )
-    yield section("Confusion", *parts, kind="sections")
+    yield section("Confusion", *parts)
 
 
 def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence[float]) -> Iterator[str]:
@@ -189,7 +185,7 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
     if out.best_heights.compared is not None:
         parts.append(_comparison_table([("fingers at these heights", out.best_heights.compared)]))
     if len(out.heights) > 1:
-        parts.append(picture(heights_picture(out.heights, heights_mm, out.best_heights.heights)))
+        parts.append(_heights_table(out.heights, heights_mm, out.best_heights.heights))
     rows = [
         (item.a, item.b, ", ".join(f"{low:g}–{high:g} mm" for low, high in item.heights) or "none known")
         for item in out.separating
@@ -199,13 +195,33 @@ def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
     yield section("Heights of fingers", *parts)
 
 
+def _heights_table(heights: Sequence[HeightOut], now_mm: Sequence[float], best_mm: Sequence[float]) -> str:
+    """Pairs of states that fingers at each range of height do not tell apart, the highest range first."""
+    names = ("height, mm", "not distinguished", "states not met", "fingers")
+    rows = [
+        (
+            f"{low:.1f} to {high:.1f}",
+            str(item.alike),
+            str(item.unmet),
+            ", ".join(word for word, at in (("now", now_mm), ("best", best_mm)) if _is_within(item, at)),
+        )
+        for item in heights[:_MAX_HEIGHTS][::-1]
+        for low, high in [item.range]
+    ]
+    return table(names, rows, numbers=names[:3])
+
+
+def _is_within(item: HeightOut, places_mm: Sequence[float]) -> bool:
+    return any(item.range[0] <= place < item.range[1] for place in places_mm)
+
+
 def _budget(out: StudyOut) -> Iterator[str]:
     costs = out.noise_budget
     if not costs:
         if out.runs < VARIATION_DIVISOR:
             yield section("What errors cost", paragraph(_sentence(no_budget_words(out))))
         return
-    drawn, more = budget_picture(costs), more_runs_words(costs, out.runs)
+    more = more_runs_words(costs, out.runs)
     yield section(
         "What errors cost",
         paragraph(
@@ -213,7 +229,6 @@ def _budget(out: StudyOut) -> Iterator[str]:
             "parts at the same places. Touches and bounds are of runs that were identified both ways. What "
             "is marked ? may be chance, the rest is not, with 95 % confidence for all lines together."
         ),
-        *((picture(drawn),) if drawn else ()),
         _comparison_table([(SOURCE_WORDS[item.source], item) for item in costs]),
         *((paragraph(_sentence(more)),) if more else ()),
     )
@@ -231,7 +246,7 @@ def _comparison_table(rows: Sequence[tuple[str, ComparedOut]]) -> str:
                 _change(item.identified, str) + _chance(item, "identified"),
                 str(item.pairs),
                 _fewer_touches_words(item),
-                _change(item.position_bound, up) + _chance(item, "bounds"),
+                _change(item.position_bound, at_most) + _chance(item, "bounds"),
                 _change(item.orientation_bound, _degrees) + _chance(item, "bounds"),
             )
             for words, item in rows
@@ -243,8 +258,8 @@ def _comparison_table(rows: Sequence[tuple[str, ComparedOut]]) -> str:
 def _fewer_touches_words(item: ComparedOut) -> str:
     if item.fewer_touches is None or item.fewer_interval is None:
         return "too few"
-    low, high = (signed_text(value, ".1f") for value in item.fewer_interval)
-    return f"{signed_text(item.fewer_touches, '.1f')} ({low} to {high}){_chance(item, 'touches')}"
+    low, high = (signed(value, ".1f") for value in item.fewer_interval)
+    return f"{signed(item.fewer_touches, '.1f')} ({low} to {high}){_chance(item, 'touches')}"
 
 
 def _chance(item: ComparedOut, what: str) -> str:
@@ -256,7 +271,7 @@ def _change(values: tuple[_Value, _Value] | None, words: Callable[[_Value], str]
 
 
 def _degrees(value: float) -> str:
-    return up(math.degrees(value))
+    return at_most(math.degrees(value))
 
 
 def _states(out: StudyOut) -> str:
@@ -284,22 +299,11 @@ def _states(out: StudyOut) -> str:
         )
         for item in out.states
     ]
-    hard = [item for item in out.states if item.identified < item.runs]
-    shown = (
-        [
-            paragraph("Share of runs identified, of the states that were not identified in every run."),
-            picture(states_picture(hard)),
-        ]
-        if hard
-        else []
-    )
     words = (
         "Touches: median and 90 %. Bounds: the worst of identified runs; in goal: how many of these are "
         "placed within the rig file's goals."
     )
-    return section(
-        "States", *shown, table(("state", *names), rows, numbers=names), paragraph(words), kind="sections"
-    )
+    return section("States", table(("state", *names), rows, numbers=names), paragraph(words))
 
 
 def _state_accuracy(item: StateStudiedOut) -> tuple[str, str, str]:
@@ -307,8 +311,8 @@ def _state_accuracy(item: StateStudiedOut) -> tuple[str, str, str]:
     if found is None:
         return "", "", ""
     return (
-        up(found.position[-1]),
-        up(math.degrees(found.orientation[-1])),
+        at_most(found.position[-1]),
+        at_most(math.degrees(found.orientation[-1])),
         f"{found.within_goal} of {found.runs}",
     )
 

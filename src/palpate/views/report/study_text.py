@@ -14,6 +14,7 @@ from palpate.config.study_result import (
     PairStudiedOut,
     StudyOut,
 )
+from palpate.views.numerals import at_most, signed
 
 _ERROR_PROBABILITY = 0.05
 _MAX_HEIGHT_SETS = 3
@@ -30,21 +31,9 @@ SOURCE_WORDS = {
 """What is changed for each source of error."""
 
 
-def up(value: float, decimals: int = 2) -> str:
-    """A bound, rounded outward."""
-    scale = 10**decimals
-    return f"{math.ceil(round(value * scale, 4)) / scale:.{decimals}f}"
-
-
 def bounds_words(position_mm: float, orientation_rad: float) -> str:
     """Half widths of both."""
-    return f"± {up(position_mm)} mm, ± {up(math.degrees(orientation_rad))}°"
-
-
-def signed_text(value: float, form: str) -> str:
-    """With a sign, and a minus that is one; a zero has none."""
-    words = f"{value:+{form}}"
-    return words.replace("-", "−") if float(words) else words[1:]
+    return f"± {at_most(position_mm)} mm, ± {at_most(math.degrees(orientation_rad))}°"
 
 
 def placement_words(out: StudyOut) -> str:
@@ -66,7 +55,7 @@ def wrong_answers_words(out: StudyOut) -> str:
         return f"{quantity(out.wrong, 'wrong answer', 'wrong answers')} in {out.runs} runs"
     most = 100 * (1 - _ERROR_PROBABILITY ** (1 / out.runs))
     runs = quantity(out.runs, "run", "runs")
-    return f"no wrong answer in {runs} (fewer than {up(most, 1)} % with 95 % confidence)"
+    return f"no wrong answer in {runs} (fewer than {at_most(most, 1)} % with 95 % confidence)"
 
 
 def verdict_words(out: StudyOut, verdict: IdentificationVerdict) -> str:
@@ -157,7 +146,7 @@ def comparison_words(item: ComparedOut) -> str:
         runs = quantity(item.runs, "run", "runs")
         return f"the same in {runs}" if _is_unchanged(item) else f"no effect can be shown with {runs}"
     gained = item.identified[1] - item.identified[0]
-    change = signed_text(gained, "d") if gained else "as many"
+    change = signed(gained, "d") if gained else "as many"
     parts = [f"{change} of {item.runs} identified{_chance_words(item, 'identified')}"]
     if item.fewer_touches is not None and item.fewer_interval is not None:
         kind = "fewer" if item.fewer_touches >= 0 else "more"
@@ -193,7 +182,8 @@ def _bounds_change(item: ComparedOut) -> str:
     assert item.position_bound is not None
     assert item.orientation_bound is not None
     (now, then), (turn, turn_then) = item.position_bound, item.orientation_bound
-    words = f"± {up(now)} → {up(then)} mm, ± {up(math.degrees(turn))}° → {up(math.degrees(turn_then))}°"
+    turned, turned_then = (at_most(math.degrees(value)) for value in (turn, turn_then))
+    words = f"± {at_most(now)} → {at_most(then)} mm, ± {turned}° → {turned_then}°"
     return f"{words}{_chance_words(item, 'bounds')}"
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from palpate.base.geometry import Floats
+from palpate.views.numerals import at_most, decimal
 from palpate.views.svg import (
     AXIS,
     CARD,
@@ -245,22 +246,17 @@ def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str,
 def _pose_rows(pose: BoundedPose) -> list[tuple[str, str, str]]:
     turned = tuple(math.degrees(value) for value in pose.theta_rad)
     rows = [
-        (name, f"{_with_minus(values[0])}{unit}", f"± {_certified_half_width(values)}{unit}")
+        (name, f"{decimal(values[0])}{unit}", f"± {_certified_half_width(values)}{unit}")
         for name, values, unit in (("x", pose.x_mm, " mm"), ("y", pose.y_mm, " mm"), ("θ", turned, "°"))
     ]
     return [*rows[:2], ("θ", "any", "")] if pose.turns_freely else rows
-
-
-def _with_minus(value: float) -> str:
-    shown = f"{value:.2f}"
-    return "0.00" if shown == "-0.00" else shown.replace("-", "−")
 
 
 def _certified_half_width(values: tuple[float, ...]) -> str:
     """The larger distance from the value as shown to a bound, rounded up: still certified as printed."""
     value, lo, hi = values
     shown = round(value, 2)
-    return f"{math.ceil(max(hi - shown, shown - lo, 0.0) * 100 - 1e-6) / 100:.2f}"
+    return at_most(max(hi - shown, shown - lo, 0.0))
 
 
 def _facts(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
