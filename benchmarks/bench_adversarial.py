@@ -19,13 +19,11 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from campaign_checks import holding_cell
-from shapely_bench import Placed, flat, holding_truth, unit
-from shapely_contacts import first_contact, true_normal
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.errors import InputError
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
+from support.campaign.trials import holding_cell
+from support.oracles.shapely_touches import Placed, first_contact, flat, holding_truth, true_normal, unit
 
 _STEPS_OF_A_CLIMB = 500
 _SLOW_S = 3.0

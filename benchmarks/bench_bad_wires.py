@@ -3,7 +3,7 @@
 A host reads and writes at random (items one by one, sync and bulk and fast reads, sync writes, pings) over
 eleven kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the
 servos held. Control loops, which always ask the same, go over those wires that can answer with what was true
-before. The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that
+before. The servos are memory behind bytes of Protocol 2.0 (`tests/support/devices/spoiling_wire.py`), so that
 nothing but host and wire takes time. One transaction is one instruction packet with its answers; a sync read
 has several values.
 
@@ -18,8 +18,8 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from bus_talk import KINDS, LOOPS, Tally, loop, talk
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.devices.spoiling_wire import KINDS, LOOPS, Tally, loop, talk
 
 CHUNK = 20_000
 ALL = {**dict.fromkeys(KINDS, talk), **dict.fromkeys(LOOPS, loop)}

@@ -2,7 +2,7 @@
 
 Seeded grips on shipped parts and shared outlines. From the truth on, a random search looks for the
 configurations farthest to either side in x, y and θ which satisfy every contact and every free path exactly
-(recognizer/verification.py, which tests/support/configuration_judge.py judges in turn: it is asked about each
+(recognizer/verification.py, which tests/support/oracles/judge.py judges in turn: it is asked about each
 of the six that are found). The bounds of the hypothesis that holds the truth are compared with their extent.
 What the search does not find makes the ratios larger, not smaller.
 """
@@ -15,16 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from configuration_judge import objections
-from shapely_bench import equivalent_configurations, holding_truth
-from shared_files import SHARED_OUTLINES
-from verified_scenes import Scene, asked, drawn
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotate
 from palpate.recognizer import Configuration, Hypothesis, Recognition
 from palpate.recognizer.verification import Poses, verify
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.judge import Scene, asked, drawn, objections
+from support.oracles.shapely_touches import equivalent_configurations, holding_truth
 
 _WALKERS, _STEPS = 48, 150
 _LEVER_MM = 40.0  # what a turn counts for against a shift

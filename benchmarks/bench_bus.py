@@ -22,14 +22,21 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from answer_tape import PlayingClock, PlayingPort, TapingClock, TapingPort
-from bus_loop import CASES, BusLoop, LoopCase, SdkLoop
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.drivers.emulators.device_server import serve_pty
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
+from support.oracles.bus_loop import (
+    CASES,
+    BusLoop,
+    LoopCase,
+    PlayingClock,
+    PlayingPort,
+    SdkLoop,
+    TapingClock,
+    TapingPort,
+)
 
 MAX_RATIO = 1.3
 MAX_HOST_US = 1000.0

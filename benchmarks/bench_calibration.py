@@ -68,8 +68,8 @@ from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.session.run import IdentificationJob, run_identification
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from simulated_prober import SimulatedRig
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.benches.simulated_rig import SimulatedRig
 
 _ROOT = Path(__file__).parents[1]
 _SHIPPED = _ROOT / "src" / "palpate" / "config" / "references"

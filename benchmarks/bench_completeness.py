@@ -1,6 +1,6 @@
 """Is the truth ever lost? Many seeded grips, simulated by shapely: `python benchmarks/bench_completeness.py`.
 
-Objects, errors and approaches are drawn by tests/support/campaign_trials.py. A grip depends on its seed only.
+Objects, errors and approaches are drawn by tests/support/campaign/trials.py. A grip depends on its seed only.
 One that is lost is printed with the seed that repeats it, `--seed N`. With `--out FILE` every grip is kept as
 a line of JSON, and a campaign that was stopped goes on where it was. The tables count grips; those whose
 truth is lost: no hypothesis of the object has the true configuration, or one that looks the same, within its
@@ -23,14 +23,12 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from campaign_checks import Outcome, asked, outcome
-from campaign_objects import FAMILIES
-from campaign_trials import Setting, Trial, drawn
-from shared_files import SHARED_OUTLINE_SETS
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import DEFAULT_BUDGET
+from support.campaign.objects import FAMILIES
+from support.campaign.trials import Outcome, Setting, Trial, asked, drawn, outcome
+from support.commands.repository import SHARED_OUTLINE_SETS
 
 _CHUNK = 25
 _LIMIT_S = 30.0

@@ -1,7 +1,8 @@
 """Do the bounds of contacts hold, and how narrow are they? Run with `python benchmarks/bench_contacts.py`.
 
 20,000 emulated contacts on cylinders and 20,000 on flat pads, 100 to a session, whose tip, noise, gains,
-crosstalk, dead taxels and drift are drawn by the session's seed (tests/support/contact_sweep.py); with
+crosstalk, dead taxels and drift are drawn by the session's seed
+(tests/support/oracles/array_contacts.py); with
 `--tip pressed` on cylinders with gains within ± 40 %, known to ± 3 % in the middle 150°. Prints
 markdown tables: how many truths lay outside their bounds, and how wide the bounds were in units of the
 array's own limit, half a pitch; for whole recordings by `process`, and for every tenth contact by `extract`.
@@ -22,12 +23,20 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core is what is measured
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from bench_tactile import extraction_speeds
-from contact_outcomes import QUANTITIES, Outcome, extracted, processed
-from contact_sweep import Session, cylinder_session, pad_session, pressed_session
 
 from palpate.drivers.tactile.patches import PatchFlag
+from support.oracles.array_contacts import (
+    QUANTITIES,
+    Outcome,
+    Session,
+    cylinder_session,
+    extracted,
+    pad_session,
+    pressed_session,
+    processed,
+)
 
 PER_SESSION = 100
 EXTRACT_EVERY = 10

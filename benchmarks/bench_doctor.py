@@ -15,11 +15,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from doctor_faults import FAULTS, WELL
-from doctor_setup import Fault, examined
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.config.diagnosis_results import FindingOut
+from support.benches.doctor import FAULTS, WELL, Fault, examined
 
 PAGE = Path(__file__).parents[1] / "docs" / "doctor.md"
 BEGIN, END = "<!-- table: python benchmarks/bench_doctor.py --page -->", "<!-- end of table -->"

@@ -21,15 +21,13 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from fault_matrix import Cell, Outcome, cells, problems, run_cell
-from fault_page import write_page
-from fault_rows import FAULTS, LOOKED
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.drivers.dynamixel import bus, control_table, servo, servo_state
 from palpate.drivers.transport import recorder
 from palpate.rig.motion import array_guard, device_loss, finger_movers, hand
 from palpate.rig.session import log
+from support.benches.fault_matrix import Cell, Outcome, cells, problems, run_cell, write_page
+from support.benches.fault_rows import FAULTS, LOOKED
 
 Result = tuple[Cell, Outcome, list[str]]
 

@@ -18,15 +18,13 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import numpy as np
-from array_exchange import exchange
-from array_host import Sips, array_host, expected_counts
-from firmware_build import build_firmware
 
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.ports import open_port
+from support.devices.firmware import Sips, array_host, build_firmware, exchange, expected_counts
 
 ROWS, COLUMNS = 8, 8
 SIP = 65536  # bytes

@@ -25,14 +25,9 @@ import tempfile
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 import numpy as np
-from array_host import expected_counts
 from bench_firmware import Row, table
-from noisy_port import NoisyPort
-from pipe_port import PipePort
-from qemu_bench import board_bench, slow_bench, write_real_rig
-from qemu_board import COLUMNS, DEPTH, MICROBIT, MPS2, ROWS, Machine, missing_tools, qemu_board
 from qemu_profile import instructions_by_function
 
 from palpate.base.errors import DeviceError
@@ -40,6 +35,21 @@ from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.rig.bench import choose_placement
+from support.devices.firmware import expected_counts
+from support.devices.ports import NoisyPort, PipePort
+from support.devices.qemu import (
+    COLUMNS,
+    DEPTH,
+    MICROBIT,
+    MPS2,
+    ROWS,
+    Machine,
+    board_bench,
+    missing_tools,
+    qemu_board,
+    slow_bench,
+    write_real_rig,
+)
 
 ICOUNT = 6  # 2^6 ns an instruction
 _WORTH_A_ROW = 100  # instructions

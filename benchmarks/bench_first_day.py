@@ -13,9 +13,9 @@ import sys
 import time
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from first_day import ROWS, Outcome, Row, run_row
-from repository import ROOT
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.benches.as_bought import ROWS, Outcome, Row, run_row
+from support.commands.repository import ROOT
 
 PAGE = ROOT / "docs" / "as-bought.md"
 _BEGIN, _END = "<!-- table: python benchmarks/bench_first_day.py --page -->\n", "<!-- end of table -->"

@@ -15,8 +15,8 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from late_grips import RIGS, ROWS, run_grip
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.benches.late_grips import RIGS, ROWS, run_grip
 
 
 def main() -> int:

@@ -27,11 +27,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from emulated_session import emulated_session
-from touched_references import FRESH
-from truth_calibration import bench_calibration
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.errors import OutputError
 from palpate.config import load_rig
 from palpate.config.calibration_file import load_references
@@ -40,6 +36,9 @@ from palpate.config.writers import calibration_toml
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.calibration_run import CalibrationJob, RunRecordFile, calibrate, rig_connector
 from palpate.rig.emulated.scene import ReferencePlacer
+from support.benches.calibration_files import bench_calibration
+from support.benches.session import emulated_session
+from support.benches.touched_references import FRESH
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (0, 4096, 65536, 400_000, 900_000, 1_500_000)

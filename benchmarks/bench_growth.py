@@ -24,10 +24,10 @@ import numpy as np
 from bench_tolerance import fine
 from peer_questions import drawn_models
 from performance_page import markdown_table, milliseconds, update, versions_line
-from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, recognise
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, grip, outlines, place
 
 __all__ = ["Row", "Setting", "exponent", "measured"]
 

@@ -15,12 +15,12 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from homing_runs import RIGS, Outcome, run_after_blink, run_from_anywhere
+from support.benches.as_bought import RIGS, HomingOutcome, run_after_blink, run_from_anywhere
 
 
-def _table(name: str, outcomes: list[Outcome]) -> None:
+def _table(name: str, outcomes: list[HomingOutcome]) -> None:
     kinds = Counter(outcome.kind for outcome in outcomes)
     torque = sum(bool(outcome.torque_on) for outcome in outcomes)
     homed = sum(outcome.homed > 0 for outcome in outcomes)
@@ -34,7 +34,7 @@ def _table(name: str, outcomes: list[Outcome]) -> None:
         print(f"    {count} × {text}")
 
 
-def _told(seed: int, kind: str) -> Outcome:
+def _told(seed: int, kind: str) -> HomingOutcome:
     outcome = run_from_anywhere(seed, kind)
     print(seed, outcome, file=sys.stderr, flush=True)
     return outcome

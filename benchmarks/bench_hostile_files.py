@@ -3,7 +3,8 @@
     python benchmarks/bench_hostile_files.py
     python benchmarks/bench_hostile_files.py svg "ZIP bomb"      # those whose title has one of these in it
 
-Each file of tests/support/hostile_files.py is given to the command that reads it, in a folder of its own.
+Each file of tests/support/campaign/hostile_files.py is given to the command that reads it, in a folder
+of its own.
 Measured are the time on the clock, the processor time, and the memory of the command with all processes that
 it starts: the sum of their peaks, sampled, or the largest peak of one. A file passes if its command ends
 within 10 s of processor time (on an idle computer: of the clock) and 1 GB, with exit code 2, at most eleven
@@ -20,9 +21,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from hostile_files import CASES, Case
+from support.campaign.hostile_files import CASES, Case
 
 PALPATE = Path(sys.executable).with_name("palpate")
 MOST_LINES = 11

@@ -25,10 +25,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import outward_normal, placed_as, stop, unit
-from simulated_touches import as_predicted
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_approaches
@@ -39,6 +36,8 @@ from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import reach_of
+from support.oracles.plans import as_predicted
+from support.oracles.shapely_touches import outward_normal, placed_as, stop, unit
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 

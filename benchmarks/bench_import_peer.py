@@ -22,11 +22,10 @@ import shapely
 import trimesh
 from performance_page import markdown_table, milliseconds, update, versions_line
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from solids import ELL, WEDGE, mesh_file, prism
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.errors import InputError
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
+from support.benches.parts import ELL, WEDGE, mesh_file, prism
 
 HEIGHTS_MM = (5.0, 10.0, 15.0)
 LEAST_PROBABILITY = 0.01

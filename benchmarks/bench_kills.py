@@ -35,8 +35,8 @@ from pathlib import Path
 
 import zstandard
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from quick_rig import quick_bench
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.benches.rigs import quick_bench
 
 PALPATE = Path(sys.executable).with_name("palpate")
 _LONGEST_S = 14.0  # of a run until it is killed

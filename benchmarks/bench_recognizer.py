@@ -21,12 +21,19 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place
-from shared_files import SHARED_OUTLINES
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, NormalRange, recognise
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.shapely_touches import (
+    SHIPPED_OBJECTS,
+    Placed,
+    flat,
+    grip,
+    holding_truth,
+    outlines,
+    place,
+)
 
 STAGES = {"tree": ("grown",), "cells": ("probed",), "paths": ("unblocked",)}
 NARROW = math.radians(15)

@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from bench_bus import real, serve
-from bus_loop import LoopCase
 from performance_page import markdown_table, update, versions_line
+
+from support.oracles.bus_loop import LoopCase
 
 CLIENT = Path(__file__).parent / "peers" / "servo_loop.py"
 HEAD = ("servos", "", "reads", "cycles/s", "processor time of a cycle", "times palpate's")

@@ -25,13 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from campaign_outlines import random_model
-from outline_difference import difference
-from shapely_bench import SHIPPED_OBJECTS, flat, outlines, place_within
-from shared_files import SHARED_OUTLINES
-from simulated_touches import SimulatedTouches
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_rig
@@ -42,6 +36,11 @@ from palpate.rig.identification.grip_evidence import normal_halves_rad, paths_of
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import Reach, reach_of
+from support.campaign.objects import random_model
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.outlines import difference
+from support.oracles.plans import SimulatedTouches
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, outlines, place_within
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 ALL = 129  # shared outlines

@@ -15,11 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import Placed, flat, grip, holding_truth, place
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, NormalRange, Recognition, recognise
+from support.oracles.shapely_touches import Placed, flat, grip, holding_truth, place
 
 BOUND_MM = 0.1
 BY_LISTS, BY_STRIPS = 10**9, 8

@@ -29,9 +29,8 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from performance_page import PAGE, machine, markdown_table, update
-from shared_files import SHARED_OUTLINES
 
 import palpate
 from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
@@ -42,6 +41,7 @@ from palpate.rig.conversion import finger_of
 from palpate.rig.study.campaign import RunsFile, carry_out_runs, simulate_here, split_into_chunks
 from palpate.rig.study.simulation import Simulation, draw_placement, with_motion
 from palpate.rig.study.variations import UNVARIED
+from support.commands.repository import SHARED_OUTLINES
 
 _TARGETS = {PartMotion.STILL: 20_000, PartMotion.MOVING: 2_000}
 _DRAWS = 10_000

@@ -4,7 +4,8 @@ One row for each way a recorded stream of 8 x 8 taxels of 16 bit goes; each is r
 least processor time counts. The plain loop does what cannot be left out, with the same libraries: cut at the
 delimiter, COBS, CRC, header, array. A decoder that also says what was wrong with each stretch takes longer:
 the last column. Below, the contact extractor's `process` over recordings of emulated contacts
-(tests/support/contact_sweep.py), in which nine tenths of the frames are untouched or none is; its plain loop
+(tests/support/oracles/array_contacts.py), in which nine tenths of the frames are untouched or none is; its
+plain loop
 takes the zero off, sums the columns and takes the centroid.
 """
 
@@ -23,15 +24,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core is what is measur
 import numpy as np
 from cobs import cobs
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from contact_outcomes import tared
-from contact_sweep import RATE_HZ, TARE_FRAMES, Session, cylinder_session, pad_session
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.codec import Decoder, encode
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.messages import Ack, Describe, Frame, Hello, Message, Start
 from palpate.drivers.transport.clock import MonotonicClock
+from support.oracles.array_contacts import RATE_HZ, TARE_FRAMES, Session, cylinder_session, pad_session, tared
 
 ROWS, COLS = 8, 8
 HEADER = struct.Struct("<BBHIQH")

@@ -18,10 +18,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from quick_rig import small_rig
-from upright_tips import REACH_MM, Stack, drawn_stack, model_of
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
@@ -30,6 +27,8 @@ from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import identify
+from support.benches.rigs import small_rig
+from support.oracles.upright_tips import REACH_MM, Stack, drawn_stack, model_of
 
 _FACET_MM = 1e-3
 _TOUCHING_MM = 1e-5  # FCL's distances between meshes and cylinders are iterated

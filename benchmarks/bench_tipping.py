@@ -1,7 +1,7 @@
 """Do parts that are said to slide really not tip? Random blocks, pushed on MuJoCo's table.
 
 Run with `python benchmarks/bench_tipping.py --runs 1000` (needs the extra `physics`). Blocks,
-height of fingers, friction, mass and pushes are drawn by tests/support/pushed_stack.py from the
+height of fingers, friction, mass and pushes are drawn by tests/support/oracles/pushed_stack.py from the
 seed and the run's number. Prints by how much those leaned that were said to slide, and what became
 of the others. Ends with status 1 if one that was said to slide leaned too far.
 """
@@ -14,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from pushed_stack import drawn_pushes, drawn_stack, state_of, worst_lean_rad
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.vocabulary import PushResponse
 from palpate.rig.identification.pushing_mechanics import MAX_TABLE_FRICTION, stability_of
+from support.oracles.pushed_stack import drawn_pushes, drawn_stack, state_of, worst_lean_rad
 
 _MOST_DEG = 0.5
 

@@ -18,13 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import flat, grip, holding_truth, outlines, place
-from shared_files import SHARED_OUTLINES
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, recognise
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.shapely_touches import flat, grip, holding_truth, outlines, place
 
 TOLERANCES_MM = (0.0, 0.02, 0.05, 0.1, 0.2)
 HALF_RANGE_RAD = math.radians(10)

@@ -1,7 +1,7 @@
 """Is what is called verified true? Run with `python benchmarks/bench_verified.py`.
 
 Seeded grips on shipped parts and shared outlines, exact ones and some with a tolerance, are recognised,
-and each verified configuration is judged by tests/support/configuration_judge.py (shapely). One row for each
+and each verified configuration is judged by tests/support/oracles/judge.py (shapely). One row for each
 value of a setting: grips, hypotheses, how many of them are verified, what the judge has against these, and
 how often the hypothesis that holds the truth is verified. What is refused is printed with `--only INDEX`,
 which repeats it. With `--tries`, so many random configurations in the cells of every unverified hypothesis
@@ -17,14 +17,13 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import holding_truth
-from shared_files import SHARED_OUTLINES
-from verified_scenes import Scene, asked, drawn, refused
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.recognizer import Recognition
 from palpate.recognizer.verification import Poses
 from palpate.recognizer.witness_candidates import polish
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.judge import Scene, asked, drawn, refused
+from support.oracles.shapely_touches import holding_truth
 
 _PROGRESS_S = 20.0
 

@@ -29,8 +29,8 @@ from pathlib import Path
 
 import zstandard
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from quick_rig import quick_bench
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from support.benches.rigs import quick_bench
 
 PALPATE = Path(sys.executable).with_name("palpate")
 _CASES = {"no view": None, "one page": 1, "100 pages that do not read": 100}

@@ -20,14 +20,14 @@ from unittest import mock
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from peer_questions import drawn_models
 from performance_page import markdown_table, milliseconds, update, versions_line
-from shared_files import SHARED_OUTLINE_SETS
 
 import palpate
 from palpate.rig.identification import loop
 from palpate.rig.session import run
+from support.commands.repository import SHARED_OUTLINE_SETS
 
 R = TypeVar("R")
 # Of drawn outlines: as many as there are of parts, and scaled to about the size of parts.

@@ -5,7 +5,7 @@
 
 A decisive grip must leave one class whatever it feels. Each is carried out for every hypothesis, at its own
 configuration and at samples of its region, by shapely, with errors as large as they may be
-(tests/support/decisive_grips.py). Ends with status 1 if one was not, or if a touch was not predicted.
+(tests/support/oracles/decisive_grips.py). Ends with status 1 if one was not, or if a touch was not predicted.
 """
 
 import argparse
@@ -20,14 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts, models_of
-from shapely_bench import SHIPPED_OBJECTS, place
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.config import load_rig
 from palpate.recognizer import Recognition, plan_grip, recognise, used_approaches
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.reach.approaches import reach_of
+from support.oracles.decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts, models_of
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, place
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 

@@ -21,11 +21,11 @@ import shapely
 from bench_strangers import print_bins, ring_of, simulated, stranger
 from scipy.optimize import minimize
 from scipy.special import expit, log_softmax
-from shapely_bench import flat
 
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue
 from palpate.recognizer.evidence import STRANGER_KINDS, StrangerTerms
+from support.oracles.shapely_touches import flat
 
 SIZES = (100, 30, 12)
 TURNS = ("other", "scaled", "other", "altered", "other", "scaled")

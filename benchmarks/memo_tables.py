@@ -17,12 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact
 from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, outlines, place
 
 GRIPS = 25
 SEARCHED = 300

@@ -1,6 +1,7 @@
 """Questions to palpate and its peers, and a judge of their answers that is shapely's.
 
-Grips are simulated by shapely, with errors inside their bounds; see `tests/support/shapely_bench.py`.
+Grips are simulated by shapely, with errors inside their bounds; see
+`tests/support/oracles/shapely_touches.py`.
 """
 
 import math
@@ -13,12 +14,12 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 sys.path.insert(0, str(Path(__file__).parent / "peers"))
 from question import Answer, Model, Problem, Touch, angle_between
-from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, outward_normal, place
 
 from palpate.base.geometry import ObjectModel
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, outlines, outward_normal, place
 
 __all__ = ["ALIKE_MM", "ALIKE_RAD", "Asked", "Case", "Judge", "ask", "drawn_models"]
 

@@ -1,5 +1,5 @@
 /* The firmware on a bench: a port whose line, clock and taxels are in the hands of a test. Made to be
- * loaded as a shared library; tests/support/firmware_bench.py wraps it. */
+ * loaded as a shared library; tests/support/devices/firmware.py wraps it. */
 #include <stddef.h>
 #include <string.h>
 

@@ -7,7 +7,8 @@ import json
 import sys
 
 import pytest
-from repository import ROOT
+
+from support.commands.repository import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from bench_peers import RECORD, quick_ratios

@@ -13,11 +13,11 @@ from ezdxf import units as dxf_units
 from ezdxf.document import Drawing as Document
 from ezdxf.layouts import BaseLayout
 from ezdxf.math import Vec2, rational_bspline_from_arc
-from shared_files import cad_file
 
 from palpate.base.errors import InputError
 from palpate.cad.dxf_files import _INSUNITS, read_dxf
 from palpate.cad.parts import Drawing
+from support.commands.repository import cad_file
 
 Draw = Callable[[BaseLayout], object]
 SQUARE = [(0, 0), (30, 0), (30, 20), (0, 20)]

@@ -8,12 +8,12 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from wording import missing
 
 from palpate.base.errors import InputError
 from palpate.cad.curves import Arc, bezier, bulge_curve
 from palpate.cad.drawing_outlines import Sheet, Stroke, close_loops, nest_loops
 from palpate.cad.parts import Drawing, size_problem
+from support.commands.command import missing
 
 SHEET = Sheet("part.dxf", "inch", (1 / 25.4, 1 / 25.4))
 

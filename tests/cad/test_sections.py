@@ -1,4 +1,4 @@
-"""Cross sections against trimesh's own sections at random heights: regions, edges and normals."""
+"""Sections of resting solids, slices and silhouettes."""
 
 import itertools
 
@@ -7,12 +7,24 @@ import pytest
 import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
-from shared_files import cad_file
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.cad.parts import CrossSection, Solid, StableState
+from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.cad.resting_surface import (
+    RestingSurface,
+    regions_of,
+    resting_surface_of,
+    signed_area,
+    silhouette,
+    slice_surface,
+)
 from palpate.cad.sections import sections_of
+from support.benches.parts import ELL, prism
+from support.commands.repository import cad_file
+
+# ----------------------------------------------------------------------------------------------------
+# Cross sections against trimesh's own sections at random heights: regions, edges and normals.
 
 UPRIGHT = np.eye(3)
 
@@ -30,7 +42,7 @@ def turned(seed: int) -> Floats:
     return Rotation.random(random_state=seed).as_matrix()
 
 
-def prism(outline: Floats, height: float, twist_rad: float = 0.0, levels: int = 2) -> trimesh.Trimesh:
+def twisted_prism(outline: Floats, height: float, twist_rad: float = 0.0, levels: int = 2) -> trimesh.Trimesh:
     """Walls of two triangles between levels, turned by a twist in all; convex outlines only."""
     rings = []
     for share in np.linspace(0, 1, levels):
@@ -134,8 +146,8 @@ def check(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: int)
         (trimesh.creation.icosphere(3, radius=8), UPRIGHT, 0.4),
         (trimesh.creation.annulus(4, 9, 12, sections=40), turned(6), 0.8),
         (trimesh.creation.torus(12, 4, 30, 16), UPRIGHT, 0.5),
-        (prism(polygon(4, 12.0), 20.0, 1.0, 9), UPRIGHT, 0.8),
-        (prism(polygon(6, 12.0) * [1, 0.1], 20.0, 0.5, 7), UPRIGHT, 0.6),
+        (twisted_prism(polygon(4, 12.0), 20.0, 1.0, 9), UPRIGHT, 0.8),
+        (twisted_prism(polygon(6, 12.0) * [1, 0.1], 20.0, 0.5, 7), UPRIGHT, 0.6),
     ],
     ids=["box", "cone", "cone-tilted", "ball", "tube", "torus", "screw", "blade"],
 )
@@ -145,7 +157,7 @@ def test_sections_say_the_truth(mesh: trimesh.Trimesh, rotation: Floats, toleran
 
 def test_upright_walls_make_one_exact_section() -> None:
     outline = polygon(6, 12.0)
-    (section,) = sections_of(*part_of(prism(outline, 20.0, levels=30)), 0.05)
+    (section,) = sections_of(*part_of(twisted_prism(outline, 20.0, levels=30)), 0.05)
     assert section.z_mm == (0.0, 20.0)
     assert section.off_mm < 1e-6
     (region,) = section.regions
@@ -208,7 +220,7 @@ def test_a_lying_cylinder_of_chords_is_as_wide_as_the_true_one(sides: int, toler
     radius = 10.0
     sagitta = radius * (1 - np.cos(np.pi / sides))
     lying = Rotation.from_euler("xz", [np.pi / 2, 0.3]).as_matrix()
-    mesh = prism(polygon(sides, radius), 30.0)
+    mesh = twisted_prism(polygon(sides, radius), 30.0)
     solid = solid_of(mesh, sagitta)
     # One of its sides is down.
     side = Rotation.from_euler("z", np.pi / 2 - np.pi / sides).as_matrix()
@@ -244,3 +256,136 @@ def test_too_many_sections_are_refused_with_the_height() -> None:
 
 def test_a_printed_cube_with_letters() -> None:
     check(trimesh.load(cad_file("20mm-xyz-cube.stl")), UPRIGHT, 0.3, 6)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Slices of closed surfaces against trimesh, and at the heights where slicing is delicate.
+
+SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
+
+
+def surface_from(mesh: trimesh.Trimesh, rotation: Floats) -> RestingSurface:
+    solid = Solid("part", np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64))
+    lowest = (solid.vertices_mm @ rotation.T)[:, 2].min()
+    state = StableState("a", rotation, np.array([0.0, 0.0, -lowest]), 1.0, 0.5, np.zeros((3, 2)))
+    return resting_surface_of(solid, state)
+
+
+def area(regions: tuple[Region, ...]) -> float:
+    return sum(signed_area(r.outer) + sum(signed_area(h) for h in r.holes) for r in regions)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        trimesh.creation.annulus(4, 9, 12, sections=30),
+        trimesh.creation.icosphere(2, radius=7),
+        trimesh.creation.torus(12, 4, 30, 20),
+    ],
+    ids=["tube", "ball", "torus"],
+)
+def test_areas_are_those_of_trimesh(mesh: trimesh.Trimesh, seed: int) -> None:
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    surface = surface_from(mesh, rotation)
+    moved = trimesh.Trimesh(surface.vertices_mm, surface.faces, process=False)
+    for height in np.random.default_rng(seed).uniform(0.01, 0.99, 6) * surface.top_mm:
+        regions = regions_of([ring.points for ring in slice_surface(surface, height)])
+        lines = trimesh.intersections.mesh_plane(moved, [0, 0, 1], [0, 0, height], return_faces=True)
+        (start, end), normal = lines[0][:, :, :2].swapaxes(0, 1), moved.face_normals[lines[1]]
+        # Gauss: the area is half the flux of the position through the edges.
+        outward = normal[:, :2] / np.hypot(*normal[:, :2].T)[:, None]
+        flux = np.sum((start + end) / 2 * outward, axis=1) @ np.hypot(*(end - start).T) / 2
+        assert area(regions) == pytest.approx(flux, rel=1e-9)
+        assert all(signed_area(r.outer) > 0 and all(signed_area(h) < 0 for h in r.holes) for r in regions)
+
+
+def test_a_plane_through_vertices_is_no_special_case() -> None:
+    surface = surface_from(trimesh.creation.icosphere(2, radius=7), np.eye(3))
+    for height in np.unique(surface.vertices_mm[:, 2])[1:-1]:
+        (region,) = regions_of(
+            [r.points for r in slice_surface(surface, height) if abs(signed_area(r.points)) > 1e-9]
+        )
+        (above,) = regions_of([r.points for r in slice_surface(surface, height + 1e-9)])
+        assert signed_area(region.outer) == pytest.approx(signed_area(above.outer), abs=1e-6)
+
+
+def test_every_edge_lies_on_its_facet() -> None:
+    surface = surface_from(trimesh.creation.box((3, 4, 5)), Rotation.random(random_state=2).as_matrix())
+    (ring,) = slice_surface(surface, surface.top_mm / 2)
+    leg = np.roll(ring.points, -1, axis=0) - ring.points
+    outward = np.column_stack([leg[:, 1], -leg[:, 0]]) / np.hypot(*leg.T)[:, None]
+    np.testing.assert_allclose(outward, surface.normal[ring.facet], atol=1e-9)
+
+
+def test_holes_belong_to_the_smallest_polygon_around_them() -> None:
+    island = SQUARE / 8 + 1.75
+    regions = regions_of([SQUARE, (SQUARE / 2 + 1)[::-1], island, (island / 2 + 1)[::-1] + 0.0, SQUARE + 9])
+    assert [len(region.holes) for region in regions] == [1, 1, 0]
+    assert area(regions) == pytest.approx(16 - 4 + 0.25 - 0.0625 + 16)
+
+
+def test_a_hole_outside_of_the_material_is_refused() -> None:
+    with pytest.raises(InputError, match=r"a hole at \(11, 11\) lies outside"):
+        regions_of([SQUARE, (SQUARE + 9)[::-1]])
+
+
+def test_an_open_surface_is_refused() -> None:
+    mesh = trimesh.creation.box((3, 4, 5))
+    mesh.faces = mesh.faces[1:]
+    with pytest.raises(InputError, match="not closed"):
+        surface_from(mesh, np.eye(3))
+
+
+def test_faces_that_are_level_but_for_rounding_are_made_level() -> None:
+    mesh = trimesh.creation.box((30, 40, 50))
+    surface = surface_from(mesh, Rotation.from_rotvec([1e-8, 2e-8, 0]).as_matrix())
+    assert surface.level.sum() == 4
+    assert surface.top_mm == pytest.approx(50, abs=1e-3)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Silhouettes of resting solids, beside hulls of points and outlines that prisms have.
+
+
+def resting_mesh(mesh, rotation):
+    vertices = np.asarray(mesh.vertices, dtype=float)
+    offset = np.array([0.0, 0.0, -(vertices @ rotation[2]).min()])
+    state = StableState("a", rotation, offset, 1.0, 0.5, np.zeros((3, 2)))
+    return (
+        Solid("part", vertices, np.asarray(mesh.faces, dtype=np.int64)),
+        state,
+        vertices @ rotation.T + offset,
+    )
+
+
+def area_of_rings(rings):
+    whole = shapely.Polygon()
+    for ring in rings:
+        whole = whole.symmetric_difference(shapely.Polygon(ring))
+    return whole
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_a_convex_solid_it_is_the_hull_of_its_points(seed):
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.convex.convex_hull(rng.normal(size=(400, 3)) * [30, 12, 8])
+    solid, state, points = resting_mesh(mesh, Rotation.random(random_state=seed).as_matrix())
+    wide, deep = np.ptp(points[:, :2], axis=0)
+    hull = shapely.MultiPoint(points[:, [0, 2]] if wide >= deep else points[:, [1, 2]]).convex_hull
+    seen = area_of_rings(silhouette(solid, state))
+    size = max(np.ptp(points, axis=0))
+    assert shapely.hausdorff_distance(seen, hull) < 0.015 * size
+    assert seen.bounds[1] == pytest.approx(0.0, abs=0.01 * size)
+
+
+def test_an_angle_profile_shows_its_legs_and_a_tube_its_hole():
+    upright = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # the outline is seen from the side
+    solid, state, _ = resting_mesh(prism(ELL, 20.0), upright)
+    seen = area_of_rings(silhouette(solid, state))
+    assert shapely.hausdorff_distance(seen, shapely.affinity.translate(ELL, 0, 0)) < 1.0
+    ring = shapely.Point(0, 0).buffer(12).difference(shapely.Point(0, 0).buffer(8))
+    solid, state, _ = resting_mesh(prism(ring, 20.0), upright)
+    rings = silhouette(solid, state)
+    assert len(rings) == 2
+    assert area_of_rings(rings).area == pytest.approx(ring.area, rel=0.05)

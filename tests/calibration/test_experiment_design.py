@@ -4,7 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from touched_references import (
+
+from palpate.calibration.experiment_design import (
+    PredictedTouches,
+    choose_touches,
+    predict_touches,
+    probes_towards,
+)
+from palpate.calibration.finger_fit import FingerFit, fit_fingers
+from palpate.calibration.measurements import ServoPath
+from support.benches.touched_references import (
     AIM_ZEROS_RAD,
     GEARS,
     HEADING,
@@ -21,15 +30,6 @@ from touched_references import (
     some_places,
     touches,
 )
-
-from palpate.calibration.experiment_design import (
-    PredictedTouches,
-    choose_touches,
-    predict_touches,
-    probes_towards,
-)
-from palpate.calibration.finger_fit import FingerFit, fit_fingers
-from palpate.calibration.measurements import ServoPath
 
 FIRST_MM, LAST_MM = 50.0, 245.0
 AIMS = 25

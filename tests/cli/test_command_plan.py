@@ -10,11 +10,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import Ended, run_here
-from json_schema import violations
-from repository import EXAMPLES
-from sampling import sample
-from shapely_bench import (
+
+from palpate.config import load_rig, shipped_rig
+from palpate.config.schema import schema_text
+from palpate.recognizer import Approach, Catalogue, Contact, Finger
+from palpate.rig.identification.grip_choice import indistinguishable_sets
+from palpate.rig.reach.approaches import reach_of
+from palpate.views.recognition import contacts_json
+from support.campaign.sampling import sample
+from support.commands.command import Ended, run_here
+from support.commands.json_schema import violations
+from support.commands.repository import EXAMPLES
+from support.oracles.plans import felt_along
+from support.oracles.shapely_touches import (
     SHIPPED_OBJECTS,
     Placed,
     equivalent_configurations,
@@ -24,14 +32,6 @@ from shapely_bench import (
     stop,
     unit,
 )
-from simulated_touches import felt_along
-
-from palpate.config import load_rig, shipped_rig
-from palpate.config.schema import schema_text
-from palpate.recognizer import Approach, Catalogue, Contact, Finger
-from palpate.rig.identification.grip_choice import indistinguishable_sets
-from palpate.rig.reach.approaches import reach_of
-from palpate.views.recognition import contacts_json
 
 Ask = Callable[..., Ended]
 Planned = Mapping[str, Any]

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import Ended, run_here
-from json_schema import violations
-from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place
 
 from palpate.config.loading import shipped_objects
 from palpate.config.schema import schema_text
 from palpate.recognizer import Contact
 from palpate.views.recognition import contacts_json
+from support.commands.command import Ended, run_here
+from support.commands.json_schema import violations
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, grip, outlines, place
 
 Ask = Callable[..., Ended]
 

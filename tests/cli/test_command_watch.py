@@ -15,11 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import PALPATE, Ended, log_events, log_lines, run, run_here, write_log
-from firm_rig import firm_rig
-from json_schema import violations
-from quick_rig import small, small_parts
-from recorded_ports import Listener
 from serial import SerialException
 from serial.serialutil import SerialBase
 
@@ -32,6 +27,10 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.ports import PortTaken
 from palpate.jobs.session import open_session
 from palpate.rig.array_monitor import ArrayPorts, find_array_ports, stream_arrays
+from support.benches.rigs import firm_rig, small, small_parts
+from support.commands.command import PALPATE, Ended, log_events, log_lines, run, run_here, write_log
+from support.commands.json_schema import violations
+from support.devices.ports import Listener
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())

@@ -1,15 +1,28 @@
+"""Objects files: mistakes, heights, idle points."""
+
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from wording import missing
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config import load_objects
+from palpate.config.objects_checks import drop_redundant_points
+from palpate.config.objects_file import load_objects_text
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_json
+from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
+from palpate.jobs.files import load_objects as load_and_warn
+from palpate.jobs.script import RigWarning
+from support.commands.command import missing
+from support.commands.json_schema import violations
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 INNER = [[2, 2], [4, 2], [4, 4], [2, 4]]
@@ -231,3 +244,223 @@ def test_missing_file_folder_and_foreign_bytes(file: Path) -> None:
     file.write_bytes(b'{"format":\n "\xe9"}')
     with pytest.raises(InputError, match="line 2 holds byte 0xe9, which is not UTF-8"):
         load_objects(file)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Object models known at some heights only, and the writer of objects files.
+
+SQUARE_MM = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]]
+POLYGONS = [{"outer": SQUARE_MM}]
+
+
+def catalogue_of_heights(zs: list[list[float]], **changes: Any) -> dict[str, Any]:
+    state = {"name": "up", "sections": [{"z": z, "polygons": POLYGONS} for z in zs]} | changes
+    return {"format": "palpate/objects@1", "units": "mm", "objects": [{"name": "part", "states": [state]}]}
+
+
+def loaded(folder: Path, content: object) -> Any:
+    file = folder / "parts.json"
+    file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    return load_objects(file).objects[0].states[0]
+
+
+def test_a_state_without_heights_is_known_everywhere(tmp_path: Path) -> None:
+    state = loaded(tmp_path, catalogue_of_heights([[2, 5], [7, 9]]))
+    assert state.top_mm == 9
+    assert all(state.known_at(height) for height in (0.0, 6.0, 8.0, 50.0))
+
+
+def test_a_state_is_known_within_its_heights_and_above_its_top(tmp_path: Path) -> None:
+    state = loaded(
+        tmp_path, catalogue_of_heights([[4.5, 5.5]], height=20, heights=[[4.5, 5.5], [11.5, 12.5]])
+    )
+    known = {height: state.known_at(height) for height in (4.4, 4.5, 5.5, 5.6, 12.0, 12.6, 20.0, 20.1)}
+    assert known == {
+        4.4: False,
+        4.5: True,
+        5.5: True,
+        5.6: False,
+        12.0: True,
+        12.6: False,
+        20.0: False,
+        20.1: True,
+    }
+    assert state.top_mm == 20
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (catalogue_of_heights([[4, 5]], heights=[[4, 5]]), 'state "up": has "heights" but no "height"'),
+        (
+            catalogue_of_heights([[4, 5]], height=9, heights=[[4, 5], [4.5, 6]]),
+            "heights[1]: starts at 4.5 mm, where the one before has not ended",
+        ),
+        (
+            catalogue_of_heights([[4, 5]], height=9, heights=[[6, 7], [4, 5]]),
+            "heights[1]: starts at 4 mm, where the one",
+        ),
+        (
+            catalogue_of_heights([[4, 5]], height=4.5, heights=[[4, 5]]),
+            "heights[0]: ends at 5 mm, above the part's height",
+        ),
+        (
+            catalogue_of_heights([[0, 5]], height=9, heights=[[-1, 5]]),
+            "heights[0]: starts at -1 mm, below the support",
+        ),
+        (
+            catalogue_of_heights([[4, 5], [5, 7]], height=9, heights=[[4, 5.5], [6, 7]]),
+            "section 1, z: [5, 7] mm is not within the heights at which the state is known: 4–5.5 and 6–7 mm",
+        ),
+        (
+            catalogue_of_heights([[0, 9.5]], height=9),
+            "section 0, z: [0, 9.5] mm is not within the heights at which",
+        ),
+        (
+            catalogue_of_heights([[0, 8]], height=9),
+            'state "up": ends at 8 mm, below its height of 9 mm; say at which "heights"',
+        ),
+        (catalogue_of_heights([[0, 8]], height=0), "height: is 0; it must be above 0"),
+        (
+            catalogue_of_heights([[0, 8]], height=8, heights=[]),
+            "heights: has 0 values; it must have at least 1",
+        ),
+    ],
+)
+def test_refusals_name_the_place(tmp_path: Path, content: object, message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        loaded(tmp_path, content)
+    assert message in str(caught.value)
+    assert 'object "part", state "up"' in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_schema_knows_heights() -> None:
+    schema = json.loads(schema_text("objects"))
+    good = catalogue_of_heights([[4, 5]], height=9, heights=[[4, 5]])
+    assert violations(good, schema) == []
+    assert violations(catalogue_of_heights([[4, 5]], heights=5), schema) != []
+
+
+NUMBERS = st.floats(-1e4, 1e4).map(lambda value: round(value, 6) + 0.0)
+RINGS = st.lists(st.tuples(NUMBERS, NUMBERS), min_size=3, max_size=40)
+
+
+@given(rings=st.lists(RINGS, min_size=1, max_size=3), tolerance=st.floats(0, 1), height=st.floats(0.1, 900))
+def test_what_is_written_is_read_again_to_the_last_digit(
+    rings: list[list[tuple[float, float]]], tolerance: float, height: float
+) -> None:
+    sections = [
+        {"z": (k, k + 1.0), "polygons": [{"outer": ring, "holes": rings}]} for k, ring in enumerate(rings)
+    ]
+    states = [{"name": "süd", "height": height, "heights": [(0.0, height)], "sections": sections}]
+    objects = [{"name": 'a "b"', "tolerance": tolerance, "states": states}, {"name": "c", "height": 3.0}]
+    text = ObjectsFileText.model_validate({"format": "palpate/objects@1", "units": "mm", "objects": objects})
+    written = objects_json(text)
+    assert ObjectsFileText.model_validate(json.loads(written)) == text
+    assert max(map(len, written.splitlines())) <= 130, "readable"
+
+
+def test_objects_that_were_there_stay_as_they_are(tmp_path: Path) -> None:
+    file = tmp_path / "parts.json"
+    short = {"name": "plate", "outline": SQUARE_MM, "height": 20}
+    file.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": [short]}))
+    text = load_objects_text(file)
+    more = ObjectText(name="other", outline=[(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], height=1.0)
+    both = text.model_copy(update={"objects": [*text.objects, more]})
+    assert json.loads(objects_json(both))["objects"][0] == short
+
+
+# ----------------------------------------------------------------------------------------------------
+# Points of objects files that say nothing are left out, and nothing else is.
+
+Points = list[tuple[float, ...]]
+SQUARE_POINTS: Points = [(0, 0), (10, 0), (10, 10), (0, 10)]
+
+
+def text_of(*outlines: object) -> ObjectsFileText:
+    first, *holes = outlines
+    state = {"name": "a", "sections": [{"z": [0, 9], "polygons": [{"outer": first, "holes": holes}]}]}
+    objects = [{"name": "plate", "states": [state]}]
+    return ObjectsFileText.model_validate({"format": "palpate/objects@1", "units": "mm", "objects": objects})
+
+
+def outer(text: ObjectsFileText) -> Points:
+    states = text.objects[0].states
+    assert states is not None
+    return [tuple(map(float, point)) for point in states[0].sections[0].polygons[0].outer]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([*SQUARE_POINTS, (0, 0)], "1 point that repeats the one before"),
+        (
+            [(0, 0), (0, 0), (4, 0), (10, 0), (10, 10), (10, 10), (0, 10), (0, 5)],
+            "2 points that repeat the one before and 2 points on a straight line",
+        ),
+        ([(0, 0), (3, 0), (5, 0), (8, 0), (10, 0), (10, 10), (0, 10)], "3 points on a straight line"),
+    ],
+)
+def test_what_says_nothing_is_left_out_and_said(points: Points, words: str) -> None:
+    text, (line,) = drop_redundant_points(text_of(points))
+    assert outer(text) == SQUARE_POINTS
+    assert line.startswith('object "plate": left out ')
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        SQUARE_POINTS,
+        [(0, 0), (5, 1e-4), (10, 0), (10, 10), (0, 10)],  # bent, if little
+        [(0, 0, 0.5), (10, 0), (10, 10), (0, 10)],
+        [(0, 0), (5, 0, 0.3), (10, 0), (10, 10), (0, 10)],  # an arc begins there
+        [(0, 0), (20, 0), (10, 0), (10, 10)],  # runs back
+    ],
+)
+def test_what_says_something_stays(points: Points) -> None:
+    before = text_of(points)
+    text, lines = drop_redundant_points(before)
+    assert text is before
+    assert lines == ()
+
+
+def test_a_fine_circle_keeps_all_of_its_points() -> None:
+    """Each of them alone is as good as on the line between its neighbours."""
+    turns = np.linspace(0, 2 * math.pi, 100_000, endpoint=False)
+    points = np.column_stack([np.cos(turns), np.sin(turns)]).tolist()
+    text, lines = drop_redundant_points(text_of(points))
+    assert lines == ()
+    assert len(outer(text)) == 100_000
+
+
+@given(
+    sides=st.integers(3, 9),
+    extra=st.lists(st.tuples(st.integers(0, 8), st.floats(0, 1)), max_size=12),
+    seed=st.integers(0, 1000),
+)
+def test_the_outline_is_the_same_without_them(sides: int, extra: list[tuple[int, float]], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turns = 2 * math.pi * (np.arange(sides) + rng.uniform(-0.3, 0.3, sides)) / sides
+    corners = 20 * np.column_stack([np.cos(turns), np.sin(turns)])
+    points: Points = []
+    for k, corner in enumerate(corners):
+        step = corners[(k + 1) % sides] - corner
+        own = sorted(share for number, share in extra if number % sides == k)
+        points += [tuple((corner + share * step).tolist()) for share in (0.0, *own)]
+    text, _ = drop_redundant_points(text_of(points))
+    left = outer(text)
+    assert len(left) >= sides
+    assert shapely.hausdorff_distance(shapely.LinearRing(left), shapely.LinearRing(points)) < 1e-6
+
+
+def test_files_say_so_when_they_are_loaded(tmp_path: Path) -> None:
+    file = tmp_path / "parts.json"
+    outline = [*SQUARE_POINTS, (0, 0)]
+    objects = [{"name": "plate", "outline": outline, "height": 9}]
+    file.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": objects}))
+    found = load_objects(file)
+    assert len(found.objects[0].states[0].sections[0].rings[0]) == 4
+    with pytest.warns(RigWarning, match='parts.json: object "plate": left out 1 point that repeats'):
+        assert load_and_warn(file) == found

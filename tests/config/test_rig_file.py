@@ -1,17 +1,27 @@
+"""Rig files: mistakes, the reference page, arrays."""
+
+import copy
 import json
 import re
+from collections.abc import Iterator
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
 import pytest
-from firm_rig import firm_rig
-from repository import EXAMPLES, ROOT
+import tomlkit
 
 from palpate.base.errors import InputError
-from palpate.config import load_rig, shipped_rig
+from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.dynamixel.models import SPECIFICATIONS
+from palpate.drivers.tactile.description import Corner, Mounting, Shape
+from palpate.rig.conversion import mounting_of
+from palpate.rig.emulated.devices import emulate
+from support.benches.rigs import firm_rig
+from support.commands.repository import EXAMPLES, ROOT
 
 BENCH = firm_rig().read_text(encoding="utf-8")
 ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")
@@ -437,3 +447,109 @@ def test_a_servo_that_reports_no_current_is_refused_and_told_why(model: str, tmp
     said = refusal(tmp_path, changed(BENCH, "XM430-W350", model))
     assert said.startswith(f'fingers[0].aim.model ("f1"): is "{model}", which does not report its current')
     assert "docs/rig-file.md#servo-models" in said
+
+
+# ----------------------------------------------------------------------------------------------------
+# docs/rig-file.md: its smallest file is one, and says which keys are required.
+
+PAGE = Path(__file__).parents[2] / "docs" / "rig-file.md"
+
+
+def smallest() -> dict[str, Any]:
+    text = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[0]
+    return tomlkit.parse(text).unwrap()
+
+
+def places(value: Any, *way: str | int) -> Iterator[tuple[str | int, ...]]:
+    """Ways to every key of tables in tables and lists."""
+    pairs = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in pairs:
+        if isinstance(value, dict):
+            yield (*way, key)
+        yield from places(item, *way, key)
+
+
+def written(tmp_path: Path, rig: dict[str, Any]) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(tomlkit.dumps(rig), encoding="utf-8")
+    return path
+
+
+def test_the_smallest_file_is_a_rig_file(tmp_path: Path) -> None:
+    assert load_rig(written(tmp_path, smallest())).fingers[0].name == "right"
+
+
+@pytest.mark.parametrize("way", list(places(smallest())), ids=lambda way: ".".join(map(str, way)))
+def test_every_key_of_the_smallest_file_is_required(tmp_path: Path, way: tuple[str | int, ...]) -> None:
+    rig = copy.deepcopy(smallest())
+    table: Any = rig
+    for key in way[:-1]:
+        table = table[key]
+    del table[way[-1]]
+    with pytest.raises(InputError, match=re.escape(str(way[-1]))):
+        load_rig(written(tmp_path, rig))
+
+
+# ----------------------------------------------------------------------------------------------------
+# Arrays of other makers in rig files: the keys that they need, and those that they refuse.
+
+BENCH_FILE: Traversable = firm_rig()
+
+
+def rig_text(protocol: str, *lines: str) -> str:
+    """The bench, with its first array of another protocol."""
+    text = BENCH_FILE.read_text(encoding="utf-8")
+    return text.replace('protocol = "palpate"', "\n".join([f'protocol = "{protocol}"', *lines]), 1)
+
+
+def load(folder: Path, text: str) -> ArrayConfig:
+    file = folder / "rig.toml"
+    file.write_text(text, encoding="utf-8")
+    return load_rig(file).fingers[0].array
+
+
+def mounting(folder: Path, *lines: str) -> Mounting:
+    array = load(folder, rig_text("weiss-dsa", *lines))
+    assert isinstance(array, MountedArrayConfig)
+    return mounting_of(array, 5.0)
+
+
+def test_mountings_from_the_file(tmp_path: Path) -> None:
+    assert type(load(tmp_path, rig_text("palpate"))) is ArrayConfig
+    every = ["counts_per_n = 50", "matrix = 3", 'shape = "flat"', 'first_texel = "upper-right"']
+    assert mounting(tmp_path, *every, 'first_row = "upright"') == Mounting(
+        Shape.FLAT, 5.0, 50.0, Corner.UPPER_RIGHT, upright=True
+    )
+    assert mounting(tmp_path, "counts_per_n = 50") == Mounting(Shape.CYLINDER, 5.0, 50.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (rig_text("weiss-dsa"), ['fingers[0].array ("f1")', '"counts_per_n" is missing']),
+        (rig_text("weiss-wts", "counts_per_n = 0.0"), ['array.counts_per_n ("f1")', "must be above 0"]),
+        (rig_text("weiss-wts", "count_per_n = 9.0"), ['unknown key "count_per_n"', '"counts_per_n"?']),
+        (rig_text("weiss-wts", "counts_per_n = 9.0", "matrix = 0"), ['unknown key "matrix"', "first_row"]),
+        (rig_text("palpate", 'first_row = "across"'), ['fingers[0].array ("f1")', 'unknown key "first_row"']),
+        (
+            rig_text("weiss-dsa", "counts_per_n = 9.0", 'first_texel = "left"'),
+            ['array.first_texel ("f1")', '"left"', '"lower-left", "lower-right"'],
+        ),
+        (
+            rig_text("braille"),
+            ['fingers[0].array.protocol ("f1")', '"braille"', '"palpate"', '"weiss-wts"', "install"],
+        ),
+    ],
+)
+def test_refused(tmp_path: Path, text: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        load(tmp_path, text)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_flat_arrays_are_not_emulated(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(rig_text("weiss-wts", "counts_per_n = 9.0", 'shape = "flat"'), encoding="utf-8")
+    with pytest.raises(InputError, match="finger f1: flat arrays cannot be emulated; leave"):
+        emulate(load_rig(file), None, 1)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import pytest
 import serial
-from recorded_ports import Listener
 
 from palpate.base.errors import DeviceError, SafetyStop
 from palpate.drivers.dynamixel import control_table as ct
@@ -32,6 +31,7 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
+from support.devices.ports import Listener
 
 BAUD = 1_000_000
 STEP_S = 1e-3

@@ -1,4 +1,4 @@
-"""Several servos in one instruction: what each answered, what a silent one costs, how fast it is."""
+"""Group reads and writes of the bus, and the loop of a rig."""
 
 import threading
 from collections.abc import Callable
@@ -12,13 +12,7 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import HardwareError
-from palpate.drivers.dynamixel.errors import (
-    HardwareAlert,
-    NotAnswering,
-    NotConfirmed,
-    PortFailed,
-    Restarted,
-)
+from palpate.drivers.dynamixel.errors import HardwareAlert, NotAnswering, NotConfirmed, PortFailed, Restarted
 from palpate.drivers.dynamixel.exchanges import fast_read_time_s, group_read_time_s, sync_write_time_s
 from palpate.drivers.dynamixel.packet import StatusPacket, encode_status
 from palpate.drivers.dynamixel.servo import Servo, disable_torque, stop_at, write_goals
@@ -31,6 +25,19 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
+from support.oracles.bus_loop import (
+    CASES,
+    BusLoop,
+    LoopCase,
+    PlayingClock,
+    PlayingPort,
+    SdkLoop,
+    TapingClock,
+    TapingPort,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Several servos in one instruction: what each answered, what a silent one costs, how fast it is.
 
 LATENCY_S = 1e-3
 STATE = 14  # bytes of a servo's state
@@ -350,3 +357,54 @@ def test_a_wire_on_which_somebody_else_never_stops_does_not_hold_the_bus() -> No
     assert set(bus.sync_read([1, 2, 3], ct.ITEMS["Present Position"]).errors) == {1, 2, 3}
     assert set(bus.broadcast_ping([1, 2])) <= {99}
     assert clock.now() < 3.0
+
+
+# ----------------------------------------------------------------------------------------------------
+# A control loop's time on the bus: what the formulas for the wire say, and little more. In virtual time.
+
+CYCLES = 20
+
+
+def wired(case: LoopCase) -> tuple[MockHub, VirtualClock, str]:
+    clock = VirtualClock()
+    hub = MockHub(clock, "loop")
+    return hub, clock, hub.attach("bus", case.chain(), case.baudrate)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_reading_and_writing_all_takes_what_the_wire_takes(case: LoopCase) -> None:
+    _hub, clock, url = wired(case)
+    loop = BusLoop(case, open_port(url, case.baudrate), clock)
+    assert loop.reader.is_fast == (case.firmware >= 45)
+    begin = clock.now()
+    for number in range(CYCLES):
+        loop.cycle(number)
+    spent = (clock.now() - begin) / CYCLES
+    assert loop.wire_s <= spent + 1e-9
+    assert spent <= 1.3 * loop.wire_s
+    assert loop.bus.counts.retries == loop.bus.counts.silent == loop.bus.counts.damaged == 0
+
+
+@pytest.mark.parametrize("case", CASES[3::4], ids=str)
+def test_a_tape_gives_both_loops_the_same_again(case: LoopCase) -> None:
+    """What the benchmark takes the host's time of is all of it: same bytes, every answer used."""
+    _hub, clock, url = wired(case)
+    setup = BusLoop(case, open_port(url, case.baudrate), clock)
+    place = setup.servos[0].model.indirect
+    assert place is not None
+    fast = setup.reader.is_fast
+    for make in (
+        lambda port, clock: BusLoop(case, port, clock),
+        lambda port, clock: SdkLoop(case, place.data, fast, port, clock),
+    ):
+        tape: list[object] = []
+        loop = make(TapingPort(open_port(url, case.baudrate), tape), TapingClock(clock, tape))
+        for number in range(CYCLES):
+            loop.cycle(number)
+        answers = iter(tape)
+        again = make(PlayingPort(url, answers), PlayingClock(answers))
+        for number in range(CYCLES):
+            again.cycle(number)
+        assert next(answers, None) is None
+        if isinstance(again, SdkLoop):
+            assert again.lost == 0

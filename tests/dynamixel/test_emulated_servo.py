@@ -6,7 +6,6 @@ from time import perf_counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from servo_console import Console
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
@@ -20,6 +19,7 @@ from palpate.drivers.dynamixel.packet import (
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
+from support.devices.servo_wire import Console
 
 CURRENT_BASED, EXTENDED, POSITION = 5, 4, 3
 

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from firmware_build import build_firmware
+
+from support.devices.firmware import build_firmware
 
 
 @pytest.fixture(scope="session")

@@ -1,9 +1,7 @@
-"""The firmware on a Cortex-M3 and a Cortex-M0 that QEMU emulates, instruction by instruction.
+"""The firmware on emulated boards, alone and on a rig."""
 
-The boards' time follows their instructions (`-icount`), so that a busy computer costs them nothing. QEMU
-carries a byte at once, whatever the baud rate.
-"""
-
+import json
+import math
 import os
 import re
 import subprocess
@@ -14,12 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from array_host import expected_counts, read_quiet, read_until
-from firmware_build import FIRMWARE, build_firmware
-from noisy_port import NoisyPort
 from numpy.typing import NDArray
-from pipe_port import PipePort
-from qemu_board import (
+
+from palpate.base.errors import DeviceError
+from palpate.base.geometry import Counts
+from palpate.config import load_objects, load_rig
+from palpate.drivers.tactile import TactileArray
+from palpate.drivers.transport.clock import MonotonicClock
+from palpate.drivers.transport.ports import open_port
+from palpate.rig.bench import choose_placement
+from support.campaign.sampling import sample
+from support.commands.command import run
+from support.devices.firmware import FIRMWARE, build_firmware, expected_counts, read_quiet, read_until
+from support.devices.ports import NoisyPort, PipePort
+from support.devices.qemu import (
     COLUMNS,
     DEPTH,
     MICROBIT,
@@ -28,23 +34,31 @@ from qemu_board import (
     Machine,
     QemuBoard,
     Source,
+    board_bench,
     missing_tools,
     qemu_board,
+    slow_bench,
+    write_real_rig,
 )
-from sampling import sample
-from wire_messages import ACK, DESCRIBE, FRAME, HELLO, START, STOP, frame_counts, request, said
+from support.oracles.array_messages import (
+    ACK,
+    DESCRIBE,
+    FRAME,
+    HELLO,
+    START,
+    STOP,
+    frame_counts,
+    request,
+    said,
+)
 
-from palpate.base.errors import DeviceError
-from palpate.base.geometry import Counts
-from palpate.drivers.tactile import TactileArray
-from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.ports import open_port
+# ----------------------------------------------------------------------------------------------------
+# The firmware on a Cortex-M3 and a Cortex-M0 that QEMU emulates, instruction by instruction.
+#
+# The boards' time follows their instructions (`-icount`), so that a busy computer costs them nothing. QEMU
+# carries a byte at once, whatever the baud rate.
 
 MISSING = missing_tools()
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}"),
-]
 BOTH = pytest.mark.parametrize("machine", [MPS2, MICROBIT], ids=lambda machine: machine.core)
 BOTH_AT_LENGTH = pytest.mark.parametrize(
     "machine", sample([MPS2, MICROBIT], [MPS2]), ids=lambda machine: machine.core
@@ -88,6 +102,8 @@ def assert_right(numbers: NDArray[np.uint32], counts: Counts) -> None:
     np.testing.assert_array_equal(counts, expected_counts(numbers, ROWS, COLUMNS, DEPTH))
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH_AT_LENGTH
 def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: Path) -> None:
     frames = 10_000
@@ -108,6 +124,8 @@ def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: 
     assert account.longest_us < 1e6 / RATE_HZ
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH_AT_LENGTH
 def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
     machine: Machine, tmp_path: Path
@@ -127,6 +145,8 @@ def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
     assert_right(numbers, counts)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH
 def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tmp_path: Path) -> None:
     """One bit in 1 of 2000 bytes to the host flipped, and noise sent to the board all the time."""
@@ -157,6 +177,8 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
     assert account.given_up == 0
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH_AT_LENGTH
 def test_a_host_that_stalls_misses_frames_that_are_counted(machine: Machine, tmp_path: Path) -> None:
     with qemu_board(machine, tmp_path, icount=ICOUNT) as board:
@@ -182,6 +204,8 @@ def test_a_host_that_stalls_misses_frames_that_are_counted(machine: Machine, tmp
     assert_right(np.array([found.sequence for found in frames], np.uint32), counts)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH
 def test_each_of_many_requests_is_answered(machine: Machine, tmp_path: Path) -> None:
     """Bytes come while the board runs, at any instant. An interrupt that misses one is deaf from then on."""
@@ -198,6 +222,8 @@ def test_each_of_many_requests_is_answered(machine: Machine, tmp_path: Path) -> 
     assert (account.requests, account.faults, account.overruns) == (599, 0, 0)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH
 def test_untouched_skin_is_quiet_and_can_be_tared(machine: Machine, tmp_path: Path) -> None:
     with (
@@ -217,6 +243,8 @@ def test_untouched_skin_is_quiet_and_can_be_tared(machine: Machine, tmp_path: Pa
     assert abs(tared.mean() - 100) < 1
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 @BOTH
 def test_what_it_costs_is_what_the_readme_says(machine: Machine) -> None:
     """Flash and RAM of the whole program, start-up and the board's own code included."""
@@ -228,3 +256,41 @@ def test_what_it_costs_is_what_the_readme_says(machine: Machine) -> None:
     code, data, zeroed = map(int, listed.stdout.splitlines()[1].split()[:3])
     assert (code + data) / 1000 == pytest.approx(float(row[1]), abs=0.3)
     assert (data + zeroed) / 1000 == pytest.approx(float(row[2]), abs=0.1)
+
+
+# ----------------------------------------------------------------------------------------------------
+# palpate's commands against arrays whose firmware runs on an emulated Cortex-M3, three of them on one rig.
+#
+# The boards sample what the emulated skin feels. The commands know nothing of that: to them the rig is real.
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+@pytest.mark.campaign
+@pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
+def test_check_watch_and_identify(tmp_path: Path) -> None:
+    rig, parts = slow_bench(tmp_path)
+    truth = choose_placement(load_rig(rig), load_objects(parts), None, 5)
+    assert truth is not None
+    with board_bench(load_rig(rig), truth, 5, tmp_path) as bench:
+        real = write_real_rig(rig, bench.paths, tmp_path / "real.toml")
+        checked = run("check", "--rig", real, "--json", cwd=tmp_path)
+        watched = run("watch", "--rig", real, "--for", 3, "--json", cwd=tmp_path)
+        done = run("identify", "--rig", real, "--objects", parts, "--json", cwd=tmp_path, timeout_s=200)
+        accounts = {name: board.account() for name, board in bench.boards.items()}
+    assert checked.code == 0, checked.err
+    assert [found["firmware"] for found in checked.json["arrays"]] == ["mps2 1"] * 3
+    assert watched.code == 0, watched.err
+    assert {shown["finger"] for shown in json.loads(watched.out.splitlines()[-1])["fingers"]} == set(accounts)
+    assert done.code == 0, done.err
+    answer = done.json
+    assert (answer["verdict"], answer["object"]) == ("identified", truth.model.name)
+    assert answer["emulated"] is True, "the boards say so"
+    turns = round((answer["configuration"]["theta"] - truth.theta_rad) / (2 * math.pi))
+    pose = {"x": truth.x_mm, "y": truth.y_mm, "theta": truth.theta_rad + 2 * math.pi * turns}
+    for key, value in pose.items():
+        lo, hi = answer["bounds"][key]
+        assert lo <= value <= hi
+    for account in accounts.values():
+        assert account.frames > 1000
+        assert (account.faults, account.overruns) == (0, 0)

@@ -13,8 +13,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from quick_rig import quick_bench
-from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
@@ -22,6 +20,8 @@ from palpate.rig.diagnostics.servo_bus import list_servos
 from palpate.rig.fingers import servo_settings
 from palpate.testing import served
 from palpate.testing.hardware.bench import open_bus
+from support.benches.rigs import quick_bench
+from support.commands.repository import EXAMPLES, ROOT
 
 REAL = EXAMPLES / "real-rig.toml"
 SUITE = (sys.executable, "-m", "palpate.testing.hardware")

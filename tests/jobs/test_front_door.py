@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import log_events, run, torque_writes
-from firm_rig import firm_rig
-from quick_rig import quick_bench
-from repository import EXAMPLES, ROOT
-from sampling import sample
 
 import palpate
 from palpate.rig.identification.observers import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
+from support.benches.rigs import firm_rig, quick_bench
+from support.campaign.sampling import sample
+from support.commands.command import log_events, run, torque_writes
+from support.commands.repository import EXAMPLES, ROOT
 
 CONTACTS = EXAMPLES / "contacts.json"
 NOT_COMPARED = ("wall_seconds", "session")

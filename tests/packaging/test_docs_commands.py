@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 import trimesh
 import typer.main
-from command import PALPATE
-from documented_commands import PAGES, Shown, differences, mentioned, shown_on
-from repository import ROOT
-from sampling import sample
-from solids import ELL, mesh_file, prism
 
 from palpate.cli.main import app
+from support.benches.parts import ELL, mesh_file, prism
+from support.campaign.sampling import sample
+from support.commands.command import PALPATE
+from support.commands.pages import PAGES, Shown, differences, mentioned, shown_on
+from support.commands.repository import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 

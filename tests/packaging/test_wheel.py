@@ -16,8 +16,9 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from quick_rig import small, small_parts
-from repository import EXAMPLES, ROOT
+
+from support.benches.rigs import small, small_parts
+from support.commands.repository import EXAMPLES, ROOT
 
 pytestmark = pytest.mark.slow
 

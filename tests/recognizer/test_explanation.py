@@ -8,7 +8,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, State
@@ -20,6 +19,7 @@ from palpate.recognizer.explanation import (
     grips_before_move,
     suspected_contacts,
 )
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 RECTANGLE = flat("rectangle", [(-30, -12), (30, -12), (30, 12), (-30, 12)])
 POINT = Finger(0.0, 10.0)

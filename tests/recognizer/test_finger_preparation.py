@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from prepared_bits import FINGERS, bits_of, drawn_catalogue
 
 from palpate.base.geometry import ObjectModel, State
 from palpate.recognizer import Catalogue, Finger
@@ -16,6 +15,7 @@ from palpate.recognizer.preparation import (
     prepare_finger,
     state_digest,
 )
+from support.oracles.kernel import FINGERS, bits_of, drawn_catalogue
 
 
 @pytest.mark.parametrize("exact", [True, False])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely_bench import SHIPPED_OBJECTS, flat, grip, holding_truth, outlines, place
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, NormalRange, Recognition, recognise
 from palpate.recognizer.contact import Contact, Finger
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, holding_truth, outlines, place
 
 FEW = settings(max_examples=12, deadline=None)
 

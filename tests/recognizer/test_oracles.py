@@ -18,13 +18,13 @@ import networkx
 import numpy as np
 import pytest
 import shapely
-from campaign_checks import in_polygons
-from sampling import sample
-from shapely_bench import flat
 
 from palpate.base.geometry import Bools, Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.memo_statistics import memo_counts
+from support.campaign.sampling import sample
+from support.campaign.trials import in_polygons
+from support.oracles.shapely_touches import flat
 
 LIBM = ctypes.CDLL(ctypes.util.find_library("m"))
 NEAREST = LIBM.fegetround()

@@ -7,13 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from decisive_grips import came_from, poses_in
-from pad_grips import pad_contacts
-from pad_touches import face_stop_mm, seen_along
-from reach_ring import model_of, ring, some_recognition
-from repository import ROOT
-from sampling import sample
-from shapely_bench import SHIPPED_OBJECTS, flat, outlines, place_within, placed_as
 
 from palpate.base.vocabulary import TipShape
 from palpate.config import RigFile
@@ -35,6 +28,12 @@ from palpate.recognizer.touch_model import touch_outcomes, witness_poses
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.reach.approaches import Reach, reach_of
+from support.campaign.sampling import sample
+from support.commands.repository import ROOT
+from support.oracles.decisive_grips import came_from, poses_in
+from support.oracles.pads import face_stop_mm, pad_contacts, seen_along
+from support.oracles.plans import model_of, ring, some_recognition
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, outlines, place_within, placed_as
 
 _MOST_HYPOTHESES = 40
 _BOUND_MM, _PITCH_MM = 0.18, 0.2

@@ -8,13 +8,13 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from sampling import sample
-from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.model_test import half_planes
+from support.campaign.sampling import sample
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
 KINDS = ("moved", "normal", "on the way")
 

@@ -8,16 +8,16 @@ from types import ModuleType
 import numpy as np
 import pytest
 import shapely
-from exact_pockets import hold
-from repository import ROOT
 from shapely import affinity
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 from palpate.base.errors import InputError
 from palpate.recognizer.angle_pockets import conservative_pockets
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.memo_statistics import memo_counts
+from support.commands.repository import ROOT
+from support.oracles.outlines import hold
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 MODELS = outlines(SHIPPED_OBJECTS)
 BENT = [(-31, -22), (3, -28), (34, -17), (29, 6), (12, 2), (16, 27), (-5, 31), (-3, 9), (-24, 18)]

@@ -10,14 +10,23 @@ from itertools import product
 import numpy as np
 import pytest
 import shapely
-from sampling import sample
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place, touch
 
 from palpate.base.geometry import ObjectModel
 from palpate.base.geometry.plane import point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.recognition import recognise
+from support.campaign.sampling import sample
+from support.oracles.shapely_touches import (
+    SHIPPED_OBJECTS,
+    Placed,
+    flat,
+    grip,
+    holding_truth,
+    outlines,
+    place,
+    touch,
+)
 
 TOLERANCES = (0.05, 0.2, 0.5)
 RADII = (0.0, 1.0, 5.0, 8.0)

@@ -6,14 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from campaign_objects import objects_of
-from configuration_judge import objections
-from shapely_bench import flat, grip, holding_truth, place, turned, until_touched
-from verified_scenes import Scene, asked, catalogue_of, drawn, refused
 
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 from palpate.recognizer.verification import Poses, Verification, may_fit, verify
+from support.campaign.objects import objects_of
+from support.oracles.judge import Scene, asked, catalogue_of, drawn, objections, refused
+from support.oracles.shapely_touches import flat, grip, holding_truth, place, turned, until_touched
 
 KITE = flat("kite", [(-30, 0), (0, -14), (34, 0), (0, 22)])
 FORK = flat(

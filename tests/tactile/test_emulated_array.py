@@ -1,14 +1,15 @@
-"""The emulated array, request by request, against `docs/tactile-protocol.md`."""
+"""Emulated arrays: answers, tare, drivers by name."""
 
+import math
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
-from array_talk import RATE, heard, small, stream, told
-from memory_port import DESCRIPTION, emulated
-from tactile_vectors import FREE, PLACES, SMALL, VERSION_2, wire
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from palpate.base.errors import DeviceError
+from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.codec import Decoder, encode
@@ -16,6 +17,7 @@ from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
     Describe,
+    Frame,
     Geometry,
     Hello,
     Message,
@@ -32,6 +34,13 @@ from palpate.drivers.tactile.messages import (
     TaxelFault,
     TaxelPlaces,
 )
+from palpate.rig.arrays import array_plugin
+from palpate.testing import ArrayConformance
+from support.devices.array_wire import DESCRIPTION, RATE, emulated, heard, small, stream, told
+from support.oracles.array_messages import FREE, PLACES, SMALL, VERSION_2, wire
+
+# ----------------------------------------------------------------------------------------------------
+# The emulated array, request by request, against `docs/tactile-protocol.md`.
 
 
 @pytest.mark.parametrize("streaming", [False, True])
@@ -233,3 +242,95 @@ def test_places_of_a_cylinder_are_those_that_describe_implies() -> None:
     got = np.reshape(places, (8, 20, 6))
     np.testing.assert_allclose(got[..., :3], DESCRIPTION.positions_mm(), atol=1e-5)
     np.testing.assert_allclose(got[..., 3:], DESCRIPTION.normals(), atol=1e-6)
+
+
+# ----------------------------------------------------------------------------------------------------
+# TARE of the emulated array against an arithmetic of its own.
+
+counts = st.integers(0, 4095)
+
+
+@given(
+    st.lists(st.lists(counts, min_size=6, max_size=6), min_size=1, max_size=8),
+    st.lists(counts, min_size=6, max_size=6),
+    counts,
+)
+@settings(max_examples=60, deadline=None)
+def test_tare_does_what_the_page_says(seen: list[list[int]], then: list[int], pedestal: int) -> None:
+    array = small([*seen, then])
+    told(array, Start(1, RATE))
+    told(array, Tare(2, len(seen), pedestal), 0.001)
+    *before, after = stream(array, 0.0101 * (len(seen) + 1))
+    assert [list(m.body.counts.ravel()) for m in before if isinstance(m.body, Frame)] == seen
+    assert [m.flags for m in before] == [0] * len(seen)
+    zero = [math.floor(Fraction(sum(one), len(seen)) + Fraction(1, 2)) for one in zip(*seen, strict=True)]
+    want = [
+        4095 if raw == 4095 else min(max(raw - z + pedestal, 0), 4095)
+        for raw, z in zip(then, zero, strict=True)
+    ]
+    assert isinstance(after.body, Frame)
+    assert list(after.body.counts.ravel()) == want
+    assert after.flags == 1
+
+
+def values(frames: list[Message]) -> list[tuple[int, int]]:
+    """Count of the first taxel and flags of each frame."""
+    return [(int(m.body.counts[0, 0]), m.flags) for m in frames if isinstance(m.body, Frame)]
+
+
+def test_tare_outlives_stop_start_and_rate_and_waits_while_nothing_is_sampled() -> None:
+    array = small([(10,) * 6, (13,) * 6, (20,) * 6])
+    told(array, Tare(1, 2, 5))
+    told(array, Start(2, RATE), 1.0)
+    assert values(stream(array, 1.0101)) == [(10, 0)]
+    told(array, Stop(3), 1.011)
+    told(array, Start(4, 50_000), 2.0)
+    assert values(stream(array, 2.0201)) == [(13, 0)]
+    assert told(array, Rate(5, RATE), 2.021) == Ack(5)
+    assert values(stream(array, 2.0301)) == [(20 - 12 + 5, 1)]  # 11.5 is rounded up
+    told(array, Start(6, RATE), 3.0)
+    assert values(stream(array, 3.0101)) == [(13, 1)]
+
+
+def test_a_second_tare_keeps_the_first_zero_until_it_has_its_own() -> None:
+    array = small([(10,) * 6, (20,) * 6, (30,) * 6, (40,) * 6])
+    told(array, Start(1, RATE))
+    told(array, Tare(2, 1, 0))
+    assert values(stream(array, 0.0101)) == [(10, 0)]
+    told(array, Tare(3, 9, 1), 0.011)
+    told(array, Tare(4, 2, 7), 0.012)
+    assert values(stream(array, 0.0401)) == [(10, 1), (20, 1), (40 - 25 + 7, 1)]
+
+
+@pytest.mark.parametrize("undo", [Tare(3, 0, 0), Hello(3)])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_raw_counts_come_back(undo: MessageBody, samples: int) -> None:
+    array = small([(10,) * 6, (20,) * 6])
+    told(array, Start(1, RATE))
+    told(array, Tare(2, samples, 0))
+    stream(array, 0.0101)
+    told(array, undo, 0.011)
+    told(array, Start(4, RATE), 0.02)
+    assert values(stream(array, 0.0501)) == [(20, 0)] * 3
+
+
+# ----------------------------------------------------------------------------------------------------
+# The built-in protocol passes the suite that plug-ins have to pass; unknown protocols are named.
+
+
+class TestPalpateArray(ArrayConformance):
+    protocol = "palpate"
+
+
+def test_an_unknown_protocol_lists_known_ones_and_says_how_to_add_one() -> None:
+    with pytest.raises(InputError) as caught:
+        array_plugin("braille")
+    for words in (
+        '"braille"',
+        '"palpate"',
+        '"weiss-dsa"',
+        '"weiss-wts"',
+        "install",
+        "palpate.tactile_arrays",
+    ):
+        assert words in str(caught.value)

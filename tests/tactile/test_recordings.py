@@ -1,22 +1,44 @@
-"""Whole recordings in one call: they say what frames say one by one, wherever they are cut."""
+"""Recordings of arrays, and their page."""
 
 import math
+import re
 from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from contact_outcomes import frames_of, tared
-from contact_sweep import TARE_FRAMES, Session, cylinder_session, describe, pad_session
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampling import sample
 
 from palpate.base.errors import InputError
+from palpate.base.geometry import Counts
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.contact import ContactExtractor
-from palpate.drivers.tactile.description import Shape
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.description import Mounting, Shape
+from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
+from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration
+from palpate.rig.diagnostics.array_examination import (
+    frame_rate_hz,
+    is_loss_too_high,
+    is_rate_too_low,
+    lost_frames,
+)
+from palpate.rig.diagnostics.taxel_steps import UntouchedStatistics, analyse_untouched
+from palpate.testing.hardware.bench import ArrayRecording
+from support.campaign.sampling import sample
+from support.commands.repository import ROOT
+from support.oracles.array_contacts import (
+    TARE_FRAMES,
+    Session,
+    cylinder_session,
+    describe,
+    frames_of,
+    pad_session,
+    tared,
+)
+
+# ----------------------------------------------------------------------------------------------------
+# Whole recordings in one call: they say what frames say one by one, wherever they are cut.
 
 SESSIONS: dict[str, Session] = {
     "cylinder": cylinder_session(1, 12, rows=6, cols=14, coverage_deg=200, radius_mm=5.0, drift=0, dead=1),
@@ -185,3 +207,103 @@ def test_full_counts_are_flagged_in_a_recording() -> None:
     saturated = (patches.flags & PatchFlag.SATURATED.bit) > 0
     assert saturated.tolist() == [False, True]
     assert [math.isinf(v) for v in patches.force_bound_n] == [False, True]
+
+
+# ----------------------------------------------------------------------------------------------------
+# The program in docs/contacts.md runs as it stands, and says what the page says.
+
+PAGE = (ROOT / "docs" / "contacts.md").read_text(encoding="utf-8")
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
+
+
+def test_the_program_says_what_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
+    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    exec(compile(program, "contacts.md", "exec"), {})
+    said = capsys.readouterr().out
+    shown = PAGE[PAGE.index(program) :].split("```text\n")[1].split("```")[0]
+    assert NUMBER.sub("#", said) == NUMBER.sub("#", shown)
+    assert numbers(said) == pytest.approx(numbers(shown), rel=0.15)
+    # The truths that the page names are inside.
+    _, direction, height, force, _ = said.splitlines()
+    for line, truth in ((direction, 20.0), (height, 5.0), (force, 1.2)):
+        value, bound = numbers(line)
+        assert abs(value - truth) <= bound
+
+
+def test_every_field_and_flag_has_its_row() -> None:
+    for flag in PatchFlag:
+        assert f"| `{flag.name}` |" in PAGE
+    table = PAGE[PAGE.index("## Fields") : PAGE.index("## Flags")]
+    for name in ContactPatch.__dataclass_fields__:
+        assert f"`{name}`" in table
+
+
+# ----------------------------------------------------------------------------------------------------
+# What is told from the frames of an array at rest.
+
+DESCRIBED = Mounting(Shape.CYLINDER, 8.5, 1000.0).describe(
+    (7, 5), (3.4, 3.4), unique_id=b"rest", firmware="1", emulated=True, bit_depth=12, max_rate_hz=100.0
+)
+
+
+def recording_of(counts: Counts) -> ArrayRecording:
+    frames = tuple(TactileFrame(10 + k, 0.02 * k, 0.02 * k + 0.005, frame) for k, frame in enumerate(counts))
+    return ArrayRecording(DESCRIBED, frames, 0)
+
+
+def at_rest(noise_counts: float) -> Counts:
+    rest = 50 + noise_counts * np.random.default_rng(5).standard_normal((250, 5, 7))
+    return np.rint(rest).astype(np.uint16)
+
+
+def bad(counts: Counts) -> list[list[int]]:
+    shown = shown_of(counts)
+    return np.argwhere(shown.dead | shown.hot | shown.unsteady).tolist()
+
+
+def shown_of(counts: Counts) -> UntouchedStatistics:
+    shown = analyse_untouched(recording_of(counts).frames, DESCRIBED.max_count, 0.0)
+    assert shown is not None
+    return shown
+
+
+def test_bad_taxels_are_those_that_never_change_or_are_at_the_top() -> None:
+    counts = at_rest(2.0)
+    counts[:, 1, 2] = 0
+    counts[:, 4, 6] = DESCRIBED.max_count
+    assert bad(counts) == [[1, 2], [4, 6]]
+
+
+def test_a_sound_array_has_none() -> None:
+    assert bad(at_rest(2.0)) == []
+    assert shown_of(at_rest(2.0)).tells_dead
+
+
+def test_an_array_without_noise_does_not_tell_but_a_taxel_at_the_top_does() -> None:
+    counts = at_rest(0.0)
+    assert not shown_of(counts).tells_dead
+    counts[:, 0, 3] = DESCRIBED.max_count
+    assert bad(counts) == [[0, 3]]
+
+
+def test_rate_and_noise() -> None:
+    found = recording_of(at_rest(2.0))
+    assert abs(frame_rate_hz(found.frames) - 50.0) < 1e-6
+    assert 1.8 < found.noise_counts() < 2.2
+    assert not is_rate_too_low(47.6, 50.0)
+    assert is_rate_too_low(47.4, 50.0)
+    assert frame_rate_hz(found.frames[:1]) == 0.0
+
+
+def test_a_few_frames_may_get_lost() -> None:
+    assert lost_frames(ArrayCounters(0, 0, 1, 0, 0), ArrayCounters(200, 1, 3, 3, 9)) == 6
+    assert [is_loss_too_high(gone, came) for gone, came in ((1, 100), (2, 100), (5, 995), (6, 994))] == [
+        False,
+        True,
+        False,
+        True,
+    ]

@@ -6,10 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Ended, run_here
-from json_schema import violations
-from quick_rig import quick_bench
-from wording import missing
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
@@ -17,6 +13,9 @@ from palpate.config.identification_result import AlternativeOut, IdentificationO
 from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
+from support.benches.rigs import quick_bench
+from support.commands.command import Ended, missing, run_here
+from support.commands.json_schema import violations
 
 AT = ConfigurationOut(x=1.0, y=2.0, theta=0.5)
 BOUNDS = BoundsOut(x=(0.5, 1.5), y=(1.5, 2.5), theta=(0.4, 0.6))

@@ -10,11 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command import Ended, log_events, run_here
-from json_schema import violations
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from recorded_run import two_grips
 from rosbags.highlevel import AnyReader
 
 from palpate.config import load_rig
@@ -24,6 +21,9 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSample, open_samples
+from support.benches.rigs import two_grips
+from support.commands.command import Ended, log_events, run_here
+from support.commands.json_schema import violations
 
 Here = Callable[..., Ended]
 

@@ -15,12 +15,10 @@ from typing import Any
 
 import dynamixel_sdk
 import pytest
-from command import PALPATE, log_events, log_lines, torque_writes, write_log
-from firm_rig import firm_rig
-from quick_rig import quick_bench
-from recorded_run import two_grips
 
 from palpate.testing import served
+from support.benches.rigs import firm_rig, quick_bench, two_grips
+from support.commands.command import PALPATE, log_events, log_lines, torque_writes, write_log
 
 CHROMIUM = shutil.which("chromium")
 needs_chromium = pytest.mark.skipif(

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rich.console import Console
-from tactile_tip import DESCRIPTION
 
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import ArrayCounters
 from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
 from palpate.rig.array_monitor import FingerView, TareState
 from palpate.views.watch_screen import WatchPicture, line_of, out_of, scale_of, watch_view
+from support.devices.array_tips import DESCRIPTION
 
 PATCH = ContactPatch(
     angle_rad=math.radians(-20.0),

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from emulated_weiss import Bench
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
@@ -14,6 +13,7 @@ from palpate_weiss.arrays import DsaArray, WtsArray
 from palpate_weiss.codec import WeissDialect, WeissPacket, encode
 from palpate_weiss.commands import DsaCommand, WtsCommand
 from palpate_weiss.emulated_arrays import EmulatedDsa
+from support.devices.weiss import Bench
 
 BOTH = ["weiss-wts", "weiss-dsa"]
 

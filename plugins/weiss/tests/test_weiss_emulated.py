@@ -4,12 +4,12 @@ import struct
 
 import numpy as np
 import pytest
-from emulated_weiss import MATRIX, OTHER, Bench
 
 from palpate_weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
 from palpate_weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
 from palpate_weiss.emulated_arrays import BOOT_NOISE
 from palpate_weiss.messages import parse_frame, status_of
+from support.devices.weiss import MATRIX, OTHER, Bench
 
 
 class Talk:

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from command import run_here
-from firm_rig import firm_rig
-from quick_rig import small, small_parts
+
+from support.benches.rigs import firm_rig, small, small_parts
+from support.commands.command import run_here
 
 
 def rig_file(folder: Path, protocol: str, rate_hz: float, *lines: str) -> Path:

@@ -1,29 +1,39 @@
-"""Prepared catalogues: kept or made, alone or by many at once, the numbers and the answers are the same."""
+"""Preparation of catalogues: what is kept, processes, interruption."""
 
+import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from multiprocessing import active_children
 from pathlib import Path
 
 import numpy as np
 import pytest
-from campaign_objects import placed_anyhow
-from prepared_bits import FINGERS, bits_of, digest, drawn_catalogue
-from repository import ROOT
-from shapely_bench import grip, outlines
-from shared_files import SHARED_OUTLINES, needs_shared_outlines
+import trimesh
 
 from palpate.base.array_cache import Cache, map_arrays, write_arrays
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel
+from palpate.cad.parts import Solid
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
+from palpate.rig.catalogue.import_states import Shares, import_states
 from palpate.rig.catalogue.preparation import prepare_catalogue
+from palpate.rig.workers import in_processes
+from support.benches import processes
+from support.campaign.objects import placed_anyhow
+from support.commands.repository import ROOT, SHARED_OUTLINES, needs_shared_outlines
+from support.oracles.kernel import FINGERS, bits_of, digest, drawn_catalogue
+from support.oracles.shapely_touches import grip, outlines
+
+# ----------------------------------------------------------------------------------------------------
+# Prepared catalogues: kept or made, alone or by many at once, the numbers and the answers are the same.
 
 SEED, VERTICES = 11, 2500
-_HELPER = ROOT / "tests" / "support" / "prepared_bits.py"
+_PATHS = (str(ROOT / "tests"), os.environ.get("PYTHONPATH", ""))
+_ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, _PATHS))}
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +176,10 @@ def test_sound_files_with_other_contents_are_made_anew(
 
 def _start(folder: Path, task: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, str(_HELPER), str(folder), str(SEED), task], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "support.oracles.kernel", str(folder), str(SEED), task],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=_ENVIRONMENT,
     )
 
 
@@ -195,3 +208,72 @@ def test_a_start_after_a_kill_gives_the_same_answer(
         process.communicate()
         assert process.returncode == -signal.SIGKILL
         assert _differing(expected, prepare_catalogue(objects, FINGERS, cache=Cache(tmp_path))) == []
+
+
+# ----------------------------------------------------------------------------------------------------
+# Parallel processes: none outlives what began it, and no more are started than are wanted.
+
+
+def test_processes_end_with_one_that_is_killed(tmp_path: Path) -> None:
+    script = processes.__file__
+    with subprocess.Popen([sys.executable, script, tmp_path], stdout=subprocess.PIPE) as process:
+        # Begun, not processes: the one with short work may take the next before the third is awake.
+        while len(list(tmp_path.iterdir())) < 3:
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.kill()
+        # Ends when the last process that holds it does: one with work, and one that waits for some.
+        assert process.communicate(timeout=20)[0] == b""
+
+
+def test_no_more_processes_than_workers(tmp_path: Path) -> None:
+    found = in_processes(processes.wait, [(str(tmp_path), 0.0)] * 5, workers=1)
+    assert sorted(index for index, _ in found) == list(range(5))
+    assert len({path.name.split()[0] for path in tmp_path.iterdir()}) == 1
+
+
+def test_a_process_that_the_system_ends_is_said() -> None:
+    with pytest.raises(InputError, match="was ended from outside, as it is without memory enough"):
+        list(in_processes(processes.killed, [()], workers=1))
+
+
+# ----------------------------------------------------------------------------------------------------
+# States that are sectioned in processes of their own.
+
+SHARES = Shares(0.02, 0.001, None, 0.0, as_is=False)  # sections so fine that they take seconds
+
+
+@pytest.fixture
+def alarm_interrupts() -> Iterator[None]:
+    """SIGALRM acts as Ctrl-C does."""
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+def sectioning_s(solid: Solid, interrupt_after_s: float) -> float:
+    """Time from the begin of sectioning to its end; interrupted after a while unless that is 0."""
+    begun: list[float] = []
+
+    def report(what: str) -> None:
+        if what.startswith("sections") and not begun:
+            begun.append(time.monotonic())
+            signal.setitimer(signal.ITIMER_REAL, interrupt_after_s)
+
+    if interrupt_after_s:
+        with pytest.raises(KeyboardInterrupt):
+            import_states(solid, SHARES, report)
+    else:
+        import_states(solid, SHARES, report)
+    return time.monotonic() - begun[0]
+
+
+@pytest.mark.usefixtures("alarm_interrupts")
+def test_interrupted_it_does_not_wait_for_states_that_were_begun() -> None:
+    mesh = trimesh.creation.cone(20.0, 40.0, sections=24)
+    solid = Solid("cone", np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    others = set(active_children())
+    whole_s = sectioning_s(solid, 0.0)
+    assert sectioning_s(solid, 0.2) < whole_s / 2
+    assert set(active_children()) <= others

@@ -1,27 +1,26 @@
-"""Which states of a catalogue a rig cannot feel: every kind of trouble, and none where there is none."""
+"""Heights and parts within reach."""
 
+import json
 import math
+import re
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from firm_rig import firm_rig
 from hypothesis import given
 from hypothesis import strategies as st
-from odd_parts import OUTLINE, objects_file, part
-from repository import EXAMPLES
-from sampling import sample
-from shapely_bench import Placed
-from simulated_touches import SimulatedTouches
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import IdentificationVerdict
-from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
+from palpate.config.schema import schema_text
 from palpate.recognizer import Catalogue
+from palpate.rig.catalogue.finger_model import FingerAtHeight, check_known
 from palpate.rig.catalogue.reachability import (
     HOPELESS,
     Finding,
@@ -30,12 +29,280 @@ from palpate.rig.catalogue.reachability import (
     findings_of,
     untouched_lines,
 )
+from palpate.rig.emulated.ground_truth import scene_lines
+from palpate.rig.emulated.scene import Placement, placement_of
 from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
+from support.benches.parts import OUTLINE, objects_file, part, scene_file
+from support.benches.rigs import firm_rig, small
+from support.campaign.sampling import sample
+from support.commands.command import Ended, missing, run_here
+from support.commands.json_schema import violations
+from support.commands.repository import EXAMPLES
+from support.oracles.plans import SimulatedTouches
+from support.oracles.shapely_touches import Placed
+
+# ----------------------------------------------------------------------------------------------------
+# Catalogues with objects that are not known where a finger is: refused by every command that takes both.
+
+OUTER = [[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]]
+
+
+def write(
+    folder: Path, heights: list[list[float]] | None, top: float = 30.0, name: str = "parts.json"
+) -> Path:
+    sections = [{"z": z, "polygons": [{"outer": OUTER}]} for z in heights or [[0, top]]]
+    known = {} if heights is None else {"heights": heights}
+    state: dict[str, Any] = {"name": "state-2", "height": top, **known, "sections": sections}
+    objects = [{"name": "bracket", "states": [state]}]
+    file = folder / name
+    file.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": objects}))
+    return file
+
+
+def contacts(folder: Path, height: float) -> Path:
+    approach = {"direction": 3.14159, "start": [100.0, 0.0]}
+    touch = {"finger": "f7", "touched": True, "centre": [35.0, 0.0], "height": height, "tip_radius": 5.0}
+    touch |= {"position_bound": 0.5, "approach": approach}
+    file = folder / "felt.json"
+    content = {"format": "palpate/contacts@1", "units": "mm, rad", "grips": [{"contacts": [touch]}]}
+    file.write_text(json.dumps(content))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("height", "known"), [(5.0, True), (4.4, False), (10.0, False), (30.0, False), (31.0, True)]
+)
+def test_a_finger_must_be_where_the_state_is_known(tmp_path: Path, height: float, known: bool) -> None:
+    objects = load_objects(write(tmp_path, [[4.5, 5.5], [11.5, 12.5]])).objects
+    fingers = [FingerAtHeight("f0", 5.0), FingerAtHeight("f1", height)]
+    if known:
+        check_known(objects, fingers)
+        return
+    wanted = ",".join(f"{item:g}" for item in sorted({5.0, height}))
+    with pytest.raises(InputError) as caught:
+        check_known(objects, fingers)
+    known_at = "4.5–5.5 and 11.5–12.5 mm"
+    words = ('"bracket"', '"state-2"', known_at, f"f1 is at {height:g} mm", f"for heights {wanted}")
+    assert missing(str(caught.value), *words) == []
+
+
+def test_a_height_that_would_do_is_named(tmp_path: Path) -> None:
+    low = load_objects(write(tmp_path, [[4.5, 5.5], [9.0, 9.806]], name="low.json")).objects
+    whole = load_objects(write(tmp_path, None, 9.5, name="whole.json")).objects
+    with pytest.raises(InputError, match=r"or set the finger to 9\.8 mm, where all states are known"):
+        check_known([*low, *whole], [FingerAtHeight("f1", 10.0)])
+    high = load_objects(write(tmp_path, [[10.5, 11.0]], name="high.json")).objects
+    with pytest.raises(InputError, match=r"\(1 more state is not known where fingers are\)") as caught:
+        check_known([*low, *high], [FingerAtHeight("f1", 10.0)])
+    assert "set the finger" not in str(caught.value)
+
+
+def test_all_along_a_tip_the_state_must_be_known(tmp_path: Path) -> None:
+    objects = load_objects(write(tmp_path, [[4.5, 14.0]])).objects
+    check_known(objects, [FingerAtHeight("f1", 9.0, 4.0)])
+    words = r"4\.5–14 mm only; finger f1 is at 10 mm \(its tip from 4 to 16 mm\): .* for heights 4-16, with"
+    with pytest.raises(InputError, match=words):
+        check_known(objects, [FingerAtHeight("f1", 10.0, 6.0)])
+    with pytest.raises(InputError, match=r"or set the finger to 9\.5 mm"):
+        check_known(objects, [FingerAtHeight("f1", 10.0, 4.5)])
+
+
+def test_objects_without_heights_are_known(tmp_path: Path) -> None:
+    check_known(load_objects(write(tmp_path, None)).objects, [FingerAtHeight("f1", 10.0)])
+
+
+@pytest.fixture
+def ask_about_heights(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+    return lambda *args: run_here(args, monkeypatch, capsys)
+
+
+def refused(ended: Ended, finger: str) -> None:
+    assert (ended.code, ended.out) == (2, "")
+    said = (
+        f'error: object "bracket", state "state-2" is known at heights 4.5–5.5 mm only; finger {finger} is at'
+    )
+    assert ended.err.startswith(said)
+    assert ended.err.count("\n") == 1
+
+
+def test_commands_refuse_such_a_pair(
+    tmp_path: Path, ask_about_heights: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    low = write(tmp_path, [[4.5, 5.5]])
+    felt = contacts(tmp_path, 10.0)
+    refused(ask_about_heights("recognize", "--objects", low, "--contacts", felt), "f7")
+    refused(
+        ask_about_heights("plan", "--objects", low, "--contacts", contacts(tmp_path, 5.0)), "f1"
+    )  # the shipped rig's
+    refused(ask_about_heights("identify", "--objects", low), "f1")
+    refused(ask_about_heights("emulate", "--objects", low, "--for", "0.01"), "f1")
+    assert not (tmp_path / "palpate-sessions").exists()
+
+
+def test_a_scene_with_objects_of_its_own_is_refused_too(tmp_path: Path, ask_about_heights: Any) -> None:
+    low = write(tmp_path, [[4.5, 5.5]], name="others.json")
+    scene = {"format": "palpate/scene@1", "object": "bracket", "state": "state-2", "objects": low.name}
+    scene |= {"configuration": {"x": 0.0, "y": 0.0, "theta": 0.0}}
+    file = tmp_path / "scene.json"
+    file.write_text(json.dumps(scene))
+    refused(ask_about_heights("identify", "--objects", write(tmp_path, None), "--scene", file), "f1")
+
+
+def test_contacts_where_the_state_is_known_are_recognised(tmp_path: Path, ask_about_heights: Any) -> None:
+    near = write(tmp_path, [[4.5, 5.5]])
+    everywhere = write(tmp_path, None, name="all.json")
+    felt = contacts(tmp_path, 5.0)
+    found = [
+        ask_about_heights("recognize", "--objects", file, "--contacts", felt, "--json").json
+        for file in (near, everywhere)
+    ]
+    assert found[0]["hypotheses"] == found[1]["hypotheses"] != []
+
+
+def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, ask_about_heights: Any) -> None:
+    sessions = tmp_path / "sessions"
+    objects = write(tmp_path, None)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(small(firm_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
+    words = ("--rig", rig, "--objects", objects, "--sessions", sessions)
+    assert ask_about_heights("identify", *words).code in (0, 1)
+    (folder,) = sessions.iterdir()
+    (folder / "objects.json").write_text(write(tmp_path, [[4.5, 5.5]]).read_text())
+    refused(ask_about_heights("replay", folder), "f1")
+
+
+# ----------------------------------------------------------------------------------------------------
+# Parts that no finger can feel, on `objects check`, `identify` and `plan`: said before anything moves.
+
+RIGS = {"firm": firm_rig(), "arms": EXAMPLES / "two-link-rig.toml"}
+COMMANDS = ("objects check", "identify", "plan")
+REFUSED = {
+    "low": (part("p", height=5.0), ["p, flat (5 mm high)", "any finger, 10 mm"]),
+    "metres": (part("p", 0.001, 0.02), ["0.02 mm high", "metres", "1000"]),
+    "inches": (part("p", 1 / 25.4, 20 / 25.4), ["0.787 mm high", "inches", "25.4"]),
+    "huge": (part("p", 25.4), ["mm across", "larger in all directions", "round (0, 0)"]),
+}
+NOTICED = {
+    "low": (part("p", height=5.0), ["p, flat (5 mm high)", "any finger, 10 mm"]),
+    "long": (
+        part("p", outline=((0, 0), (300, 0), (300, 10), (0, 10))),
+        ["300 mm across", "too long"],
+    ),
+    "thread": (part("p", 0.01), ["0.806 mm across", "smaller"]),
+}
+
+Ask = Callable[..., Ended]
+
+
+ARMS_IDENTIFY = ("identify", "low", "arms")
+ASKED = [*product(("objects check", "plan"), NOTICED, RIGS), ("identify", "low", "firm"), ARMS_IDENTIFY]
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+    """Runs one of the commands in this process, in a folder of its own, on one of the rigs."""
+    monkeypatch.chdir(tmp_path)
+
+    def asked(command: str, rig: str, objects: Path, *options: object) -> Ended:
+        text = RIGS[rig].read_text(encoding="utf-8")
+        (tmp_path / "rig.toml").write_text(re.sub(r"max_grips = \d+", "max_grips = 1", text))
+        args: list[object] = [*command.split()]
+        args += [objects] if command == "objects check" else ["--objects", objects]
+        if command == "plan":
+            contacts = (EXAMPLES / "first-grip.json").read_text(encoding="utf-8")
+            (tmp_path / "contacts.json").write_text(contacts)
+            args += ["--contacts", "contacts.json"]
+        return run_here([*args, "--rig", "rig.toml", *options], monkeypatch, capsys)
+
+    return asked
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_catalogue_of_which_nothing_can_be_felt_is_refused(
+    ask: Ask, tmp_path: Path, rig: str, command: str, kind: str
+) -> None:
+    entry, said = REFUSED[kind]
+    ended = ask(command, rig, objects_file(tmp_path / "parts.json", entry), "--json")
+    assert (ended.code, ended.out) == (2, "")
+    (line,) = ended.err.splitlines()
+    assert line.startswith("error: ")
+    for words in ("parts.json", *said):
+        assert words in line
+    assert not (tmp_path / "palpate-sessions").exists(), "nothing was begun"
+
+
+@pytest.mark.parametrize(
+    ("command", "kind", "rig"), sample(ASKED, [row for row in ASKED if row != ARMS_IDENTIFY])
+)
+def test_a_part_that_cannot_be_felt_is_noticed_beside_others(
+    ask: Ask, tmp_path: Path, rig: str, command: str, kind: str
+) -> None:
+    entry, said = NOTICED[kind]
+    objects = objects_file(tmp_path / "parts.json", entry, part("other"))
+    scene = scene_file(tmp_path / "scene.json", "other", -30, -20)
+    options = ("--scene", scene) if command == "identify" else ()
+    ended = ask(command, rig, objects, "--json", *options)
+    assert ended.code in (0, 1)
+    assert ended.json["format"].startswith("palpate/")
+    notices = [line for line in ended.err.splitlines() if line.startswith("notice: ")]
+    assert len(notices) == 1
+    for words in ("parts.json", *said):
+        assert words in notices[0]
+    assert "other" not in notices[0]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_what_can_be_felt_gets_no_notice(ask: Ask, tmp_path: Path, rig: str) -> None:
+    objects = objects_file(tmp_path / "parts.json", part("one"), part("two", 0.5))
+    for command in ("objects check", "plan"):
+        assert "notice" not in ask(command, rig, objects).err
+
+
+def test_an_untouched_table_is_answered_with_what_to_look_at(ask: Ask, tmp_path: Path) -> None:
+    """A scene off the table is allowed, and said; the run ends with region, heights and arrays."""
+    objects = objects_file(tmp_path / "parts.json", part("one"))
+    scene = scene_file(tmp_path / "scene.json", "one", 400, 0)
+    ended = ask("identify", "firm", objects, "--scene", scene)
+    assert ended.code == 1
+    assert "scene: one, flat: lies outside of the workspace" in ended.err
+    answer = ended.out.split("emulator's truth")[0]
+    for words in ("unresolved: nothing was touched in 1 grip", "250 mm", "(0, 0)", "10 mm", "20 mm", "watch"):
+        assert words in answer
+    (folder,) = (tmp_path / "palpate-sessions").iterdir()
+    result = json.loads((folder / "result.json").read_text())
+    assert violations(result, json.loads(schema_text("identification"))) == []
+    assert (result["verdict"], result["contacts"], result["swept"]) == ("unresolved", 0, False)
+
+
+SCENES: dict[str, tuple[dict[str, Any], tuple[float, float], list[str]]] = {
+    "inside": (part("p"), (-35, -20), []),
+    "beside it": (part("p"), (300, 0), ["outside of the workspace", "250 mm", "seem empty"]),
+    "over the rim": (part("p"), (80, -20), ["sticks out of the workspace", "26.3 mm"]),
+    "too low": (part("p", height=5.0), (-35, -20), ["5 mm high", "10 mm (f1, f2, f3)", "seem empty"]),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_that_fingers_cannot_feel(tmp_path: Path, name: str) -> None:
+    entry, at, said = SCENES[name]
+    objects = load_objects(objects_file(tmp_path / "parts.json", entry))
+    placement: Placement = placement_of(load_scene(scene_file(tmp_path / "scene.json", "p", *at)), objects)
+    lines = scene_lines(load_rig(firm_rig()), placement)
+    assert len(lines) == bool(said)
+    for words in said:
+        assert words in lines[0]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Which states of a catalogue a rig cannot feel: every kind of trouble, and none where there is none.
 
 BENCH = load_rig(firm_rig())
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
-RIGS = {"firm": BENCH, "arms": ARMS}
+TWO_RIGS = {"firm": BENCH, "arms": ARMS}
 
 
 def at_heights(*heights_mm: float) -> RigFile:
@@ -72,7 +339,7 @@ def test_the_shipped_catalogue_has_no_finding_on_any_shipped_rig(path: Path) -> 
     assert time.process_time() - begin < 0.1
 
 
-@pytest.mark.parametrize("rig", RIGS.values(), ids=RIGS)
+@pytest.mark.parametrize("rig", TWO_RIGS.values(), ids=TWO_RIGS)
 @pytest.mark.parametrize(
     ("entry", "trouble", "scale"),
     [

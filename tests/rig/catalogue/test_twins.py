@@ -1,4 +1,4 @@
-"""What fingers cannot tell apart, and the heights that would: against cases known by hand and brute force."""
+"""Objects that cannot be told apart, and the regions reached."""
 
 import json
 import math
@@ -8,28 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from firm_rig import firm_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from repository import EXAMPLES
 from scipy import ndimage
 from shapely import affinity
-from shared_files import SHARED_OUTLINES, needs_shared_outlines
-from stacked_parts import (
-    BOUND_MM,
-    L_SHAPE,
-    fingers_at,
-    mirrored,
-    moved,
-    objects,
-    part,
-    polygon,
-    rectangle,
-    section,
-)
 
 from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.base.vocabulary import TipShape
+from palpate.cad.planar_congruence import PlanarMotion, stack_distance_mm
 from palpate.config import load_objects, load_rig
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, finger_heights_text, rig_fingers
 from palpate.rig.catalogue.section_stack import StateSections, join_ranges, state_sections
@@ -40,13 +27,32 @@ from palpate.rig.catalogue.separating_heights import (
 )
 from palpate.rig.catalogue.twins import (
     Likeness,
+    ReachedRegion,
     StatePair,
     fill_unreached,
     find_twins,
+    is_certainly_within,
     may_be_within,
     measure_regions,
     unreached_region,
 )
+from support.benches.parts import (
+    BOUND_MM,
+    L_SHAPE,
+    fingers_at,
+    mirrored,
+    moved,
+    objects,
+    polygon,
+    rectangle,
+    section,
+    stacked_part,
+)
+from support.benches.rigs import firm_rig
+from support.commands.repository import EXAMPLES, SHARED_OUTLINES, needs_shared_outlines
+
+# ----------------------------------------------------------------------------------------------------
+# What fingers cannot tell apart, and the heights that would: against cases known by hand and brute force.
 
 LIMIT = 2 * BOUND_MM
 
@@ -77,8 +83,8 @@ def told(pair: StatePair | None) -> SeparatingHeights:
 def test_parts_that_differ_low_down_feel_the_same_and_a_low_finger_would_tell(states: Any) -> None:
     foot, leg = rectangle(60, 20), rectangle(8, 20)
     found = states(
-        part("a", section(0, 8, foot), section(8, 40, leg)),
-        part("b", section(0, 5, moved(foot, 1.0, 7, -3)), section(5, 40, moved(leg, 1.0, 7, -3))),
+        stacked_part("a", section(0, 8, foot), section(8, 40, leg)),
+        stacked_part("b", section(0, 5, moved(foot, 1.0, 7, -3)), section(5, 40, moved(leg, 1.0, 7, -3))),
     )
     pair = compared(found, 10)
     assert pair is not None
@@ -102,7 +108,8 @@ def test_further_balls_are_suggested_at_heights_at_which_they_tell(states: Any) 
     """One above the step tells; one beside it meets what stands out below, the same of both."""
     block, within = rectangle(60, 40), moved(rectangle(30, 20), 0.0, 15, 10)
     found = states(
-        part("a", section(0, 60, block)), part("b", section(0, 25, block), section(25, 60, within))
+        stacked_part("a", section(0, 60, block)),
+        stacked_part("b", section(0, 25, block), section(25, 60, within)),
     )
     (pair,) = find_twins(found, balls_at(10))
     heights = told(pair).heights_mm
@@ -117,7 +124,8 @@ def test_a_ball_is_not_sent_into_a_groove_that_only_a_disc_gets_into(states: Any
     groove = section(27, 28, moved(rectangle(56, 36), 0.0, 2, 2))
     block = rectangle(60, 40)
     found = states(
-        part("a", section(0, 40, block)), part("b", section(0, 27, block), groove, section(28, 40, block))
+        stacked_part("a", section(0, 40, block)),
+        stacked_part("b", section(0, 27, block), groove, section(28, 40, block)),
     )
     assert told(compared(found, 10)).heights_mm == ((27.0, 28.0),)
     (pair,) = find_twins(found, balls_at(10))
@@ -133,11 +141,21 @@ def test_a_rig_of_balls_and_upright_tips_gets_an_upright_one_more() -> None:
 def test_mirror_images_are_told_apart_unless_they_are_images_by_a_turn_too(states: Any) -> None:
     isosceles = [[0.0, 0.0], [40.0, 0.0], [20.0, 60.0]]
     assert (
-        compared(states(part("a", section(0, 20, L_SHAPE)), part("b", section(0, 20, mirrored(L_SHAPE)))), 10)
+        compared(
+            states(
+                stacked_part("a", section(0, 20, L_SHAPE)),
+                stacked_part("b", section(0, 20, mirrored(L_SHAPE))),
+            ),
+            10,
+        )
         is None
     )
     same = compared(
-        states(part("a", section(0, 20, isosceles)), part("b", section(0, 20, mirrored(isosceles)))), 10
+        states(
+            stacked_part("a", section(0, 20, isosceles)),
+            stacked_part("b", section(0, 20, mirrored(isosceles))),
+        ),
+        10,
     )
     assert same is not None
     assert same.likeness is Likeness.SAME
@@ -158,8 +176,10 @@ def test_tolerances_and_bounds_decide_how_alike_is_alike(
     states: Any, wider: float, tolerances: tuple[float, float], likeness: Likeness | None
 ) -> None:
     """A wider by 2 w is off by w all along both sides, whatever the motion."""
-    a = part("a", section(0, 20, rectangle(60, 20)), tolerance=tolerances[0])
-    b = part("b", section(0, 20, moved(rectangle(60, 20 + 2 * wider), 2.0, -9, 4)), tolerance=tolerances[1])
+    a = stacked_part("a", section(0, 20, rectangle(60, 20)), tolerance=tolerances[0])
+    b = stacked_part(
+        "b", section(0, 20, moved(rectangle(60, 20 + 2 * wider), 2.0, -9, 4)), tolerance=tolerances[1]
+    )
     pair = compared(states(a, b), 10)
     assert (None if pair is None else pair.likeness) is likeness
     if pair is not None:
@@ -168,13 +188,15 @@ def test_tolerances_and_bounds_decide_how_alike_is_alike(
 
 
 def test_holes_and_slots_that_no_tip_gets_into_are_not_felt(states: Any) -> None:
-    block = part("block", section(0, 20, rectangle(70, 40)))
+    block = stacked_part("block", section(0, 20, rectangle(70, 40)))
 
     def slotted(width: float) -> dict[str, Any]:
         slot = [[35 + width / 2, 40], [35 + width / 2, 15], [35 - width / 2, 15], [35 - width / 2, 40]]
-        return part("slotted", section(0, 20, [[0, 0], [70, 0], [70, 40], *slot, [0, 40]]))
+        return stacked_part("slotted", section(0, 20, [[0, 0], [70, 0], [70, 40], *slot, [0, 40]]))
 
-    bored = part("bored", section(0, 20, rectangle(70, 40), holes=[moved(polygon(40, 12), 0, 35, 20)]))
+    bored = stacked_part(
+        "bored", section(0, 20, rectangle(70, 40), holes=[moved(polygon(40, 12), 0, 35, 20)])
+    )
     same = compared(states(block, bored), 10)
     assert same is not None
     assert same.likeness is Likeness.SAME
@@ -191,12 +213,17 @@ def test_holes_and_slots_that_no_tip_gets_into_are_not_felt(states: Any) -> None
 
 
 def test_what_lies_below_all_fingers_is_the_same_to_them(states: Any) -> None:
-    found = states(part("a", section(0, 4, rectangle(30, 30))), part("b", section(0, 3, polygon(40, 20))))
+    found = states(
+        stacked_part("a", section(0, 4, rectangle(30, 30))), stacked_part("b", section(0, 3, polygon(40, 20)))
+    )
     pair = compared(found, 10)
     assert pair is not None
     assert (pair.likeness, pair.apart_mm) == (Likeness.SAME, None)
     assert told(pair).heights_mm == ((0.0, 4.0),)
-    taller = states(part("a", section(0, 4, rectangle(30, 30))), part("b", section(0, 12, rectangle(30, 30))))
+    taller = states(
+        stacked_part("a", section(0, 4, rectangle(30, 30))),
+        stacked_part("b", section(0, 12, rectangle(30, 30))),
+    )
     assert compared(taller, 10) is None
     low = compared(taller, 2)
     assert told(low).heights_mm == ((4.0, 12.0),)
@@ -206,8 +233,8 @@ def test_one_motion_has_to_fit_at_all_heights(states: Any) -> None:
     """Each section alone fits, but not both with one turn."""
     low, high = rectangle(60, 20, -30, -10), rectangle(40, 10, -20, -5)
     found = states(
-        part("a", section(0, 10, low), section(10, 20, high)),
-        part("b", section(0, 10, low), section(10, 20, moved(high, 0.4, 0, 0))),
+        stacked_part("a", section(0, 10, low), section(10, 20, high)),
+        stacked_part("b", section(0, 10, low), section(10, 20, moved(high, 0.4, 0, 0))),
     )
     for height in (5, 15):
         pair = compared(found, height)
@@ -223,8 +250,8 @@ def test_symmetric_alternatives_are_not_forgotten(states: Any) -> None:
     bar = rectangle(30, 8, -15, -4)
     for base, turn in ((rectangle(50, 50, -25, -25), math.pi / 2), (polygon(180, 30), 0.7)):
         found = states(
-            part("a", section(0, 12, base), section(12, 20, bar)),
-            part("b", section(0, 12, base), section(12, 20, moved(bar, turn, 0, 0))),
+            stacked_part("a", section(0, 12, base), section(12, 20, bar)),
+            stacked_part("b", section(0, 12, base), section(12, 20, moved(bar, turn, 0, 0))),
         )
         pair = compared(found, 5)
         assert pair is not None
@@ -233,8 +260,8 @@ def test_symmetric_alternatives_are_not_forgotten(states: Any) -> None:
     square = rectangle(50, 50, -25, -25)
     corner = moved(L_SHAPE, 0, -20, -20)
     found = states(
-        part("a", section(0, 12, square), section(12, 20, corner)),
-        part("b", section(0, 12, square), section(12, 20, mirrored(corner))),
+        stacked_part("a", section(0, 12, square), section(12, 20, corner)),
+        stacked_part("b", section(0, 12, square), section(12, 20, mirrored(corner))),
     )
     assert told(compared(found, 5)).heights_mm == ((12.0, 20.0),)
 
@@ -242,8 +269,8 @@ def test_symmetric_alternatives_are_not_forgotten(states: Any) -> None:
 def test_a_height_at_which_one_is_not_known_leaves_it_open(states: Any) -> None:
     bar = section(9, 11, rectangle(30, 20))
     known = {"heights": [[9, 11], [24, 26]], "height": 40.0}
-    a = part("a", bar, section(24, 26, rectangle(10, 10)), **known)
-    b = part("b", section(0, 40, rectangle(30, 20)))
+    a = stacked_part("a", bar, section(24, 26, rectangle(10, 10)), **known)
+    b = stacked_part("b", section(0, 40, rectangle(30, 20)))
     pair = compared(states(a, b), 10, 15)
     assert pair is not None
     assert (pair.likeness, [at.height_mm for at in pair.compared]) == (Likeness.UNKNOWN, [10])
@@ -258,11 +285,11 @@ def test_a_height_at_which_one_is_not_known_leaves_it_open(states: Any) -> None:
 def test_discs_of_chords_feel_the_same_at_any_turn(states: Any) -> None:
     """The chords' own tolerance is nothing: only the right turn brings corners onto corners."""
     found = states(
-        part(
+        stacked_part(
             "a",
             section(0, 12, polygon(180, 30)),
         ),
-        part(
+        stacked_part(
             "b",
             section(0, 12, polygon(180, 30, math.radians(1.0))),
         ),
@@ -274,7 +301,7 @@ def test_discs_of_chords_feel_the_same_at_any_turn(states: Any) -> None:
 
 def test_of_finely_cut_parts_some_ranges_are_tried_and_it_is_said(states: Any) -> None:
     def pyramid(name: str, top: float) -> dict[str, Any]:
-        return part(name, *(section(k, k + 1, rectangle(60, 40 - top * k)) for k in range(100)))
+        return stacked_part(name, *(section(k, k + 1, rectangle(60, 40 - top * k)) for k in range(100)))
 
     pair = compared(states(pyramid("a", 0.2), pyramid("b", 0.3)), 2)
     assert pair is not None
@@ -366,7 +393,9 @@ def test_convex_regions_are_reached_all_over() -> None:
 def test_levels_join_what_is_the_same_and_say_what_meets(states: Any) -> None:
     box = rectangle(30, 20)
     (state,) = states(
-        part("a", section(5, 8, box), section(0, 5, box[1:] + box[:1]), section(8, 9, rectangle(10, 10, 40)))
+        stacked_part(
+            "a", section(5, 8, box), section(0, 5, box[1:] + box[:1]), section(8, 9, rectangle(10, 10, 40))
+        )
     )
     assert [level.z_mm for level in state.levels] == [(0, 8), (8, 9)]
     assert state.steps_mm == (0, 8, 9)
@@ -390,3 +419,49 @@ def test_a_rig_whose_fingers_do_not_get_to_the_middle_has_no_bound() -> None:
     far = [finger.model_copy(update={"base_mm": (2000.0, 0.0)}) for finger in rig.fingers]
     with pytest.raises(InputError, match="no finger gets to the middle"):
         rig_fingers(rig.model_copy(update={"fingers": tuple(far)}))
+
+
+# ----------------------------------------------------------------------------------------------------
+# The cheap proof that two outlines are near agrees with their exact distance, and is nearly always had.
+
+HOLE = np.array(polygon(8, 5.0))
+
+
+def star(rng: np.random.Generator) -> Floats:
+    """Forty corners, about 20 mm from the origin."""
+    angles = np.arange(40) * 2 * math.pi / 40
+    ring: Floats = np.column_stack([np.cos(angles), np.sin(angles)])
+    return ring * (20 + rng.uniform(-2, 2, (40, 1)))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_is_sure_is_so(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ring = star(rng)
+    turn, shift = rng.uniform(-math.pi, math.pi), rng.uniform(-30, 30, 2)
+    c, s = math.cos(turn), math.sin(turn)
+    there = [
+        (points + rng.uniform(-0.8, 0.8, points.shape)) @ np.array([[c, s], [-s, c]]) + shift
+        for points in (ring, HOLE)
+    ]
+    first, second = shapely.Polygon(ring, [HOLE]), shapely.Polygon(there[0], there[1:])
+    exact = stack_distance_mm([first], [second], turn, shift)
+    one, other, motion = ReachedRegion(first), ReachedRegion(second), PlanarMotion(turn, shift, 0.0)
+    assert not is_certainly_within(one, other, motion, 0.995 * exact)
+    assert is_certainly_within(one, other, motion, 1.05 * exact), "arcs are no coarser than that"
+
+
+def test_a_hole_and_a_peak_are_seen_from_both_sides() -> None:
+    plain = shapely.Polygon(rectangle(40, 30))
+    holed = shapely.Polygon(rectangle(40, 30), [rectangle(4, 4, 18, 13)])
+    still = PlanarMotion(0.0, np.zeros(2), 0.0)
+    for first, second in ((plain, holed), (holed, plain)):
+        assert not is_certainly_within(ReachedRegion(first), ReachedRegion(second), still, 2.0)
+    assert is_certainly_within(ReachedRegion(plain), ReachedRegion(plain), still, 1e-3)
+
+
+def test_nothing_is_near_nothing_else() -> None:
+    still = PlanarMotion(0.0, np.zeros(2), 0.0)
+    empty, square = ReachedRegion(shapely.Polygon()), ReachedRegion(shapely.Polygon(rectangle(4, 4)))
+    assert not is_certainly_within(empty, square, still, 10.0)
+    assert not is_certainly_within(square, empty, still, 10.0)

@@ -9,11 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from calibrations import full_calibration, true_calibration
-from command import run_here
-from quick_rig import STAGE, quick_bench
-from repository import EXAMPLES
-from simulated_prober import SimulatedProber, SimulatedRig
 
 from palpate.base.errors import InputError
 from palpate.calibration.frame_alignment import RigidMotion, align_to_nominal, nominal_poses
@@ -48,6 +43,11 @@ from palpate.rig.conversion import slide_kinematics
 from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.fingers import planned_turn
 from palpate.views.report.calibration_numbers import summary
+from support.benches.calibration_files import full_calibration, true_calibration
+from support.benches.rigs import STAGE, quick_bench
+from support.benches.simulated_rig import SimulatedProber, SimulatedRig
+from support.commands.command import run_here
+from support.commands.repository import EXAMPLES
 
 FRESH = EXAMPLES / "fresh-stage.toml"
 SHAPES = EXAMPLES.parent / "config" / "references" / "standard.toml"

@@ -7,12 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import shapely
-from felt_patch import felt_patch
-from firm_rig import firm_rig
-from sampling import sample
 from scipy.optimize import linprog
-from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, place_within, turned, unit
-from simulated_touches import SimulatedTouches
 
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig
@@ -28,6 +23,19 @@ from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.load_meter import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
+from support.benches.rigs import firm_rig
+from support.campaign.sampling import sample
+from support.devices.array_tips import felt_patch
+from support.oracles.plans import SimulatedTouches
+from support.oracles.shapely_touches import (
+    SHIPPED_OBJECTS,
+    Placed,
+    holding_truth,
+    outlines,
+    place_within,
+    turned,
+    unit,
+)
 
 SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)

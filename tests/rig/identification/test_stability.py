@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from firm_rig import firm_rig
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from pushed_stack import Block, drawn_pushes, drawn_stack, state_of, worst_lean_rad
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines
 
 from palpate.base.geometry import Polygon, Section, State
 from palpate.base.vocabulary import PushResponse
@@ -19,6 +16,9 @@ from palpate.config import load_rig, shipped_rig
 from palpate.recognizer import Catalogue, recognise
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.pushing_mechanics import INERTIA_RESERVE, MAX_TABLE_FRICTION, stability_of
+from support.benches.rigs import firm_rig
+from support.oracles.pushed_stack import Block, drawn_pushes, drawn_stack, state_of, worst_lean_rad
+from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, flat, grip, outlines
 
 RIG = load_rig(shipped_rig())
 HEIGHT = 10.0

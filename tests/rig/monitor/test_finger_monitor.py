@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from tactile_tip import COLS, DESCRIPTION, ROWS
-from watched_tip import WatchedTip
 
 from palpate.base.errors import DeviceError
 from palpate.cli.watch_display import handle_keys
@@ -12,6 +10,7 @@ from palpate.jobs.files import load_rig
 from palpate.jobs.monitor import Monitor, check_streaming
 from palpate.rig.array_monitor import TareState
 from palpate.rig.array_playback import PacedClock
+from support.devices.array_tips import COLS, DESCRIPTION, ROWS, WatchedTip
 
 
 def monitor_of(tip: WatchedTip) -> Monitor:

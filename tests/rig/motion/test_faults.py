@@ -1,21 +1,45 @@
-"""Whatever fails or interrupts: it is named, all that can still hear is switched off, the log is whole."""
+"""Faults in motion: the matrix, bounds, a killed process, a servo that does not stop."""
 
+import json
 import random
+import signal
+import subprocess
+import time
+import tomllib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import numpy as np
 import pytest
-from command import log_events
-from emulated_session import EmulatedSession, small_session
-from sampling import sample
 
 from palpate.base.errors import DeviceError, PalpateError, SafetyStop
+from palpate.config import RigFile
 from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.errors import Restarted
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
+from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
+from palpate.drivers.transport.clock import MonotonicClock
+from palpate.drivers.transport.ports import open_port
 from palpate.rig.bench import connect
+from palpate.rig.contact_peak import unstopped_peak_n
+from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.approaches import reach_of
+from palpate.testing import served
+from support.benches.fault_matrix import Cell, problems, run_cell, table, table_of_page
+from support.benches.fault_rows import FAULTS
+from support.benches.rigs import firm_rig, quick_bench, small, small_objects
+from support.benches.session import EmulatedSession, emulated_session, small_session
+from support.campaign.sampling import sample
+from support.commands.command import PALPATE, log_bytes, log_events, run
+
+# ----------------------------------------------------------------------------------------------------
+# Whatever fails or interrupts: it is named, all that can still hear is switched off, the log is whole.
 
 IDS = (11, 12, 21, 22, 31, 32)
 
@@ -232,3 +256,465 @@ def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: GripP
         assert touch.contact.end_mm == pytest.approx(other.contact.end_mm, abs=0.25)
     check_log(tmp_path, "done")
     check_off(session)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Faults just before a touch: how hard a finger presses then, how far it goes, how it ends.
+#
+# The fault matrix (`fault_matrix`) has the other instants.
+#
+# The bounds are those of docs/safety.md, for the shipped rig.
+
+FORCE_N = 10.0
+"""max_force_n (8 N, by the servos' current limit, whatever the host does) and a quarter.
+
+No fault here leads to more, as docs/safety.md says; what nobody stops may press harder: `test_unstopped`.
+"""
+
+NOTICED_MM = 5.0
+"""Approach speed by 0.18 s until the host has asked again and waited, and what a slide coasts."""
+
+UNHEARD_MM = 12.0
+"""Approach speed by 0.52 s until Bus Watchdog trips, and the servo's braking."""
+
+SLIDES = {12: 0, 22: 1, 32: 2}
+
+
+class Watch:
+    """What fingers do from the fault on, as the bench knows it and the host does not."""
+
+    def __init__(self, session: EmulatedSession) -> None:
+        self._session = session
+        self._at = [finger.centre_mm for finger in session.bench.fingers]
+        self.furthest_mm = self._next_s = 0.0
+        for finger in session.bench.fingers:
+            finger.hardest_n = 0.0
+        session.clock.on_tick = self._look
+
+    def _look(self) -> None:
+        if self._session.clock.now() < self._next_s:
+            return  # tips move in steps of a millisecond
+        self._next_s = self._session.clock.now() + 1e-3
+        for finger, at in zip(self._session.bench.fingers, self._at, strict=True):
+            self.furthest_mm = max(self.furthest_mm, float(np.hypot(*(finger.centre_mm - at))))
+
+    @property
+    def hardest_n(self) -> float:
+        return max(finger.hardest_n for finger in self._session.bench.fingers)
+
+
+def closing_with(
+    folder: Path, stage: GripPhase, after_s: float, fault: Callable[[EmulatedSession], object], seed: int
+) -> tuple[EmulatedSession, Watch, PalpateError | None]:
+    """Carry out a grip with a fault in it; what came of it, None if nobody minded."""
+    session = small_session(seed=seed)
+    if after_s == JUST_BEFORE_TOUCHING:
+        after_s = first_touch_s(seed) - 0.1
+    watches: list[Watch] = []
+
+    def strike() -> None:
+        watches.append(Watch(session))
+        fault(session)
+
+    def on_stage(now: GripPhase) -> None:
+        if now is stage and not watches:
+            session.clock.after(after_s, strike)
+
+    error: PalpateError | None = None
+    try:
+        session.run_grip(folder, session.middle(), on_stage)
+    except PalpateError as ended:
+        error = ended
+    (watch,) = watches
+    return session, watch, error
+
+
+def check_end(session: EmulatedSession, folder: Path, error: PalpateError | None) -> None:
+    """The log is whole and says how it ended; every servo that can hear has its torque off."""
+    events = log_events(folder / "session.jsonl.zst")
+    assert events[-1]["event"] == "end"
+    assert events[-1]["how"] == ("done" if error is None else type(error).__name__)
+    assert not any(session.torque().values())
+    session.rest(1.0)
+    assert session.rest(0.5) < 1e-3
+
+
+JUST_BEFORE_TOUCHING = -1.0
+WHEN = [(GripPhase.CLOSING, JUST_BEFORE_TOUCHING)]
+
+
+@cache
+def first_touch_s(seed: int) -> float:
+    """When the first finger touches the part, from the beginning of the closing."""
+    session = small_session(seed=seed)
+    began: list[float] = []
+    touched: list[float] = []
+
+    def look() -> None:
+        if began and not touched and any(finger.press is not None for finger in session.bench.fingers):
+            touched.append(session.clock.now())
+
+    def on_stage(now: GripPhase) -> None:
+        if now is GripPhase.CLOSING:
+            began.append(session.clock.now())
+
+    session.clock.on_tick = look
+    with TemporaryDirectory() as folder:
+        session.run_grip(Path(folder), session.middle(), on_stage)
+    return touched[0] - began[0]
+
+
+@pytest.mark.parametrize(("stage", "after_s", "dxl_id"), [*((*when, 12) for when in WHEN)])
+def test_a_silent_servo(tmp_path: Path, stage: GripPhase, after_s: float, dxl_id: int) -> None:
+    """Its data line breaks: it hears and says nothing, and goes on with what it was told last."""
+
+    def deafen(session: EmulatedSession) -> None:
+        session.servos[dxl_id]._unit.deaf_s = 1e9
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, deafen, seed=7)
+    assert error is not None
+    assert f"servo {dxl_id} " in str(error)
+    session.rest(1.0)
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM, "the deaf one is stopped by its own watchdog"
+    others = {i: on for i, on in session.torque().items() if i != dxl_id}
+    assert not any(others.values())
+
+
+FAILURES: dict[str, Callable[[EmulatedSession], object]] = {
+    "overload": lambda s: s.servos[22].report_hardware_error(OVERLOAD_BIT),
+    "one servo's plug": lambda s: s.servos[32].power_off(),
+    "brown-out of all": lambda s: [servo.set_supply(3.0) for servo in s.servos.values()],
+    "voltage too low": lambda s: s.servos[12].set_supply(9.0),
+    "too hot": lambda s: s.servos[12].set_temperature(95.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("failure", "stage", "after_s"),
+    [
+        *((failure, GripPhase.CLOSING, JUST_BEFORE_TOUCHING) for failure in FAILURES),
+    ],
+)
+def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: GripPhase, after_s: float) -> None:
+    session, watch, error = closing_with(tmp_path, stage, after_s, FAILURES[failure], seed=7)
+    assert error is not None
+    for servo in session.servos.values():
+        servo.set_supply(12.0)  # after the run, power comes back
+    session.rest(1.0)
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+@pytest.mark.parametrize(("stage", "after_s", "back_s"), [*((*when, 3.0) for when in WHEN)])
+def test_the_adapter_unplugged_and_plugged_in_again(
+    tmp_path: Path, stage: GripPhase, after_s: float, back_s: float
+) -> None:
+    def unplug(session: EmulatedSession) -> None:
+        wire = session.cables["mock://bus"].wire
+        wire.unplugged = True
+        session.clock.after(back_s, lambda: setattr(wire, "unplugged", False))
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, unplug, seed=7)
+    assert error is not None
+    assert "failed" in str(error)
+    check_end(session, tmp_path, error)
+    assert not getattr(error, "__notes__", []), "torque is off: nothing to warn of"
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM
+
+
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+def test_the_host_dies(tmp_path: Path, stage: GripPhase, after_s: float) -> None:
+    """Nothing is heard of it any more: every servo stops by itself, with torque on."""
+
+    def die(session: EmulatedSession) -> None:
+        for cable in session.cables.values():
+            cable.cut = True
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, die, seed=7)
+    assert error is not None
+    session.rest(0.6)
+    assert session.rest(1.0) < 1e-3
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM
+
+
+RATES = {
+    "1 % of bytes flipped": FaultRates(flipped=0.01),
+    "a third of packets lost": FaultRates(lost=0.33),
+}
+
+
+@pytest.mark.parametrize(
+    ("stage", "after_s", "rates"),
+    [
+        *((*when, "1 % of bytes flipped") for when in WHEN),
+        (GripPhase.CLOSING, JUST_BEFORE_TOUCHING, "a third of packets lost"),
+    ],
+)
+def test_a_bad_wire(tmp_path: Path, stage: GripPhase, after_s: float, rates: str) -> None:
+    """The grip is carried out all the same, or ends with an error; fingers keep to their limits."""
+
+    def spoil(session: EmulatedSession) -> None:
+        session.cables["mock://bus"].wire.rates = WireRates(RATES[rates], RATES[rates])
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, spoil, seed=7)
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    for finger, item in zip(session.bench.fingers, session.middle(), strict=True):
+        gone = line_of(item).travel_mm(tuple(finger.centre_mm.tolist()))
+        assert gone <= item.travel_mm + 1.0
+
+
+def test_most_grips_survive_a_wire_that_loses_little(tmp_path: Path) -> None:
+    survived = 0
+    for seed in (2, 5):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+
+        def spoil(session: EmulatedSession) -> None:
+            rates = FaultRates(flipped=0.0005, lost=0.005)
+            session.cables["mock://bus"].wire.rates = WireRates(rates, rates)
+
+        _, _, error = closing_with(folder, GripPhase.CLOSING, 0.1, spoil, seed)
+        survived += error is None
+    assert survived == 2
+
+
+def test_a_computer_that_sleeps_while_a_finger_runs_into_the_part(tmp_path: Path) -> None:
+    """Then it has pressed too hard: what the contacts say of the part is not worth much any more."""
+    session, watch, error = closing_with(
+        tmp_path, GripPhase.CLOSING, JUST_BEFORE_TOUCHING, lambda s: s.clock.sleep(0.8), seed=7
+    )
+    check_end(session, tmp_path, error)
+    assert isinstance(error, SafetyStop)
+    assert watch.hardest_n <= FORCE_N
+
+
+def test_a_computer_that_sleeps_begins_the_grip_again(tmp_path: Path) -> None:
+    """Bus Watchdog stops every finger; then the grip is carried out from the start."""
+
+    def sleep(session: EmulatedSession) -> None:
+        session.clock.sleep(0.8)
+
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 1.0, sleep, seed=7)
+    assert error is None
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    assert session.stages.count(GripPhase.CLOSING) == 2
+
+
+def test_a_servo_that_blinks(tmp_path: Path) -> None:
+    """Without power for a moment: it is back before anybody asks, and has forgotten everything."""
+
+    def blink(session: EmulatedSession) -> None:
+        session.servos[22].power_off()
+        session.servos[22].power_on()
+
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 1.7, blink, seed=7)
+    assert isinstance(error, Restarted)
+    assert "servo 22 " in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+def test_a_servo_that_somebody_else_switches_off(tmp_path: Path) -> None:
+    session, watch, error = closing_with(
+        tmp_path, GripPhase.CLOSING, 1.7, lambda s: s.servos[12].take_block(64, b"\0"), seed=7
+    )
+    assert isinstance(error, SafetyStop)
+    assert "servo 12 " in str(error)
+    assert "this run did not switch it off" in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
+    """An aim is clamped while it turns: the run ends after a second, not after twenty."""
+    session = small_session()
+    session.bench.fingers[0].servos[0].hold(lambda rad, rad_s: -80.0 * rad - 0.5 * rad_s)
+    reach = reach_of(session.rig)
+    own = reach.of_finger(0)
+    with pytest.raises(
+        DeviceError, match=r"servo 11 .* \(finger f1, aim\) did not reach .* its Present Position stays at"
+    ):
+        session.run_grip(tmp_path, [reach.approaches[own[0]].up_to(10.0)])
+    assert session.stages == [GripPhase.AIMING]
+    assert session.clock.now() < 4.0
+    assert not any(session.torque().values())
+
+
+def test_an_item_that_does_not_stay_written_ends_the_run_before_torque_goes_on(tmp_path: Path) -> None:
+    session = small_session()
+    table = session.servos[22]._unit.table
+    put = table.set
+    table.set = lambda name, value: put(name, 7 if name == "Current Limit" else value)  # type: ignore[method-assign]
+    with pytest.raises(DeviceError, match=r"servo 22 .* keeps Current Limit at 7 instead of"):
+        session.run_grip(tmp_path, session.middle())
+    assert session.stages == []
+    assert not any(session.torque().values())
+
+
+@pytest.mark.parametrize("rates", [FaultRates(flipped=0.0005), FaultRates(lost=0.2)], ids=["noise", "loss"])
+def test_an_arrays_bad_wire(tmp_path: Path, rates: FaultRates) -> None:
+    """One frame in six is damaged or lost, and dropped: the next one is there before much has happened."""
+
+    def spoil(session: EmulatedSession) -> None:
+        for name in ("f1", "f2", "f3"):
+            session.cables[f"mock://{name}"].wire.rates = WireRates(to_host=rates)
+
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 0.1, spoil, seed=7)
+    assert error is None
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= session.rig.closing.max_force_n
+
+
+def test_an_array_unplugged(tmp_path: Path) -> None:
+    def unplug(session: EmulatedSession) -> None:
+        session.cables["mock://f2"].wire.unplugged = True
+
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, JUST_BEFORE_TOUCHING, unplug, seed=7)
+    assert isinstance(error, DeviceError)
+    assert "tactile array f2 on " in str(error)
+    assert " is gone" in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+# ----------------------------------------------------------------------------------------------------
+# A sample of the fault matrix: each row once, in one of the phases in which it must be noticed.
+#
+# The small bench is enough for that, but where a bound on force or travel is that of the shipped bench's
+# size.
+# `benchmarks/bench_fault_matrix.py` runs all cells on the whole bench, and with each guard removed.
+
+_WHOLE = ("something hard is pushed against a tip", "the computer stops, or palpate is killed")
+_PHASES = ("approach", "touch", "free travel", "torque off")
+
+
+def sample_of_cells() -> list[Any]:
+    """A cell of each row, and an array cut off at the beginning of a creep: nobody looked there once."""
+    draw = random.Random(5)
+    found = []
+    for number, fault in enumerate(FAULTS):
+        noticed = [phase for phase in _PHASES if phase in fault.noticed]
+        phase = draw.choice(noticed or list(_PHASES))
+        found.append(Cell("identify", phase, number, small=fault.name not in _WHOLE))
+    cut = next(number for number, fault in enumerate(FAULTS) if fault.name == "an array's cable breaks")
+    pushed = pytest.param(Cell("check --hold", "creep", cut, small=True), marks=pytest.mark.campaign)
+    return [*found, Cell("calibrate", "creep", cut, small=True), pushed]
+
+
+@pytest.mark.parametrize("cell", sample_of_cells(), ids=str)
+def test_a_cell_ends_as_its_row_says(cell: Cell) -> None:
+    assert problems(cell, run_cell(cell)) == []
+
+
+def test_the_page_has_the_rows_of_the_matrix() -> None:
+    assert table_of_page() == table(), "write it anew: python benchmarks/bench_fault_matrix.py --page"
+
+
+# ----------------------------------------------------------------------------------------------------
+# SIGKILL and SIGQUIT end palpate in the middle of a motion: only the Bus Watchdog of each servo is left.
+
+FOUR_IDS = (11, 12, 21, 22)
+
+
+@pytest.mark.realtime
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("number", sample([signal.SIGKILL, signal.SIGQUIT], [signal.SIGKILL]))
+def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, number: signal.Signals) -> None:
+    small, parts = quick_bench(tmp_path, fingers=2)
+    words = ("--rig", small, "--objects", parts, "--seed", 7, "--rig-out", "real.toml")
+    with served(tmp_path, "--pty", *words) as (_, told):
+        rig = tmp_path / "real.toml"
+        slow = rig.read_text().replace("approach_speed_mm_s = 30.0", "approach_speed_mm_s = 5.0")
+        rig.write_text(slow)  # fingers still close when the signal comes, on a busy computer, too
+        killed = subprocess.Popen(
+            [str(PALPATE), "identify", "--rig", "real.toml", "--objects", str(parts)],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            log = _log_when_closing(tmp_path, killed)
+            time.sleep(0.3)
+        finally:
+            killed.send_signal(number)
+            assert killed.wait() == -number, "nothing unwinds"
+        time.sleep(1.0)  # nothing may be heard on the bus: the watchdogs count 0.5 s
+        clock = MonotonicClock()
+        bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
+        try:
+            watchdogs = {dxl_id: bus.read(dxl_id, ct.ITEMS["Bus Watchdog"]) for dxl_id in FOUR_IDS}
+            torque = {dxl_id: bus.read(dxl_id, ct.TORQUE_ENABLE) for dxl_id in FOUR_IDS}
+            before = bus.sync_read(FOUR_IDS, ct.ITEMS["Present Position"]).all()
+            time.sleep(0.5)
+            speeds = bus.sync_read(FOUR_IDS, ct.ITEMS["Present Velocity"]).all()
+            after = bus.sync_read(FOUR_IDS, ct.ITEMS["Present Position"]).all()
+        finally:
+            bus.close()
+        assert watchdogs == dict.fromkeys(FOUR_IDS, -1), "tripped"
+        assert torque == dict.fromkeys(FOUR_IDS, 1), (
+            "Bus Watchdog stops motion; it does not switch torque off"
+        )
+        assert all(abs(after[dxl_id] - before[dxl_id]) <= 1 for dxl_id in FOUR_IDS)
+        assert set(speeds.values()) == {0}
+        lines = log_bytes(log).decode().splitlines()
+        assert "session" in lines[0]
+        assert not any(json.loads(line)["event"] == "end" for line in lines[:-1])
+        done = run("stop", "--rig", "real.toml", "--json", cwd=tmp_path)
+        assert done.code == 0, done.err
+        assert done.json["confirmed"] is True
+        checked = run("check", "--rig", "real.toml", "--json", cwd=tmp_path)
+        assert checked.code == 0, checked.err
+
+
+def _log_when_closing(folder: Path, process: subprocess.Popen[bytes]) -> Path:
+    while True:
+        for log in folder.glob("palpate-sessions/*/session.jsonl.zst"):
+            if b'"stage":"closing"' in log_bytes(log):
+                return log
+        assert process.poll() is None, "it ended by itself"
+        time.sleep(0.05)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Fingers that nobody stops press no harder than `palpate check` says: the bus is cut when one touches.
+
+
+def drawn_rig(rng: np.random.Generator) -> RigFile:
+    """The small firm rig with other speeds, force limits and tips."""
+    data = tomllib.loads(small(firm_rig()))
+    speed = float(rng.uniform(5.0, 60.0))
+    tip = {
+        "stiffness_n_per_mm": float(rng.uniform(1.0, 12.0)),
+        "stiffness_spread": float(rng.uniform(0.0, 0.3)),
+    }
+    data["closing"] |= {"approach_speed_mm_s": speed, "touch_speed_mm_s": min(speed, 5.0)}
+    data["closing"] |= {"max_force_n": float(rng.uniform(8.0, 14.0))}
+    friction = {"friction": [0.3, 1.2], "rest_friction": [1.0, 2.0], "cable_n": [-1.0, 1.0]}
+    data["emulation"] |= {"stiffness_spread": tip["stiffness_spread"], "mechanics": friction}
+    for finger in data["fingers"]:
+        finger["tip"] |= tip
+    return RigFile.model_validate(data)
+
+
+@pytest.mark.parametrize("seed", sample(range(60), range(3)))
+def test_a_finger_whose_bus_is_cut_presses_within_its_bound(seed: int, tmp_path: Path) -> None:
+    rig = drawn_rig(np.random.default_rng([11, seed]))
+    session = emulated_session(seed=seed, rig=rig, objects=small_objects())
+    bus = session.cables[rig.bus.port]
+
+    def cut_at_a_touch() -> None:
+        bus.cut = bus.cut or any(finger.hardest_n > 0 for finger in session.bench.fingers)
+
+    session.clock.on_tick = cut_at_a_touch
+    with pytest.raises((DeviceError, SafetyStop)):
+        session.run_grip(tmp_path, session.middle())
+    assert bus.cut
+    session.rest(2.0)
+    hardest = max(finger.hardest_n for finger in session.bench.fingers)
+    assert 0.1 < hardest <= unstopped_peak_n(rig)

@@ -1,24 +1,38 @@
-"""Slides that start anywhere in their travel are homed, and known until they lose their power."""
+"""Homing, end stops and standby."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from emulated_session import EmulatedSession, emulated_session
-from homing_runs import run_from_anywhere
 from hypothesis import given
 from hypothesis import strategies as st
-from quick_rig import small_objects, small_rig
 
 from palpate.base.errors import DeviceError
-from palpate.config import RigFile, SlideFingerConfig, shipped_rig
+from palpate.base.geometry.plane import distance_range
+from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig, load_rig, shipped_rig
 from palpate.drivers.dynamixel.models import SPECIFICATIONS, known_models, model_by_name
 from palpate.drivers.dynamixel.servo_state import MAX_TURNS, NO_MARK, mark_item, mark_value, turns_of_mark
+from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.kinematics import Servos, Turn
 from palpate.rig.bench import connect
+from palpate.rig.conversion import arm_kinematics, kinematics_of
+from palpate.rig.drives import wait_radius_mm
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.homing import HomingPolicy, back_stop_distances_mm
+from palpate.rig.reach.standby_poses import home_line
+from palpate.rig.reach.standby_ways import Standby, standby_of
+from support.benches.as_bought import anywhere_rig, run_from_anywhere
+from support.benches.rigs import small_objects, small_rig
+from support.benches.session import EmulatedSession, emulated_session
+from support.campaign.sampling import sample
+from support.commands.repository import EXAMPLES
+from support.devices.servo_wire import Console
+
+# ----------------------------------------------------------------------------------------------------
+# Slides that start anywhere in their travel are homed, and known until they lose their power.
 
 RIG = small_rig(shipped_rig("xm430-bench"))
 
@@ -210,3 +224,276 @@ def test_every_model_takes_a_mark_and_forgets_it_with_its_turns(name: str) -> No
     servo.power_off()
     servo.power_on()
     assert held() is None
+
+
+# ----------------------------------------------------------------------------------------------------
+# Hard stops of emulated slides: a servo of little current stalls there, and coming back shows the play.
+
+STOPS = (43.0, 60.0)
+PLAY = 0.15
+STIFFNESS = 2000.0
+CURRENT = 30
+# 30 units of 2.69 mA of a motor with 4.1 Nm at 2.3 A (e-Manual), at 100 mm per turn; 0.05 Nm of friction.
+FORCE = CURRENT * 2.69e-3 * 4.1 / 2.3 * 2 * math.pi / 0.1
+FRICTION = 0.05 * 2 * math.pi / 0.1
+
+
+class Slide:
+    """A slide at aim 0 along x, whose servo is driven in Current-based Position Control Mode."""
+
+    def __init__(self, model: str = "XM430-W350", mm_per_turn: float = 100.0) -> None:
+        mm_per_rad = mm_per_turn / (2 * math.pi)
+        self.console = Console(model=model, start_rad=(50.0 - 90.0) / mm_per_rad)
+        self.truth = FingerTruth(
+            base_mm=(0.0, 0.0),
+            heading_rad=0.0,
+            height_mm=10.0,
+            gear_ratio=5.0,
+            aim_zero_rad=0.0,
+            aim_play_rad=0.0,
+            mm_per_rad=mm_per_rad,
+            zero_mm=90.0,
+            slide_play_mm=PLAY,
+            tip_radius_mm=5.0,
+            stiffness_n_per_mm=3.0,
+            array_heading_rad=0.0,
+            stops_mm=STOPS,
+        )
+        self.mechanics = SlideMechanics(self.truth, EmulatedServo(2), self.console.servo)
+        self.console.start(5, current=CURRENT, velocity=50)
+
+    @property
+    def carriage(self) -> float:
+        return float(self.mechanics.centre_mm[0])
+
+    @property
+    def drive(self) -> float:
+        """Where the tip would be without play, as an exact encoder would tell."""
+        return self.truth.zero_mm + self.truth.mm_per_rad * self.console.servo.shaft_rad
+
+    def go(self, distance: float, seconds: float) -> list[tuple[float, float]]:
+        """Drive towards a distance; drive and carriage every millisecond."""
+        tick = 2048 + (distance - self.truth.zero_mm) / self.truth.mm_per_rad * 4096 / (2 * math.pi)
+        assert self.console.write(116, round(tick), 4) == 0
+        seen = []
+        for _ in range(round(seconds * 1000)):
+            self.mechanics.step(1e-3, None)
+            seen.append((self.drive, self.carriage))
+        return seen
+
+
+@pytest.mark.parametrize(("goal", "stop", "outward"), [(30.0, STOPS[0], -1), (75.0, STOPS[1], 1)])
+def test_a_servo_of_little_current_stalls_at_the_stop(goal: float, stop: float, outward: int) -> None:
+    slide = Slide()
+    slide.go(goal, 2.0)
+    before = slide.carriage
+    slide.go(goal, 0.5)
+    assert slide.carriage == pytest.approx(before, abs=1e-6), "it stands"
+    deep = outward * (slide.carriage - stop)
+    assert (FORCE - FRICTION) / STIFFNESS <= deep <= (FORCE + FRICTION) / STIFFNESS
+    # The stop pushes back, so the play is all on one side.
+    assert slide.drive - slide.carriage == pytest.approx(outward * PLAY)
+
+
+def test_coming_back_shows_the_play() -> None:
+    slide = Slide()
+    slide.go(30.0, 2.0)
+    pressed = slide.drive
+    way = slide.go(50.0, 2.0)
+    still = [drive for drive, carriage in way if carriage <= STOPS[0]]
+    # The drive has gone through the play both ways before it takes the carriage along.
+    assert max(still) - pressed == pytest.approx(2 * PLAY, abs=0.05)
+    assert min(carriage for _, carriage in way) >= STOPS[0] - (FORCE + FRICTION) / STIFFNESS
+    drive, carriage = way[-1]
+    assert drive == pytest.approx(50.0, abs=0.3)
+    assert drive - carriage == pytest.approx(PLAY)
+
+
+def test_no_push_where_there_is_no_stop() -> None:
+    slide = Slide()
+    slide.go(45.0, 2.0)
+    assert slide.carriage == pytest.approx(45.0 + PLAY, abs=0.3)
+    assert slide.carriage - slide.drive == pytest.approx(PLAY)
+
+
+@pytest.mark.parametrize("model", ["XL330-M288", "XC330-M288", "XM430-W350"])
+@pytest.mark.parametrize("mm_per_turn", [-100.0, 40.0, 200.0])
+def test_slides_of_every_kind_come_to_rest_at_their_stops(model: str, mm_per_turn: float) -> None:
+    slide = Slide(model, mm_per_turn)
+    way = slide.go(30.0, 2.0)
+    assert min(carriage for _, carriage in way) > STOPS[0] - 0.5
+    assert {round(carriage, 4) for _, carriage in way[-500:]} == {round(slide.carriage, 4)}
+    assert slide.carriage == pytest.approx(STOPS[0], abs=0.05)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Arms and a stage that start anywhere: fingers come to where they wait, or a line says why not.
+
+ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
+
+
+def anywhere_on(rig: RigFile) -> RigFile:
+    assert rig.emulation is not None
+    return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"start": "anywhere"})})
+
+
+def put(session: EmulatedSession, index: int, servos: Servos) -> None:
+    """Let a finger stand elsewhere before anything has moved."""
+    for servo, angle in zip(session.bench.fingers[index].servos, servos, strict=True):
+        servo._unit.motion.shaft_rad = angle
+
+
+def posture(index: int, place: tuple[float, float]) -> Servos:
+    spec = ARMS.fingers[index]
+    assert isinstance(spec, ArmFingerConfig)
+    return arm_kinematics(spec).servos_at(place)
+
+
+def homes() -> list[Servos]:
+    return [
+        kinematics_of(spec).servos_rad(home_line(spec, ARMS.clear_radius_mm), 0.0) for spec in ARMS.fingers
+    ]
+
+
+def prepared(session: EmulatedSession) -> None:
+    with connect(session.bench_rig) as hand:
+        hand.prepare()
+        check_waiting(hand, session)
+    assert not any(session.torque().values())
+
+
+def check_waiting(hand: Hand, session: EmulatedSession) -> None:
+    """Every true tip is outside of the workspace, where it waits."""
+    for finger, real in zip(hand.fingers, session.bench.fingers, strict=True):
+        assert np.hypot(*real.centre_mm) > hand.rig.workspace.radius_mm + finger.spec.tip.radius_mm - 1.0
+
+
+@pytest.mark.parametrize("seed", sample([1, 2], [1]))
+def test_arms_come_to_standby_from_anywhere(seed: int) -> None:
+    """`benchmarks/bench_homing.py` has many of them, with whole runs."""
+    session = emulated_session(seed=seed, rig=anywhere_rig("arms"), objects=small_objects())
+    prepared(session)
+    assert all(finger.hardest_n < 0.1 for finger in session.bench.fingers)
+
+
+@pytest.mark.campaign
+def test_an_arm_that_meets_the_part_backs_off_and_goes_another_way() -> None:
+    """The second arm's tip stands beyond the part: the best way leads through that."""
+    session = emulated_session(seed=0, rig=anywhere_on(ARMS))
+    prepared(session)
+    assert 0.1 < session.bench.fingers[1].hardest_n < 2.5
+
+
+def test_a_joint_outside_its_range_is_refused() -> None:
+    session = emulated_session(seed=4, rig=ARMS)
+    shoulder, elbow = posture(0, (0.0, 117.0))
+    put(session, 0, (shoulder, elbow + math.radians(3.0 * 75.0)))
+    wanted = r"finger a1: its elbow \(servo 12\) stands at \S+°, outside its range 24 … 142°; with torque off"
+    with pytest.raises(DeviceError, match=wanted), connect(session.bench_rig) as hand:
+        hand.prepare()
+    assert not any(session.torque().values())
+
+
+def test_without_homing_an_arm_must_stand_where_it_waits() -> None:
+    session = emulated_session(seed=4, rig=ARMS)
+    put(session, 0, posture(0, (0.0, 60.0)))
+    with pytest.raises(DeviceError, match="a1: its tip"), connect(session.bench_rig) as hand:
+        hand.prepare(home=HomingPolicy.NONE)
+
+
+def test_a_stage_starts_anywhere() -> None:
+    session = emulated_session(seed=3, rig=anywhere_rig("stage"), objects=small_objects())
+    assert session.bench.stage is not None
+    assert abs(session.bench.stage.angle_rad) > 0.1
+    prepared(session)
+    assert all(finger.hardest_n < 0.1 for finger in session.bench.fingers)
+
+
+def test_a_stage_behind_a_post_is_refused() -> None:
+    """Between where it stands and angle 0 a retracted finger would meet the post."""
+    rig = anywhere_rig("stage")
+    post = [[-35.0, 105.0], [-29.0, 105.0], [-29.0, 111.0], [-35.0, 111.0]]
+    data = rig.model_dump(mode="json", exclude_unset=True)
+    blocked = RigFile.model_validate(data | {"obstacles": [{"name": "post", "outline_mm": post}]})
+    session = emulated_session(seed=3, rig=blocked, objects=small_objects())
+    assert session.bench.stage is not None
+    put_stage(session, 0.45)
+    with (
+        pytest.raises(DeviceError, match=r"stage .* a finger would meet an obstacle; with torque off"),
+        connect(session.bench_rig) as hand,
+    ):
+        hand.prepare()
+    assert not any(session.torque().values())
+
+
+def put_stage(session: EmulatedSession, angle_rad: float) -> None:
+    stage, spec = session.bench.stage, session.rig.stage
+    assert stage is not None
+    assert spec is not None
+    stage.servo._unit.motion.shaft_rad = math.radians(spec.zero_deg) - math.pi + spec.gear_ratio * angle_rad
+
+
+def gap_mm(rig: RigFile, servos: Sequence[Servos], index: int) -> float:
+    """Free space between a finger and all others, by the drawing."""
+    bodies = [
+        kinematics_of(spec).body(at, spec.tip.radius_mm) for spec, at in zip(rig.fingers, servos, strict=True)
+    ]
+    own = bodies[index]
+    nearest = math.inf
+    for other in bodies[:index] + bodies[index + 1 :]:
+        i, j = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
+        apart, _ = distance_range(own.start[i], own.end[i], other.start[j], other.end[j])
+        nearest = min(nearest, float((apart - own.half_width[i] - other.half_width[j]).min()))
+    return nearest
+
+
+def random_postures(rng: np.random.Generator) -> list[Servos]:
+    while True:
+        drawn: list[Servos] = []
+        for spec in ARMS.fingers:
+            assert isinstance(spec, ArmFingerConfig)
+            k = arm_kinematics(spec)
+            near, far = (
+                joint.servo_rad(rng.uniform(joint.lo_rad, joint.hi_rad)) for joint in (k.shoulder, k.elbow)
+            )
+            drawn.append((near, far))
+        if all(gap_mm(ARMS, drawn, k) > 1.0 for k in range(3)):
+            return drawn
+
+
+def test_no_way_to_standby_leads_an_arm_into_another_one() -> None:
+    standby, rng = standby_of(ARMS, Turn()), np.random.default_rng(5)
+    found = 0
+    for _ in range(4):
+        drawn = random_postures(rng)
+        for index in range(3):
+            way = next(standby.ways(index, drawn), None)
+            if way is None:
+                continue
+            found += 1
+            begin = gap_mm(ARMS, drawn, index)
+            for near, far in way.servos_rad[::3].tolist():
+                moved = [*drawn[:index], (near, far), *drawn[index + 1 :]]
+                assert gap_mm(ARMS, moved, index) >= min(ARMS.closing.clearance_mm, begin) - 0.6
+            check_arrival(standby, index, way.servos_rad[-1].tolist())
+    assert found > 6
+
+
+def check_arrival(standby: Standby, index: int, servos: list[float]) -> None:
+    spec = ARMS.fingers[index]
+    assert isinstance(spec, ArmFingerConfig)
+    assert standby.is_there(index, (servos[0], servos[1]))
+    away = math.hypot(*arm_kinematics(spec).centre_mm((servos[0], servos[1])))
+    assert away == pytest.approx(wait_radius_mm(spec, ARMS.clear_radius_mm), abs=0.1)
+
+
+def test_an_arm_that_is_hemmed_in_has_no_way() -> None:
+    """A wall between the tip and every place where it may wait; there is no way round it."""
+    wall = [[-150.0, 60.0], [150.0, 60.0], [150.0, 66.0], [-150.0, 66.0]]
+    data = ARMS.model_dump(mode="json", exclude_unset=True)
+    rig = RigFile.model_validate(data | {"obstacles": [{"name": "wall", "outline_mm": wall}]})
+    drawn = homes()
+    drawn[0] = posture(0, (0.0, 0.0))
+    standby = standby_of(rig, Turn())
+    assert not standby.is_there(0, drawn[0])
+    assert next(standby.ways(0, drawn), None) is None

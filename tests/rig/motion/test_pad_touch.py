@@ -7,9 +7,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
-from campaign_outlines import KINDS, random_model
-from pad_touches import DrawnPad, PadTrial, face_stop_mm, outline_of, seen_along
-from sampling import sample
 from shapely import affinity
 
 from palpate.base.geometry import Floats, ObjectModel
@@ -17,6 +14,9 @@ from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.recognizer import Catalogue, Contact, face_offsets_mm, recognise
 from palpate.rig.motion.touch import dent_range_mm
+from support.campaign.objects import KINDS, random_model
+from support.campaign.sampling import sample
+from support.oracles.pads import DrawnPad, PadTrial, face_stop_mm, outline_of, seen_along
 
 _NOTHING_MM = 1e-6
 

@@ -1,4 +1,4 @@
-"""Approaches that the reach offers are free: of fingers, of obstacles; with bodies sampled in between."""
+"""Approaches of fingers, and fingers kept apart."""
 
 import itertools
 import math
@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from firm_rig import firm_rig
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config import RigFile, SlideFingerConfig, load_rig
+from palpate.drivers.kinematics import FingerBody
 from palpate.recognizer.planner import FingerApproach
 from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.reach.swept_volume import capsules_of, gap_mm, is_apart
+from support.benches.rigs import firm_rig
+
+# ----------------------------------------------------------------------------------------------------
+# Approaches that the reach offers are free: of fingers, of obstacles; with bodies sampled in between.
 
 POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]
 
@@ -194,3 +201,29 @@ def test_every_approach_is_within_its_servos_ranges_from_end_to_end() -> None:
             aim, slide = kinematics.servos_rad(line_of(approach), travel)
             assert ends[0] < aim < ends[1]
             assert spec.slide.range_mm[0] < kinematics.distance_mm(slide) < spec.slide.range_mm[1]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Whether two fingers are apart, by the loop's way and by whole arrays; judged by shapely.
+
+COORDINATE = st.floats(-200, 200).map(lambda value: round(value, 3))
+POINT = st.tuples(COORDINATE, COORDINATE)
+CAPSULES = st.lists(st.tuples(POINT, POINT, st.floats(1, 20)), min_size=1, max_size=3)
+
+
+def body_of_capsules(capsules: list[tuple[tuple[float, float], tuple[float, float], float]]) -> FingerBody:
+    starts, ends, widths = zip(*capsules, strict=True)
+    return FingerBody(np.array(starts), np.array(ends), np.array(widths))
+
+
+@given(CAPSULES, CAPSULES, st.floats(0.5, 30))
+def test_fingers_are_apart_as_shapely_says(one: list, other: list, clearance_mm: float) -> None:
+    free = min(
+        shapely.LineString([a, b]).distance(shapely.LineString([c, d])) - width - wide
+        for a, b, width in one
+        for c, d, wide in other
+    )
+    assume(abs(free - clearance_mm) > 1e-6)
+    assert is_apart(body_of_capsules(one), body_of_capsules(other), clearance_mm) == (free >= clearance_mm)
+    nearest = gap_mm(capsules_of([body_of_capsules(one)]), capsules_of([body_of_capsules(other)])).min()
+    assert abs(nearest - free) < 1e-6

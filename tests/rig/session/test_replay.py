@@ -1,25 +1,49 @@
-"""`palpate replay`: sessions in virtual time come about again byte for byte, and what differs is named."""
+"""Replay of sessions, of real ports, of failures."""
 
 import base64
 import json
 import math
 import re
-from collections.abc import Callable
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Ended, log_bytes, log_events, log_lines, run, run_here, write_log
-from json_schema import violations
-from quick_rig import quick_bench
-from repository import EXAMPLES
-from wording import missing
 
 from palpate.config import load_objects, load_rig
 from palpate.config.schema import schema_text
+from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
+from palpate.drivers.transport.replay import Replayer
 from palpate.rig.bench import choose_placement
-from palpate.rig.session.log import line_checksum
-from palpate.rig.session.replay import first_difference
+from palpate.rig.contact_peak import bus_latency_s
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
+from palpate.rig.motion.hand import Environment
+from palpate.rig.session.log import SessionEvents, line_checksum
+from palpate.rig.session.log_reader import read_session
+from palpate.rig.session.replay import first_difference, replay_with
+from support.benches.rigs import firm_rig, quick_bench
+from support.benches.session import small_session
+from support.campaign.sampling import sample
+from support.commands.command import (
+    PALPATE,
+    Ended,
+    log_bytes,
+    log_events,
+    log_lines,
+    missing,
+    run,
+    run_here,
+    write_log,
+)
+from support.commands.json_schema import violations
+from support.commands.repository import EXAMPLES
+
+# ----------------------------------------------------------------------------------------------------
+# `palpate replay`: sessions in virtual time come about again byte for byte, and what differs is named.
 
 Here = Callable[..., Ended]
 SEEN = "tee"
@@ -333,3 +357,224 @@ def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path)
 )
 def test_values_are_compared_to_six_decimals(found: Any, recorded: Any, told: str | None) -> None:
     assert first_difference(found, recorded, "") == told
+
+
+# ----------------------------------------------------------------------------------------------------
+# A session in real time, over pseudo-terminals with another process behind them, comes about again.
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """The emulator's process, of a small bench of two fingers, with `real.toml`; ended as by Ctrl-C."""
+    rig, parts = quick_bench(folder, fingers=2)
+    process = subprocess.Popen(
+        [PALPATE, "emulate", "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["format"] == "palpate/ports@1"
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=10)
+        finally:
+            process.kill()
+
+
+def the_session(folder: Path) -> Path:
+    (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
+    return log.parent
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+@pytest.mark.timeout(250)
+def test_a_run_of_one_grip(tmp_path: Path) -> None:
+    """However it ended: a busy machine may make a device error of it, which must come about again, too."""
+    with served(tmp_path):
+        text = (tmp_path / "real.toml").read_text(encoding="utf-8")
+        (tmp_path / "real.toml").write_text(re.sub(r"max_grips = \d+", "max_grips = 1", text))
+        words = ("--rig", "real.toml", "--objects", "small-parts.json", "--json")
+        done = run("identify", *words, cwd=tmp_path, timeout_s=200)
+    again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    told = again.json
+    assert told["same"]
+    end = log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]
+    assert told["end"] == {"how": end["how"], "message": end["message"]}
+    if done.code in (0, 1):
+        for key in ("verdict", "object", "state"):
+            assert told[key] == done.json[key]
+    assert told["sent_bytes"] > 2000
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_a_run_that_ends_early(tmp_path: Path) -> None:
+    with served(tmp_path):
+        identify = subprocess.Popen(
+            [PALPATE, "identify", "--rig", "real.toml", "--objects", "small-parts.json"],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            end = time.monotonic() + 60
+            while not any(
+                b'"stage":"closing"' in log_bytes(log)
+                for log in tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
+            ):
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            time.sleep(0.4)
+            identify.send_signal(signal.SIGINT)
+            code = identify.wait(timeout=30)
+        finally:
+            identify.kill()
+            identify.wait()
+    assert code == 130
+    again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    assert again.json["end"]["how"] == log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]["how"]
+
+
+# ----------------------------------------------------------------------------------------------------
+# `palpate replay` of sessions that ended badly: by a signal, a fault, a hard press, a missing port.
+
+
+def slow_rig(folder: Path) -> str:
+    """Fingers creep, so that a signal is sure to come while they close."""
+    text = firm_rig().read_text(encoding="utf-8")
+    slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
+    (folder / "slow.toml").write_text(slow)
+    return "slow.toml"
+
+
+def signalled(folder: Path, number: signal.Signals, when: bytes, after_s: float) -> Path:
+    """The session of an `identify` that got a signal some time after `when` was in its log."""
+    process = subprocess.Popen(
+        [PALPATE, "identify", "--rig", slow_rig(folder), "--json"],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        end = time.monotonic() + 60
+        while not any(when in log_bytes(log) for log in folder.glob("palpate-sessions/*/session.jsonl.zst")):
+            assert time.monotonic() < end, f"{when!r} never came"
+            time.sleep(0.01)
+        time.sleep(after_s)
+        process.send_signal(number)
+        process.wait(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
+    return log.parent
+
+
+@pytest.mark.parametrize(("number", "after_s"), [(signal.SIGINT, 0.31), (signal.SIGTERM, 0.17)])
+def test_a_run_that_was_interrupted(
+    tmp_path: Path, here: Here, number: signal.Signals, after_s: float
+) -> None:
+    session = signalled(tmp_path, number, b'"stage":"closing"', after_s)
+    end = log_events(session / "session.jsonl.zst")[-1]
+    assert end["how"] == "Interrupted"
+    done = here("replay", session)
+    assert (done.code, done.err) == (0, ""), done.out
+    assert done.out.rstrip().endswith(f"all as recorded; ended by Interrupted: {end['message']}")
+
+
+def test_a_run_that_was_killed(tmp_path: Path, here: Here) -> None:
+    session = signalled(tmp_path, signal.SIGKILL, b'"stage":"closing"', 0.1)
+    done = here("replay", session)
+    assert (done.code, done.err) == (0, ""), done.out
+    assert "the log was cut off after line " in done.out
+
+
+def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> None:
+    text = firm_rig().read_text(encoding="utf-8")
+    for old, new in (
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 70.0"),
+        ("max_force_n = 8.0", "max_force_n = 4.0"),
+        ("sample_rate_hz = 250.0", "sample_rate_hz = 40.0"),
+    ):
+        text = text.replace(old, new)
+    (tmp_path / "hasty.toml").write_text(text)
+    assert run("identify", "--rig", "hasty.toml", "--seed", 5, "--json", cwd=tmp_path).code in (3, 4)
+    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
+    done = here("replay", log.parent)
+    assert (done.code, done.err) == (0, ""), done.out
+    end = log_events(log)[-1]
+    assert end["how"] != "done"
+    assert f"all as recorded; ended by {end['how']}: {end['message']}" in done.out
+
+
+FAULTS: Mapping[str, Callable[[Any], Callable[[], None]]] = {
+    "nothing": lambda _: lambda: None,
+    "overload": lambda session: lambda: session.servos[22].report_hardware_error(OVERLOAD_BIT),
+    "the bus is cut off": lambda session: lambda: setattr(session.cables["mock://bus"], "cut", True),
+    "late answers": lambda session: lambda: setattr(session.cables["mock://bus"], "late_s", 0.04),
+    "the bus is unplugged": lambda session: lambda: unplug(session.cables["mock://bus"]),
+    "Ctrl-C": lambda _: interrupt,
+}
+
+
+def unplug(cable: Any) -> None:
+    def gone(*_: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    cable.feed = cable.poll = gone
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt("Ctrl-C")
+
+
+WHEN = [(GripPhase.AIMING, 0.013), (GripPhase.CLOSING, 1.0), (GripPhase.TOUCHING, 0.3)]
+
+
+FAULTY = [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
+
+
+@pytest.mark.parametrize(
+    ("fault", "stage", "after_s"),
+    sample(FAULTY, FAULTY[::2]),
+)
+def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: GripPhase, after_s: float) -> None:
+    session = small_session()
+    grip = session.middle()
+    bring_about = FAULTS[fault](session)
+
+    def on_stage(now: GripPhase) -> None:
+        if now is stage:
+            session.clock.after(after_s, bring_about)
+
+    ended: list[object] = []
+    try:
+        ended.append(session.run_grip(tmp_path, grip, on_stage))
+    except BaseException as error:
+        ended.append((type(error), str(error), getattr(error, "__notes__", [])))
+    file = read_session(tmp_path)
+    assert file.changed_line is None
+
+    def again(replayer: Replayer, events: SessionEvents) -> None:
+        try:
+            with Environment(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(
+                session.rig
+            ) as hand:
+                hand.prepare()
+                ended.append(carry_out_grip(hand, grip, lambda _: None))
+        except BaseException as error:
+            ended.append((type(error), str(error), getattr(error, "__notes__", [])))
+            raise
+
+    replayed = replay_with(file, session.rig.bus.port, again)
+    assert (replayed.difference, replayed.complete) == (None, True)
+    assert replayed.lines == len(file.entries)
+    assert str(ended[1]) == str(ended[0])

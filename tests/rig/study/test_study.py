@@ -1,27 +1,38 @@
-"""Studies: simulated runs never lose the truth, are the same on any number of cores, and are resumed."""
+"""Studies: trials, moving parts, variations, a cluster."""
 
 import json
+import random
+import subprocess
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from command import run
-from json_schema import violations
-from quick_rig import small_parts
-from report_page import Page
-from repository import EXAMPLES
-from sampling import sample
 
 from palpate.base.errors import InputError
-from palpate.base.vocabulary import IdentificationVerdict, PartMotion, Strategy
-from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
+from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
 from palpate.config.study_result import StudyRunOut
 from palpate.jobs.study import study
-from palpate.rig.study.simulation import Simulation, with_motion
+from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import is_wrong, study_out
+from palpate.rig.study.variations import UNVARIED, compare_runs, error_variations, noise_budget
 from palpate.views.report.study_text import study_lines
+from support.benches.parts import L_SHAPE, objects, section, stacked_part
+from support.benches.processes import Cluster, cluster
+from support.benches.rigs import small, small_parts
+from support.campaign.sampling import sample
+from support.commands.command import PALPATE, run
+from support.commands.json_schema import violations
+from support.commands.pages import Page
+from support.commands.repository import EXAMPLES, ROOT
+
+# ----------------------------------------------------------------------------------------------------
+# Studies: simulated runs never lose the truth, are the same on any number of cores, and are resumed.
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 
@@ -180,3 +191,289 @@ def test_parts_that_do_not_fit_into_the_workspace_are_counted() -> None:
         assert ("parts sticking out" in "\n".join(study_lines(out, [10.0]))) is bool(out.sticking_out)
     assert counts[0] == 0
     assert counts[1] > 0
+
+
+# ----------------------------------------------------------------------------------------------------
+# Studies of parts that fingers move: how far, that the truth is never lost, and what rig files say of it.
+
+RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
+
+
+def of_mass(mass_kg: float) -> RigFile:
+    """The shipped rig with a part of a mass."""
+    assert RIG.emulation is not None
+    part = EmulatedPartConfig(engine="quasi-static", mass_kg=mass_kg, friction=0.3, tip_friction=0.5)
+    return RIG.model_copy(update={"emulation": RIG.emulation.model_copy(update={"part": part})})
+
+
+@pytest.mark.parametrize("runs", sample([12, 300], [12]))
+def test_the_truth_is_never_lost_although_parts_are_pushed(runs: int) -> None:
+    some = Simulation(*with_motion(RIG, SIX, PartMotion.MOVING), Strategy.PLANNED, 4)
+    rows = [some.run(number) for number in range(runs)]
+    assert [row for row in rows if not row.inside_bounds] == []
+    assert not any(map(is_wrong, rows))
+    assert sum(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows) >= 0.9 * runs
+    again = Simulation(*with_motion(RIG, SIX, PartMotion.MOVING), Strategy.PLANNED, 4)
+    assert again.run(runs - 1) == rows[-1], "a run depends on its number only"
+
+
+def test_a_light_part_is_moved_a_heavy_one_is_not_and_one_that_is_held_neither() -> None:
+    def moved(rig: RigFile, motion: PartMotion) -> list[float]:
+        some = Simulation(*with_motion(rig, SIX, motion), Strategy.PLANNED, 2)
+        return [some.run(number).moved for number in range(4)]
+
+    light, heavy = (moved(of_mass(mass), PartMotion.MOVING) for mass in (0.03, 20.0))
+    assert min(light) > 0.005
+    assert max(heavy) < 1e-9
+    assert moved(of_mass(0.03), PartMotion.STILL) == [0.0] * 4
+
+
+def test_a_part_that_moves_takes_more_touches_and_is_found_less_finely() -> None:
+    """The same parts at the same places."""
+    still, moving = (
+        [Simulation(*with_motion(RIG, SIX, motion), Strategy.PLANNED, 1).run(k) for k in range(10)]
+        for motion in PartMotion
+    )
+    assert [(run.object, run.state) for run in still] == [(run.object, run.state) for run in moving]
+    both = [(one.position_bound, other.position_bound) for one, other in zip(still, moving, strict=True)]
+    bounds = np.array([pair for pair in both if None not in pair], dtype=float)
+    assert np.median(bounds[:, 0]) < np.median(bounds[:, 1])
+    assert sum(run.touches for run in still) < sum(run.touches for run in moving)
+
+
+def test_whether_parts_move_is_as_the_rig_file_says_or_as_asked() -> None:
+    assert motion_of(RIG) is PartMotion.MOVING
+    held, objects = with_motion(RIG, SIX, PartMotion.STILL)
+    assert motion_of(held) is PartMotion.STILL
+    assert held.search.part_holds_n is None
+    assert [item.holds_n for item in objects.objects] == [None] * 6
+    assert motion_of(with_motion(held, objects, PartMotion.MOVING)[0]) is PartMotion.MOVING
+
+
+def test_a_real_rig_is_studied_with_parts_that_lie_still_only() -> None:
+    rig = load_rig(EXAMPLES / "real-rig.toml")
+    with pytest.raises(InputError, match="describes real devices, and nothing of parts that move"):
+        study(rig, SIX, runs=2, parts="moving")
+    out = study(rig, SIX, runs=2, budget=0)
+    assert (out.parts, out.wrong, out.lost) == (PartMotion.STILL, 0, 0)
+
+
+@pytest.mark.parametrize("given", [{"parts": "fast"}, {"strategy": "clever"}])
+def test_an_unknown_word_is_refused_with_those_that_are_known(given: dict[str, str]) -> None:
+    with pytest.raises(InputError, match=r'"(fast|clever)"; allowed: \w+, \w+'):
+        study(RIG, SIX, runs=2, **given)  # type: ignore[arg-type]
+
+
+# ----------------------------------------------------------------------------------------------------
+# Variations of a study: what errors cost, and heights at which fingers tell more apart.
+
+RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
+STILL = with_motion(RIG, SIX, PartMotion.STILL)
+
+
+@pytest.fixture(scope="module")
+def rows() -> dict[str, list[StudyRunOut]]:
+    """The same runs as they are and with each error halved; parts are 0.2 mm off their models."""
+    rig, objects = STILL
+    off = replace(objects, objects=tuple(replace(item, tolerance_mm=0.2) for item in objects.objects))
+    as_is = Simulation(rig, off, Strategy.PLANNED, 1)
+    simulations = {UNVARIED: as_is} | error_variations(as_is)
+    return {name: [item.run(k, name) for k in range(12)] for name, item in simulations.items()}
+
+
+def test_halved_errors_are_tried_on_the_same_parts(rows: dict[str, list[StudyRunOut]]) -> None:
+    errors = set(ErrorSource) - {ErrorSource.MOTION}
+    assert set(rows) == {UNVARIED, *(f"half {source.value}" for source in errors)}
+    parts = {tuple((run.object, run.state) for run in some) for some in rows.values()}
+    assert len(parts) == 1
+    assert all(run.inside_bounds for some in rows.values() for run in some)
+
+
+def test_what_is_measured_better_gives_finer_bounds(rows: dict[str, list[StudyRunOut]]) -> None:
+    costs = {item.source: item for item in noise_budget(rows)}
+    assert set(costs) == set(ErrorSource) - {ErrorSource.MOTION}
+    for source in (ErrorSource.POSITION, ErrorSource.TOLERANCE):
+        bounds = costs[source].position_bound
+        assert bounds is not None
+        assert bounds[1] < bounds[0]
+    assert costs[ErrorSource.REACH].saved_touches <= 0.0, "fewer aims tell no more apart"
+    gained = [item.identified[1] - item.identified[0] for item in noise_budget(rows)]
+    assert gained == sorted(gained, reverse=True)
+
+
+def test_parts_that_may_move_are_held_firmly_at_the_same_places() -> None:
+    moving = Simulation(*with_motion(RIG, SIX, PartMotion.MOVING), Strategy.PLANNED, 1)
+    held = error_variations(moving)["held"]
+    as_is, still = ([item.run(k) for k in range(2)] for item in (moving, held))
+    assert [(run.object, run.state) for run in as_is] == [(run.object, run.state) for run in still]
+    assert [run.moved for run in still] == [0.0, 0.0]
+    direct = Simulation(*STILL, Strategy.PLANNED, 1)
+    assert still == [direct.run(k) for k in range(2)], "as with parts that lie still"
+    (cost,) = noise_budget({UNVARIED: as_is, "held": still})
+    assert (cost.source, cost.runs) == (ErrorSource.MOTION, 2)
+
+
+def test_parts_that_are_exact_have_no_tolerance_to_halve() -> None:
+    exact = replace(SIX, objects=tuple(replace(item, tolerance_mm=0.0) for item in SIX.objects))
+    assert "half tolerance" not in error_variations(Simulation(RIG, exact, Strategy.PLANNED, 1))
+
+
+def test_a_comparison_is_of_pairs_of_runs() -> None:
+    (one,) = [Simulation(*STILL, Strategy.PLANNED, 1).run(0)]
+    as_is = [one.model_copy(update={"touches": touches}) for touches in (9, 7, 8)]
+    varied = [one.model_copy(update={"touches": touches}) for touches in (6, 6, 6)]
+    varied[2] = varied[2].model_copy(update={"verdict": IdentificationVerdict.UNRESOLVED})
+    found = compare_runs(as_is, varied)
+    assert (found.runs, found.touches, found.saved_touches) == (3, (8.0, 6.0), 2.0)
+    assert found.standard_error == pytest.approx((1.0 / 3) ** 0.5)  # of 3, 1, 2
+    assert found.identified == (3, 2)
+
+
+def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(tmp_path: Path) -> None:
+    """Two parts that differ above 20 mm only; fingers are at 10 mm."""
+    low = section(0, 20, L_SHAPE)
+    parts = [
+        stacked_part("one", low, section(20, 40, L_SHAPE)),
+        stacked_part("two", low, section(20, 40, [[0.6 * x, 0.6 * y] for x, y in L_SHAPE])),
+    ]
+    file = tmp_path / "parts.json"
+    file.write_text(json.dumps(objects(*parts)), encoding="utf-8")
+    out = study(RIG, load_objects(file), runs=6, budget=4, parts="still", seed=1)
+    best = out.best_heights
+    assert best is not None
+    assert (best.alike_now, best.alike) == (1, 0)
+    assert any(20 < height < 40 for height in best.heights)
+    assert best.compared is not None
+    assert best.compared.identified == (0, 4)
+    assert {(item.a, item.b, item.share) for item in out.confusion} == {
+        ("one, s", "two, s", 1.0),
+        ("two, s", "one, s", 1.0),
+    }
+    assert [item.heights for item in out.separating] == [((20.0, 40.0),)]
+    assert [item.range for item in out.heights] == [(0.0, 20.0), (20.0, 40.0)]
+    told = run("study", "--objects", file, "--runs", 6, "--budget", 4, "--parts", "still", "--seed", 1,
+               "--report", "page.html", cwd=tmp_path)  # fmt: skip
+    assert told.code == 0
+    assert "fingers at 10 mm: 1 pair of states is never, or perhaps not, distinguished; none " in told.out
+    page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
+    assert {"Heights of fingers", "What errors cost", "Confusion"} <= set(page.headings)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Studies on a cluster: killed workers cost nothing but time; what is amiss is one line.
+
+RUNS = 24
+WORDS = ("study", "--rig", "rig.toml", "--objects", "small-parts.json", "--runs", RUNS, "--seed", 3)
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    """A folder with a small rig and its parts."""
+    (tmp_path / "rig.toml").write_text(small(ROOT / "src/palpate/config/rigs/bench.toml"), encoding="utf-8")
+    small_parts(tmp_path)
+    return tmp_path
+
+
+def started(bench: Path, on: Cluster) -> subprocess.Popen[str]:
+    """A study on the cluster."""
+    words = (*WORDS, "--json", "--scheduler", on.address, "--keep", "runs.jsonl")
+    return subprocess.Popen(
+        [PALPATE, *map(str, words)], cwd=bench, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def without_progress(err: str) -> str:
+    """What a study says beside how far it is; on a slow computer it says that now and then."""
+    return "".join(line for line in err.splitlines(keepends=True) if not line.startswith("runs: "))
+
+
+def wait_for_runs(process: subprocess.Popen[str], keep: Path, count: int) -> None:
+    """Until so many are kept, or it has ended."""
+    while process.poll() is None and not (keep.exists() and keep.read_bytes().count(b"\n") > count):
+        time.sleep(0.1)
+
+
+def killed_while_it_runs(process: subprocess.Popen[str], on: Cluster, rng: random.Random) -> int:
+    """Kill a worker now and then until the study ends; how many."""
+    killed = 0
+    while process.poll() is None:
+        time.sleep(rng.uniform(0.5, 4.0))
+        # Not for ever: a worker takes seconds to start, and all of them at once would get nothing done.
+        killed += killed < 4 and on.kill_one(rng)
+    return killed
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_workers_that_are_killed_lose_nothing_and_nothing_counts_twice(bench: Path) -> None:
+    with cluster(bench, workers=2) as on:
+        process = started(bench, on)
+        wait_for_runs(process, bench / "runs.jsonl", 3)
+        killed = killed_while_it_runs(process, on, random.Random(1))
+        out, err = process.communicate()
+    assert (process.returncode, without_progress(err)) == (0, "")
+    assert killed >= 2
+    here = run(*WORDS, "--json", "--keep", "here.jsonl", cwd=bench)
+    assert json.loads(out) | {"seconds": 0.0} == here.json | {"seconds": 0.0}
+    kept, kept_here = (
+        sorted((bench / name).read_text().splitlines()) for name in ("runs.jsonl", "here.jsonl")
+    )
+    assert kept == kept_here
+    assert len(kept) > RUNS + 1, "runs with halved errors are among them"
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_study_that_was_begun_here_goes_on_on_a_cluster(bench: Path) -> None:
+    words = (*WORDS[:-4], "--budget", 0, "--seed", 3, "--keep", "runs.jsonl", "--json")
+    run(*words, "--runs", 3, cwd=bench)
+    with cluster(bench, workers=1) as on:
+        told = run(*words, "--runs", 6, "--scheduler", on.address, cwd=bench)
+    assert (told.code, without_progress(told.err), told.json["runs"]) == (0, "", 6)
+    assert told.json | {"seconds": 0.0} == run(*words, "--runs", 6, cwd=bench).json | {"seconds": 0.0}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(bench: Path) -> None:
+    with cluster(bench, workers=1) as on:
+        process = started(bench, on)
+        keep = bench / "runs.jsonl"
+        wait_for_runs(process, keep, 3)
+        on.scheduler.kill()
+        _, err = process.communicate(timeout=120)
+    assert process.returncode == 2
+    words = (
+        "the scheduler was lost; runs that were done are in runs.jsonl; the same command goes on from there"
+    )
+    assert without_progress(err) == f"error: {words}\n"
+    assert 3 < keep.read_text().count("\n") < RUNS
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        (
+            "tcp://127.0.0.1:9",
+            "no dask scheduler answers at tcp://127.0.0.1:9; start one with `dask scheduler`",
+        ),
+        ("workshop", '"workshop" is no address of a dask scheduler, such as tcp://192.168.1.5:8786'),
+    ],
+)
+def test_no_scheduler_is_one_line(address: str, words: str, tmp_path: Path) -> None:
+    told = run("study", "--runs", 2, "--scheduler", address, cwd=tmp_path)
+    assert (told.code, told.out) == (2, "")
+    assert told.err.startswith(f"error: {words}")
+    assert told.err.count("\n") == 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.campaign
+def test_a_scheduler_without_workers_is_one_line(tmp_path: Path) -> None:
+    with cluster(tmp_path, workers=0) as on:
+        told = run("study", "--runs", 2, "--scheduler", on.address, cwd=tmp_path)
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert f"has no workers; start some with `dask worker {on.address}`" in told.err

@@ -1,0 +1,235 @@
+"""`palpate objects import` of folders and several files: kept, changed, refused and gone ones."""
+
+import json
+import signal
+from collections.abc import Callable, Iterator
+from itertools import islice
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from palpate.base.optional_imports import MissingPackageError
+from palpate.config import load_objects
+from palpate.config.schema import schema_text
+from palpate.rig.catalogue.cad_import import Imported, import_file
+from palpate.rig.session.signals import Interrupted
+from palpate.rig.workers import in_processes
+from support.commands.command import Ended, run_here
+from support.commands.json_schema import violations
+
+Ask = Callable[..., Ended]
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    return lambda *args: run_here(["objects", "import", *args], monkeypatch, capsys)
+
+
+OPTIONS = ("--units", "mm", "--states", "as-is", "--out", "all.json", "--json")
+
+
+@pytest.fixture
+def parts(tmp_path: Path) -> Path:
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    for number in (1, 2, 3):
+        trimesh.creation.box((10 * number, 20, 10)).export(folder / f"block-{number}.stl")
+    return folder
+
+
+def written(folder: Path) -> dict[str, dict[str, object]]:
+    objects = json.loads((folder / "all.json").read_text())["objects"]
+    return {item["name"]: item for item in objects}
+
+
+def test_a_folder_is_a_catalogue_and_again_it_is_the_same(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 0
+    assert [item["kept"] for item in ended.json["files"]] == [False] * 3
+    assert [item.name for item in load_objects(tmp_path / "all.json").objects] == [
+        "block-1",
+        "block-2",
+        "block-3",
+    ]
+    text = (tmp_path / "all.json").read_text()
+    assert not violations(json.loads(text), json.loads(schema_text("objects")))
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 0
+    assert [item["kept"] for item in ended.json["files"]] == [True] * 3
+    assert ended.json["objects"] == []
+    assert (tmp_path / "all.json").read_text() == text
+
+
+def test_only_what_changed_is_read_again(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    ask(parts, *OPTIONS)
+    before = written(tmp_path)
+    trimesh.creation.box((44, 20, 10)).export(parts / "block-2.stl")
+    trimesh.creation.box((15, 15, 15)).export(parts / "cube.stl")
+    ended = ask(parts, *OPTIONS)
+    assert [item["name"] for item in ended.json["objects"]] == ["block-2", "cube"]
+    after = written(tmp_path)
+    assert list(after) == ["block-1", "block-2", "block-3", "cube"]
+    assert (after["block-1"], after["block-3"]) == (before["block-1"], before["block-3"])
+    assert after["block-2"] != before["block-2"]
+
+
+def test_an_object_keeps_the_name_that_it_was_given(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    ask(parts, *OPTIONS)
+    text = (tmp_path / "all.json").read_text().replace('"block-2"', '"middle one"')
+    (tmp_path / "all.json").write_text(text)
+    trimesh.creation.box((44, 20, 10)).export(parts / "block-2.stl")
+    assert [item["name"] for item in ask(parts, *OPTIONS).json["objects"]] == ["middle one"]
+    assert list(written(tmp_path)) == ["block-1", "middle one", "block-3"]
+
+
+def test_other_options_read_everything_again(parts: Path, ask: Ask) -> None:
+    (parts / "block-3.stl").unlink()
+    ask(parts, *OPTIONS)
+    ended = ask(parts, *OPTIONS, "--tolerance", 0.2)
+    assert [item["kept"] for item in ended.json["files"]] == [False] * 2
+
+
+def test_an_object_whose_file_is_gone_is_kept_and_named(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    ask(parts, *OPTIONS)
+    (parts / "block-3.stl").unlink()
+    ended = ask(parts, *OPTIONS)
+    assert ended.json["warnings"] == ['object "block-3" is kept, though its file parts/block-3.stl is gone']
+    assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    (parts / "bad.stl").write_text("nothing")
+    ended = ask(parts, *OPTIONS[:-1])
+    assert ended.code == 1
+    assert "bad.stl: is no STL file" in ended.out
+    assert "3 of 4 files in all.json" in ended.out
+    assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_a_file_that_was_refused_is_read_again_only_when_it_has_changed(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (parts / "bad.stl").write_text("nothing")
+    first = ask(parts, *OPTIONS)
+    text = (tmp_path / "all.json").read_text()
+    (kept,) = json.loads(text)["refused"]
+    assert kept["why"] == "is no STL file: it has 7 bytes"
+    assert not violations(json.loads(text), json.loads(schema_text("objects")))
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.import_file", None)
+        again = ask(parts, *OPTIONS)
+    assert (first.code, again.code) == (1, 1)
+    assert [item["kept"] for item in again.json["files"]] == [True] * 4
+    assert [item["failure"] for item in again.json["files"]] == [
+        item["failure"] for item in first.json["files"]
+    ]
+    trimesh.creation.box((15, 15, 15)).export(parts / "bad.stl")
+    assert ask(parts, *OPTIONS).code == 0
+    assert "refused" not in json.loads((tmp_path / "all.json").read_text())
+
+
+def test_what_an_extra_lacks_is_not_held_against_the_file(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without(path: Path, *_: object) -> Imported:
+        if path.stem == "block-2":
+            raise MissingPackageError("reading STL files needs trimesh: pip install 'palpate[cad]'")
+        return import_file(path, *_)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.import_file", without)
+        assert ask(parts, *OPTIONS).code == 1
+    assert ask(parts, *OPTIONS).code == 0
+    assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_an_interruption_leaves_what_was_done(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Ctrl-C or a kill would end it after the second file; the third is read by the next command."""
+
+    def two_of(*_: object) -> Iterator[tuple[int, object]]:
+        yield from islice(in_processes(*_), 2)  # type: ignore[arg-type]
+        raise Interrupted(signal.SIGINT)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.in_processes", two_of)
+        ended = ask(parts, *OPTIONS)
+    assert ended.code == 130
+    assert "what was done is in all.json; the same command goes on with the rest" in ended.err
+    assert len(written(tmp_path)) == 2
+    again = ask(parts, *OPTIONS)
+    assert sorted(item["kept"] for item in again.json["files"]) == [False, True, True]
+    assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_a_mistake_of_our_own_in_one_file_costs_no_other(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(path: Path, *_: object) -> Imported:
+        if path.stem == "block-2":
+            raise IndexError("list index out of range")
+        return import_file(path, *_)
+
+    monkeypatch.setattr("palpate.rig.catalogue.folder_import.import_file", broken)
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 1
+    (failure,) = [item["failure"] for item in ended.json["files"] if item["failure"]]
+    assert failure == (
+        f"{parts}/block-2.stl: cannot be imported, by a mistake in palpate: "
+        "IndexError: list index out of range"
+    )
+    assert list(written(tmp_path)) == ["block-1", "block-3"]
+
+
+def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Ask) -> None:
+    for name in ("a.stl", "b.stl"):
+        (tmp_path / name).write_text("nothing")
+    ended = ask(tmp_path / "a.stl", tmp_path / "b.stl", *OPTIONS[:-1])
+    assert ended.code == 2
+    assert not (tmp_path / "all.json").exists()
+    assert "nothing was written" in ended.out
+
+
+def test_two_files_of_one_name_are_refused(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    trimesh.creation.box((10, 10, 10)).export(parts / "block-1.ply")
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 2
+    assert "block-1.stl" in ended.err
+    assert "block-1.ply" in ended.err
+    assert not (tmp_path / "all.json").exists()
+
+
+def test_an_empty_folder_is_refused(tmp_path: Path, ask: Ask) -> None:
+    (tmp_path / "none").mkdir()
+    ended = ask(tmp_path / "none", *OPTIONS)
+    assert (ended.code, "holds no CAD file" in ended.err) == (2, True)
+
+
+def test_units_count_only_where_a_file_states_none(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    trimesh.creation.box((12, 12, 12)).export(parts / "stated.3mf")
+    ended = ask(parts, "--units", "inch", *OPTIONS[2:])
+    assert ended.code == 0
+    sizes = {item["name"]: item["size"] for item in ended.json["objects"]}
+    assert sizes["block-1"] == pytest.approx([254, 508, 254])
+    (stated,) = [size for name, size in sizes.items() if not name.startswith("block")]
+    assert stated == pytest.approx([12, 12, 12])
+
+
+def test_a_catalogue_written_by_hand_is_not_brought_up_to_date_unasked(
+    parts: Path, tmp_path: Path, ask: Ask
+) -> None:
+    mine = {"name": "block-1", "outline": [[0, 0], [70, 0], [70, 25]], "height": 20}
+    text = json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": [mine]})
+    (tmp_path / "all.json").write_text(text)
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 2
+    assert "not imported" in ended.err
+    assert (tmp_path / "all.json").read_text() == text
+    assert ask(parts, *OPTIONS, "--add").code == 0
+    after = written(tmp_path)
+    assert after["block-1"] == mine
+    assert list(after) == ["block-1", "block-1-2", "block-2", "block-3"]

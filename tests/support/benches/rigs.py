@@ -1,0 +1,130 @@
+"""Rig files of tests and recorded runs."""
+
+import json
+import re
+import tomllib
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import palpate
+from palpate.config import ObjectsFile, RigFile, load_objects
+from support.commands.repository import EXAMPLES
+
+# ----------------------------------------------------------------------------------------------------
+# The rig of tests that are not about parts which slide: quick touches, and an emulated part that stands.
+
+
+def firm_rig() -> Path:
+    """Its rig file."""
+    return EXAMPLES / "firm-rig.toml"
+
+
+# ----------------------------------------------------------------------------------------------------
+# Rig files for tests of whole runs: the shipped rig with short ways, so faster, and parts that fit it.
+
+
+def quick_rig(path: Path, max_grips: int = 8) -> Path:
+    """Write it to `path`, and return that."""
+    text = _replaced(
+        firm_rig().read_text(encoding="utf-8"),
+        ("radius_mm = 125.0", "radius_mm = 60.0"),
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
+        ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
+        ("max_grips = 8", f"max_grips = {max_grips}"),
+    )
+    path.write_text(text[: text.rindex("[[fingers]]")], encoding="utf-8")
+    return path
+
+
+SMALL_PARTS = {
+    "ell": [[0, 0], [60, 0], [60, 20], [22, 20], [22, 45], [0, 45]],
+    "wedge": [[0, 0], [58, 8], [20, 47]],
+    "tee": [[0, 0], [55, 0], [55, 18], [38, 18], [38, 52], [20, 52], [20, 18], [0, 18]],
+}
+
+STAGE = {
+    "centre_mm": [3.0, -2.0],
+    "dxl_id": 1,
+    "model": "XM430-W350",
+    "gear_ratio": 5.0,
+    "range_deg": [-30.0, 30.0],
+    "backlash_deg": 0.02,
+    "zero_deg": 180.0,
+    "bound_deg": 0.02,
+}
+"""A turning stage, as in a rig file."""
+
+
+def small(path: Path) -> str:
+    """A rig file's text with slides on a smaller circle round a smaller table; nothing else is changed.
+
+    They wait near where they are switched on, and reach the part in half the time.
+    """
+    text = _replaced(
+        path.read_text(encoding="utf-8"),
+        ("radius_mm = 125.0", "radius_mm = 60.0"),
+        ("placement_radius_mm = 20.0", "placement_radius_mm = 12.0"),
+    )
+    return re.sub(r"(?m)^base_mm = \[(\S+), (\S+)\]", _nearer, text)
+
+
+def _nearer(found: re.Match[str]) -> str:
+    x, y = (float(found[group]) * 125.0 / 190.0 for group in (1, 2))
+    return f"base_mm = [{x:.3f}, {y:.3f}]"
+
+
+def small_rig(path: Path | None = None) -> RigFile:
+    """The shipped rig, or another one, made small: speeds, frames and arrays are as in the file."""
+    return RigFile.model_validate(tomllib.loads(small(path or firm_rig())))
+
+
+@cache
+def small_objects() -> ObjectsFile:
+    """What fits a small rig."""
+    with TemporaryDirectory() as folder:
+        return load_objects(small_parts(Path(folder)))
+
+
+def quick_bench(folder: Path, fingers: int = 3) -> tuple[Path, Path]:
+    """Write a rig file of some of the fingers round a small table, and a catalogue of small parts."""
+    text = _replaced(
+        small(firm_rig()),
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
+        ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
+    )
+    rig = folder / "small-bench.toml"
+    rig.write_text("[[fingers]]".join(text.split("[[fingers]]")[: 1 + fingers]), encoding="utf-8")
+    return rig, small_parts(folder)
+
+
+def _replaced(text: str, *changes: tuple[str, str]) -> str:
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def small_parts(folder: Path) -> Path:
+    """Write the catalogue of small parts; returns its file."""
+    objects = folder / "small-parts.json"
+    parts = [{"name": name, "height": 20.0, "outline": ring} for name, ring in SMALL_PARTS.items()]
+    objects.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": parts}))
+    return objects
+
+
+# ----------------------------------------------------------------------------------------------------
+# A recorded session of two grips on emulated devices.
+
+
+def two_grips(folder: Path, seed: int = 7, rig: Path | None = None) -> Path:
+    """The session's folder, in `folder`; `rig`: another rig file than the shipped one's."""
+    text, number = re.subn(
+        r"max_grips = \d+", "max_grips = 2", (rig or firm_rig()).read_text(encoding="utf-8")
+    )
+    assert number == 1
+    (folder / "brief.toml").write_text(text)
+    with palpate.open_rig(folder / "brief.toml", seed=seed) as opened:
+        opened.identify(sessions=folder / "sessions")
+    (found,) = (folder / "sessions").iterdir()
+    return found
