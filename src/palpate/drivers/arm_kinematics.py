@@ -30,7 +30,7 @@ class ArmJoint:
 
     @property
     def bound_rad(self) -> float:
-        """How far the joint may be from where the servo says, through zero, play and encoder steps."""
+        """Bound of the joint's error beside what the servo says, from zero, play and encoder steps."""
         return self.zero_bound_rad + self.play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
 
     def servo_rad(self, angle_rad: float) -> float:
@@ -72,7 +72,7 @@ class ArmKinematics:
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the true direction of the last link may be from the computed one."""
+        """Bound of the error of the last link's direction."""
         if self.found_direction_rad is not None:
             return self.found_direction_rad
         return self.heading_bound_rad + self.shoulder.bound_rad + self.elbow.bound_rad
@@ -114,7 +114,7 @@ class ArmKinematics:
         return self.heading_rad + shoulder + self.elbow.angle_rad(servos_rad[1])
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
-        """How far the true centre may be from `centre_mm`."""
+        """Bound of the true centre's distance from `centre_mm`."""
         if self.found_position_mm is not None:
             return self.found_position_mm
         lever = math.dist(self.base_mm, self.centre_mm(servos_rad))

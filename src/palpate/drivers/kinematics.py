@@ -27,19 +27,19 @@ class Line:
     direction_rad: float
 
     def point_mm(self, travel_mm: float) -> tuple[float, float]:
-        """Where the centre is after `travel_mm`."""
+        """Centre after `travel_mm`."""
         return (
             self.start_mm[0] + travel_mm * math.cos(self.direction_rad),
             self.start_mm[1] + travel_mm * math.sin(self.direction_rad),
         )
 
     def travel_mm(self, point_mm: tuple[float, float]) -> float:
-        """How far along the line a point is."""
+        """Distance of a point along the line."""
         x, y = point_mm[0] - self.start_mm[0], point_mm[1] - self.start_mm[1]
         return x * math.cos(self.direction_rad) + y * math.sin(self.direction_rad)
 
     def aside_mm(self, point_mm: tuple[float, float]) -> float:
-        """How far to the left of the line a point is."""
+        """Distance of a point to the left of the line."""
         x, y = point_mm[0] - self.start_mm[0], point_mm[1] - self.start_mm[1]
         return y * math.cos(self.direction_rad) - x * math.sin(self.direction_rad)
 
@@ -61,7 +61,7 @@ class FingerKinematics(Protocol):
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the direction that carries the array may be from the computed one."""
+        """Bound of the error of the direction that carries the array."""
         ...
 
     def servos_rad(self, line: Line, travel_mm: float) -> Servos:
@@ -77,11 +77,11 @@ class FingerKinematics(Protocol):
         ...
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
-        """How far the true centre may be from `centre_mm`."""
+        """Bound of the true centre's distance from `centre_mm`."""
         ...
 
     def cross_track_bound_mm(self, servos_rad: Servos, off_rad: float) -> float:
-        """How far the tip is off its line at most, if the servos that keep it there are off by `off_rad`."""
+        """Largest distance of the tip from its line if the servos that keep it there are off by `off_rad`."""
         ...
 
     def body(self, servos_rad: Servos, tip_radius_mm: float) -> FingerBody:
@@ -111,7 +111,7 @@ class Turn:
         return Line(self._turned(line.start_mm, -self.angle_rad), line.direction_rad - self.angle_rad)
 
     def position_bound_mm(self, point_mm: tuple[float, float]) -> float:
-        """How much further off a point of the ring may be, because the stage's angle and centre are.
+        """Bound that the errors of the stage's angle and centre add for a point of the ring.
 
         About a centre that is elsewhere by c, a turn by φ brings every point elsewhere by 2 c sin(φ/2).
         """

@@ -41,7 +41,7 @@ class SlideKinematics:
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the true direction of travel may be from the computed one."""
+        """Bound of the error of the direction of travel."""
         if self.found_direction_rad is not None:
             return self.found_direction_rad
         return self._aimed_bound_rad
@@ -51,7 +51,7 @@ class SlideKinematics:
         return self.heading_bound_rad + self.aim_play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
 
     def _scale_bound_mm(self, servo_rad: float) -> float:
-        """What zero and travel per turn put the distance off, the encoder's step included."""
+        """Bound of the distance's error from zero, travel per turn and the encoder's step."""
         turned = abs(servo_rad + math.pi) + TICK_RAD / 2
         return self.zero_bound_mm + self.travel_spread * abs(self.mm_per_rad) * turned
 
@@ -88,7 +88,7 @@ class SlideKinematics:
         return self._along(servos_rad[0]).direction_rad
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
-        """How far the true centre may be from `centre_mm`: along the slide and across it."""
+        """Bound of the true centre's distance from `centre_mm`, along the slide and across it."""
         if self.found_position_mm is not None:
             return self.found_position_mm
         scale = self._scale_bound_mm(servos_rad[1])
@@ -101,7 +101,7 @@ class SlideKinematics:
         return abs(self.distance_mm(servos_rad[1])) * off_rad / abs(self.gear_ratio)
 
     def body(self, servos_rad: Servos, tip_radius_mm: float) -> FingerBody:
-        """From base to tip, as wide as the tip."""
+        """Capsule from base to tip, as wide as the tip."""
         tip = self.centre_mm(servos_rad)
         return FingerBody(np.array([self.base_mm]), np.array([tip]), np.array([tip_radius_mm]))
 

@@ -152,7 +152,7 @@ _TABLE_BEGINNING = (0, 1)  # what a reboot changes, by its beginning
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """What a servo tells about itself."""
+    """Answer of a servo to a ping."""
 
     model_number: int
     firmware: int
@@ -160,7 +160,7 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class GroupRead(Generic[_T]):
-    """What several servos answered: for each id what was read, or an error.
+    """Answers of several servos: for each id what was read, or an error.
 
     A servo that reports a hardware error is in both: what it measured holds, and its error is a
     HardwareAlert.
@@ -170,7 +170,7 @@ class GroupRead(Generic[_T]):
     errors: Mapping[int, DeviceError]
 
     def all(self) -> dict[int, _T]:
-        """What every servo answered. Raises NotAnswering for all silent ones, or the first other error."""
+        """Answer of every servo. Raises NotAnswering for all silent ones, or the first other error."""
         raise_first(tuple(self.errors.values()))
         return dict(self.values)
 
@@ -406,7 +406,7 @@ class Bus:
     def _or_error(
         self, dxl_id: int, block: TableBlock, answer: StatusPacket | Loss
     ) -> StatusPacket | DeviceError:
-        """What a group read found, an error if it is none; a refusal is asked for once more by itself."""
+        """Result of a group read, or its error; a servo that refused is asked once more by itself."""
         if not isinstance(answer, StatusPacket):
             return self._loss(dxl_id, answer)
         try:

@@ -29,7 +29,7 @@ _RESYNC_S = 0.05  # a servo that heard half a packet at another baud rate has fo
 
 @dataclass(frozen=True, slots=True)
 class FoundServo:
-    """What answers to an id at a baud rate.
+    """Servo that answers to an id at a baud rate.
 
     `ping` is None if every answer came broken. `crowded`: more than one servo seems to have this id.
     """
@@ -42,7 +42,7 @@ class FoundServo:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """What was found, by baud rate and id, and the rates that the port refused with its reason."""
+    """Result of a scan: servos by baud rate and id, and the rates that the port refused with the reason."""
 
     found: tuple[FoundServo, ...]
     refused: dict[int, str]
@@ -124,7 +124,7 @@ def model_name(ping: Ping | None) -> str | None:
 
 
 def _ping_alone(bus: Bus, dxl_id: int) -> Ping | None:
-    """What one id answers, None if only broken answers come; NotAnswering at once if nothing does."""
+    """Ping one id: None if only broken answers come; NotAnswering at once if none does."""
     try:
         return bus.ping(dxl_id, retries=0)
     except DamagedAnswer:
@@ -136,7 +136,7 @@ def _ping_alone(bus: Bus, dxl_id: int) -> Ping | None:
 
 
 def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
-    """Whether answers to an id keep coming broken, or twice."""
+    """True if answers to an id keep coming broken, or twice."""
     spoiled = 0
     for _ in range(_CROWDING_READS):
         before = bus.counts.damaged
@@ -147,7 +147,7 @@ def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
 
 
 def _more_arrives(bus: Bus, port: SerialBase, clock: Clock) -> bool:
-    """Whether something still comes behind an answer that was complete."""
+    """True if something still comes behind an answer that was complete."""
     clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _PRESENT_VALUES.size, 0.0))
     try:
         return bool(port.read(1))

@@ -13,14 +13,14 @@ from enum import Enum, IntEnum, IntFlag
 
 
 class Access(Enum):
-    """What a controller may do with an item."""
+    """Access that a controller has to an item."""
 
     R = "read only"
     RW = "read and write"
 
 
 class Area(Enum):
-    """Where an item lives: EEPROM survives a reboot and is locked while torque is on."""
+    """Memory of an item: EEPROM survives a reboot and is locked while torque is on."""
 
     EEPROM = "EEPROM"
     RAM = "RAM"

@@ -15,7 +15,7 @@ class PortFailed(DeviceError):
 
 
 class ServoError(DeviceError):
-    """Something is wrong with the servos `dxl_ids` on `port`."""
+    """Fault of the servos `dxl_ids` on `port`."""
 
     def __init__(self, dxl_ids: Sequence[int], port: str, message: str) -> None:
         super().__init__(message)

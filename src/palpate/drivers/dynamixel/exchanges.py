@@ -27,7 +27,7 @@ _USB_TRANSFER_S = 2e-3  # two USB frames and the way through the kernel
 
 
 def latency_with_timer_s(timer_s: float) -> float:
-    """What an adapter with a latency timer may add: the timer before each of two parts, and USB."""
+    """Delay that an adapter with a latency timer may add: the timer before each of two parts, and USB."""
     return 2 * timer_s + _USB_TRANSFER_S
 
 
@@ -41,7 +41,7 @@ _FAST_BLOCK_BYTES = 4  # of a fast read: error, ID and CRC
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """What decides how long an answer may take.
+    """Delays that decide how long an answer may take.
 
     `latency_s`: what adapter, driver and system may add. `late_s`: how late an answer can be because the
     computer is busy; a question is repeated for as long. `patience_s`: how long each of the last tries waits
@@ -56,14 +56,14 @@ class Timing:
     horizon_s: float = 0.3
 
     def tries(self, retries: int) -> list[bool]:
-        """How often to ask for what gets lost, and whether patiently; all are the same question."""
+        """Repetitions of a lost question, each patient or not."""
         if not retries:
             return [False]
         left_s = self.late_s - retries * self.latency_s
         return [False] * retries + [True] * max(1, ceil(left_s / max(self.patience_s, self.latency_s)))
 
     def timeout_s(self, sent: int, expected: int, return_delay_s: float) -> float:
-        """How long to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""
+        """Time to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""
         return wire_time_s(sent + expected, self.baudrate) + return_delay_s + self.latency_s
 
 
@@ -127,7 +127,7 @@ class PendingAnswers:
         self._owed: dict[tuple[int, int], _OutstandingAnswer] = {}
 
     def note(self, dxl_id: int, size: int, question: Query | None, now: float) -> None:
-        """Something was asked; its answer has `size` bytes of parameters."""
+        """Note a question whose answer has `size` bytes of parameters."""
         owed = self._owed.get((dxl_id, size))
         if owed is None:
             owed = self._owed[dxl_id, size] = _OutstandingAnswer(question, now)
@@ -135,7 +135,7 @@ class PendingAnswers:
         owed.until_s = now + self._horizon_s
 
     def expects(self, dxl_id: int, size: int, now: float) -> bool:
-        """Whether an answer of this length may come: if it was not asked for now, it was before."""
+        """True if an answer of this length may come: if it was not asked for now, it was before."""
         owed = self._owed.get((dxl_id, size))
         return owed is not None and owed.until_s > now
 
@@ -203,7 +203,9 @@ class PendingAnswers:
         return best and best[1]
 
     def _last_use_s(self, asked: Mapping[tuple[int, int], Query], now: float) -> float | None:
-        """When answers of these lengths were last asked for, 0 if none is outstanding; None: to else."""
+        """Time at which answers of these lengths were last asked for, 0 if none is outstanding; None: of
+        other questions.
+        """
         last_s = 0.0
         for key, question in asked.items():
             if key[1] == PING_PARAMS:
@@ -218,7 +220,7 @@ class PendingAnswers:
 
 
 def queries(blocks: Mapping[int, TableBlock], *, fast: bool = False) -> Mapping[tuple[int, int], Query]:
-    """What is asked when blocks are read, by the servo and the length of the answer."""
+    """Queries of a read of blocks: the servo and the length of the answer."""
     return _queries(tuple(blocks.items()), fast)
 
 

@@ -25,7 +25,7 @@ ReadStates = Callable[[Sequence[Servo]], Mapping[int, ServoState]]
 
 
 class MoveEnd(Enum):
-    """How a mover's part of a guarded move ended; after TURN it is stopped, and goes on with a new goal."""
+    """End of a mover's part of a guarded move; after TURN it is stopped, and goes on with a new goal."""
 
     REACHED = "reached"
     CONTACT = "contact"
@@ -37,7 +37,7 @@ class MoveEnd(Enum):
 
 
 class Mover(Protocol):
-    """What moves and stops as one: a servo, or a finger. Hashed by identity."""
+    """Unit that moves and stops as one: a servo, or a finger. Hashed by identity."""
 
     @property
     def servos(self) -> Sequence[Servo]:
@@ -46,12 +46,12 @@ class Mover(Protocol):
 
     @property
     def driven(self) -> Sequence[Servo]:
-        """Those of them that move, and are stopped at any end but REACHED."""
+        """Servos that move, and are stopped at any end but REACHED."""
         ...
 
     @property
     def streams(self) -> bool:
-        """Whether goals follow one another each period, so that a lost one need not be written again."""
+        """True if goals follow one another each period, so that a lost one need not be written again."""
         ...
 
     def start(self, now: float, /) -> ServoGoals:
@@ -179,7 +179,7 @@ def _merge_goals(parts: Iterable[ServoGoals]) -> dict[Servo, float]:
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """When a servo counts as still, as held, and as too late.
+    """Criteria for a servo that is still, held, or too late.
 
     Still: slower than `still_rad_s` and within its tolerance of the goal. Held: for `stall_s` it has not
     moved by `moved_rad`. Too late: `deadline_s` after the start it has not arrived. `poll_s`: time between
@@ -230,11 +230,11 @@ class ServoMover:
         return {self.servo: self._goal_rad}
 
     def stream(self, _now: float) -> ServoGoals:
-        """Nothing: the servo knows its goal."""
+        """Do nothing: the servo knows its goal."""
         return {}
 
     def sense(self, _now: float) -> MoveEnd | None:
-        """Nothing: a servo has no array."""
+        """Do nothing: a servo has no array."""
         return None
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
@@ -245,7 +245,7 @@ class ServoMover:
             self._moved_rad, self.moved_s = state.position_rad, now
 
     def stopped(self, now: float) -> None:
-        """Nothing: what it was told is enough."""
+        """Do nothing: the goal that was written is enough."""
 
     def judge(self, now: float) -> MoveEnd | None:
         """Contact, arrival, stall or deadline, in this order."""

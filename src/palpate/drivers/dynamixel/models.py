@@ -121,7 +121,7 @@ def specification(name: str) -> ServoSpecification:
 
 
 def supply_warnings(models: Iterable[str]) -> list[str]:
-    """What is wrong with the supply of servos on one bus, whose cables pass it on; none if all need the same.
+    """Warnings about the supply of servos on one bus, whose cables pass it on; none if all need the same.
 
     Models that are not built in are left out.
     """
@@ -167,7 +167,7 @@ class IndirectAddresses:
 
 @dataclass(frozen=True, slots=True)
 class CurrentUnits:
-    """What a current means: its unit (A), the largest Current Limit (units), N·m per A at the shaft.
+    """Meaning of a current: its unit (A), the largest Current Limit (units), N·m per A at the shaft.
 
     The last is stall torque over stall current of the e-Manual's specifications at the recommended voltage;
     friction makes what reaches the shaft less.
@@ -205,7 +205,7 @@ class Model:
     torque: CurrentUnits | None
 
     def item(self, name: str) -> Item:
-        """Where this model has an item. Raises InputError if it has none of that name."""
+        """Item of this model's table. Raises InputError if it has none of that name."""
         found = self.items.get(name)
         if found is None:
             raise InputError(f"a {self.name} has no {name} in its control table")
@@ -225,7 +225,7 @@ class Model:
 
     @property
     def answers_fast(self) -> bool:
-        """Whether Fast Sync Read and Fast Bulk Read are known to this firmware (e-Manual, Protocol 2.0)."""
+        """True if Fast Sync Read and Fast Bulk Read are known to this firmware (e-Manual, Protocol 2.0)."""
         least = self.fast_from
         return self.firmware is not None and least is not None and self.firmware >= least
 

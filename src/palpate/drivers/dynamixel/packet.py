@@ -72,7 +72,7 @@ class StatusErrorCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class InstructionPacket:
-    """What a controller sends. `instruction` is a plain int: unknown ones must be answerable."""
+    """Packet of a controller. `instruction` is a plain int: unknown ones must be answerable."""
 
     dxl_id: int
     instruction: int
@@ -80,7 +80,7 @@ class InstructionPacket:
 
 
 class StatusPacket(NamedTuple):
-    """What a servo answers. `error` is the error byte: alert bit and error number."""
+    """Packet of a servo. `error` is the error byte: alert bit and error number."""
 
     dxl_id: int
     error: int = 0

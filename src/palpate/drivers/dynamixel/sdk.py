@@ -79,7 +79,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         self.setPacketTimeoutMillis(seconds * 1e3)
 
     def isPacketTimeout(self) -> bool:
-        """Whether the time is up and nothing has arrived meanwhile: this process may have slept."""
+        """True if the time is up and nothing has arrived meanwhile: this process may have slept."""
         if self.getTimeSinceStart() <= self.packet_timeout:
             return False
         self._late_looks -= 1
@@ -137,7 +137,7 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
         return (broken if result == COMM_RX_CORRUPT else packet), result
 
     def _status_packet(self, port: ClockedPortHandler) -> tuple[list[int], int]:
-        """As the SDK's `rxPacket`, and quicker for what comes whole, as nearly always.
+        """Receive like the SDK's `rxPacket`, and quicker for packets that come whole, as nearly all do.
 
         It goes on where this has ended: what was read is pushed back. A read that brought nothing is followed
         by a look at the time, as in the SDK.

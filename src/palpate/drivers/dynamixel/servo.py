@@ -95,7 +95,7 @@ class Servo:
         return answer
 
     def item(self, name: str) -> Item:
-        """Where this model has an item. Raises InputError if it has none of that name."""
+        """Item of this model's table. Raises InputError if it has none of that name."""
         return self.model.item(name)
 
     def read(self, name: str) -> int:
@@ -141,7 +141,7 @@ class Servo:
     def eeprom(
         self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
     ) -> dict[str, int]:
-        """What `prepare` writes, by item.
+        """Values that `prepare` writes, by item.
 
         Operating Mode, Current Limit, Velocity Limit (rounded down; None leaves it), Position Limits
         in Position Control Mode (to `range_rad`), Drive Mode 0 (normal direction, velocity-based profile)
@@ -309,7 +309,7 @@ def _block_of(items: Sequence[Item]) -> Item:
 
 
 def _holds_values(servo: Servo, values: Mapping[str, int], block: Item, found: int) -> bool:
-    """Whether a block that was read has these values."""
+    """True if a block that was read has these values."""
     raw = block.encode(found)
     items = {servo.item(name): value for name, value in values.items()}
     return all(
@@ -337,7 +337,7 @@ _INPUT_VOLTAGE_UNIT_V = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What a servo says of itself. `settings`: the values of the items that were asked for."""
+    """Condition that a servo reports. `settings`: the values of the items that were asked for."""
 
     voltage_v: float
     voltage_limits_v: tuple[float, float]
@@ -414,7 +414,7 @@ def confirm_torque_off(bus: Bus, dxl_ids: Iterable[int]) -> dict[int, DeviceErro
 
 
 def _write_off(bus: Bus, dxl_id: int, item: Item) -> DeviceError | None:
-    """What went wrong if torque may still be on."""
+    """Problem that may have left torque on."""
     try:
         bus.write(dxl_id, item, 0)
     except HardwareAlert as alert:

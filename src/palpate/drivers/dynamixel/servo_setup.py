@@ -36,7 +36,7 @@ class ItemChange:
 
 @dataclass(frozen=True, eq=False)
 class ServoPort:
-    """How to open the port that leads to the servo."""
+    """Way to open the port that leads to the servo."""
 
     open_port: Callable[[int], SerialBase]
     clock: Clock
@@ -80,7 +80,7 @@ def only_servo(found: Scan, model: Model, port: str) -> FoundServo:
 def find_changes(
     wire: ServoPort, at: FoundServo, model: Model, wanted: Mapping[str, int]
 ) -> list[ItemChange]:
-    """What differs from `wanted` in the servo found at `at`. Raises what the bus raises."""
+    """Differences from `wanted` of the servo found at `at`. Raises what the bus raises."""
     with closing(wire.bus(at.baudrate)) as bus:
         servo = Servo(bus, at.dxl_id, model.name)
         servo.check()

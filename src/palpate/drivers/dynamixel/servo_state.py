@@ -53,7 +53,7 @@ STATE_BYTES = _STATE_LAYOUT.size
 
 
 class ServoState(NamedTuple):
-    """What a servo measured at one instant, and how it is."""
+    """Measurements and condition of a servo at one instant."""
 
     position_rad: float
     velocity_rad_s: float
@@ -67,7 +67,7 @@ class StateReader:
     """Reads the state of servos on one bus."""
 
     def __init__(self, bus: Bus, servos: Iterable[Servo]) -> None:
-        """Nothing is sent yet: `arrange` does it."""
+        """Prepare the reader; nothing is sent before `arrange`."""
         self.bus = bus
         self._servos = {servo.dxl_id: servo for servo in servos}
         self._fast = False
@@ -88,7 +88,7 @@ class StateReader:
 
     @property
     def is_fast(self) -> bool:
-        """Whether Fast Sync Read is used: all servos know it."""
+        """True if Fast Sync Read is used: all servos know it."""
         return self._fast
 
     def wire_time_s(self, baudrate: int, return_delays_s: Sequence[float]) -> float:
@@ -181,7 +181,7 @@ NO_MARK = _LOWEST_ADDRESS | _LOWEST_ADDRESS << _WORD_BITS
 
 
 def mark_item(model: Model) -> Item | None:
-    """Where a model has its mark; None if it has no two indirect addresses to spare."""
+    """Item that holds a model's mark; None if it has no two indirect addresses to spare."""
     place = model.indirect
     if place is None or place.count < _STATE_BLOCK_ADDRESSES + 2:
         return None
@@ -199,7 +199,7 @@ def mark_value(turns: int) -> int:
 
 
 def turns_of_mark(value: int) -> int | None:
-    """How many turns the count is ahead; None if the value is no mark."""
+    """Number of turns that the count is ahead; None if the value is no mark."""
     key, turns = value & 0xFFFF, (value >> _WORD_BITS) - _ADDRESS_AT_ZERO_TURNS
     return turns if key == _MARK_KEY and abs(turns) <= MAX_TURNS else None
 
@@ -226,13 +226,15 @@ class StateTraffic:
         self._answer = bytearray()
 
     def sent(self, data: bytes) -> None:
-        """What the host has sent."""
+        """Process bytes that the host has sent."""
         for packet in self._sent.feed(data):
             if isinstance(packet, InstructionPacket):
                 self._begin(packet)
 
     def received(self, data: bytes) -> Iterator[tuple[int, ServoState]]:
-        """What the host has received: ID and state of every servo whose answer is whole with it."""
+        """Process bytes that the host has received; yield ID and state of every servo whose answer they
+        complete.
+        """
         if self._is_ping or self._mark is not None or (self._asked and not self._is_fast):
             for packet in self._received.feed(data):
                 if isinstance(packet, StatusPacket) and self._is_ping:
@@ -254,7 +256,7 @@ class StateTraffic:
                     yield from self._state(block)
 
     def _begin(self, packet: InstructionPacket) -> None:
-        """What is answered next."""
+        """Begin the next answer."""
         self._received.reset()
         self._answer.clear()
         self._is_ping = packet.instruction == Instruction.PING
@@ -289,7 +291,7 @@ class StateTraffic:
             self._note_mark(dxl_id, extract_block(answer.params, wide, place))
 
     def _note_firmware(self, answer: StatusPacket) -> None:
-        """Where the state lies depends on the firmware."""
+        """Note the firmware, on which the place of the state depends."""
         model = self._models.get(answer.dxl_id)
         if model is None or len(answer.params) != _PING_ANSWER.size:
             return

@@ -38,7 +38,7 @@ from palpate.drivers.transport.wire import wire_time_s
 
 @dataclass(slots=True)
 class BusCounts:
-    """How often what happened since the port was opened.
+    """Counts of events since the port was opened.
 
     `instructions`: packets sent. `silent`: answers that did not come in time. `damaged`: answers that came
     broken. `retries`: instructions that were sent once more because of it. `alerts`: answers of servos that
@@ -95,7 +95,7 @@ Loss = Lost | SizeMismatch
 
 
 def combine_losses(before: Loss | None, loss: Loss) -> Loss:
-    """What two tries at one question say: whatever comes after silence is late rather than misfit."""
+    """Combine two tries at one question: an answer after silence is late rather than misfit."""
     return Lost.LATE if isinstance(loss, SizeMismatch) and before in (Lost.SILENT, Lost.LATE) else loss
 
 
@@ -124,7 +124,7 @@ class Transceiver:
         self._handler.is_using = False
 
     def wider(self, blocks: Mapping[int, TableBlock], *, fast: bool = False) -> Mapping[int, TableBlock]:
-        """What to read instead of `blocks`, so that no other answer can be taken for the answer to it.
+        """Blocks to read instead of `blocks`, so that no other answer can be taken for theirs.
 
         The same question takes lengths in turn, more of them while answers get lost or come late or twice.
         Where no length is free it waits until one is.
@@ -138,7 +138,7 @@ class Transceiver:
         return found
 
     def may_be_stale(self, dxl_id: int, size: int = ACK_PARAMS) -> bool:
-        """Whether an answer of this length may be to something that was asked before."""
+        """True if an answer of this length may be to something that was asked before."""
         return self._pending.expects(dxl_id, size, self._clock.now())
 
     def settle(self, dxl_ids: Iterable[int]) -> None:
@@ -359,7 +359,7 @@ class Transceiver:
         return Lost.LATE if self._is_stale(answer) else SizeMismatch(len(answer.params), size)
 
     def _is_stale(self, answer: StatusPacket) -> bool:
-        """Whether an answer that does not fit is to something that was asked before; counted."""
+        """True if an answer that does not fit is to something that was asked before; counted."""
         stale = self.may_be_stale(answer.dxl_id, len(answer.params))
         self._counts.stale += stale
         self._note_trouble()
@@ -367,7 +367,7 @@ class Transceiver:
 
 
 def _fits(answer: StatusPacket, size: int) -> bool:
-    """Whether it is an answer with `size` bytes, or a refusal, which has none; no servo refuses a ping."""
+    """True if it is an answer with `size` bytes, or a refusal, which has none; no servo refuses a ping."""
     return len(answer.params) == (ACK_PARAMS if answer.error_number and size != PING_PARAMS else size)
 
 

@@ -17,7 +17,8 @@ _Indirect = tuple[int, int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class XFamily:
-    """What several models share: supply, unit of current, and how their tables differ from COMMON_ITEMS.
+    """Properties that several models share: supply, unit of current, and how their tables differ from
+    COMMON_ITEMS.
 
     `supply_v`: least, recommended and highest Input Voltage. `defaults` and `ranges` (low, high): by item, in
     its own units. `absent`, `more`: items that COMMON_ITEMS has and these models lack, and the other way.

@@ -176,7 +176,7 @@ class EmulatedFinger:
         self._mechanics.step(dt_s, force)
 
     def free_steps(self, dt_s: float, most: int, displacement: Displacement) -> int:
-        """How many steps of `dt_s`, at most so many, for certain do not let the tip meet the part."""
+        """Number of steps of `dt_s` (at most so many) that certainly do not let the tip meet the part."""
         within_mm = math.inf
         if self.outline is not None:
             within_mm = self._free_mm - math.dist(displacement.back(self.stepped_mm), self._free_centre)
@@ -204,7 +204,7 @@ class EmulatedFinger:
                 self.hardest_on_taxels_n = max(self.hardest_on_taxels_n, float(self.press.on_skin_n.sum()))
 
     def forces_on(self, displacement: Displacement) -> list[PointForce]:
-        """What the tip would do to the part at a displacement; nothing if it would not touch it."""
+        """Forces of the tip on the part at a displacement; none if it would not touch it."""
         if self.outline is None:
             return []
         if math.dist(displacement.back(self.stepped_mm), self._free_centre) < self._free_mm:
@@ -241,7 +241,7 @@ class EmulatedFinger:
         return found.load
 
     def _load(self, outline: PartSection, displacement: Displacement) -> Press[SkinLoad] | None:
-        """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
+        """Load of a part that has moved on the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
             self._loads[place] = self._pressed(outline, displacement)
@@ -254,7 +254,7 @@ class EmulatedFinger:
 
     @property
     def _looks_rad(self) -> float:
-        """Where the middle of the array looks, in W."""
+        """Direction in which the array's middle looks, in W."""
         return self._facing_rad + self.truth.array_heading_rad
 
     def _taxels(self, touch: SkinLoad, outline: PartSection) -> Floats:
@@ -370,7 +370,9 @@ class Bench:
             self._free = 0
 
     def _free_steps(self) -> int:
-        """How many steps can be taken at once: none lets a tip meet the part, the last may end otherwise."""
+        """Number of steps that can be taken at once: none lets a tip meet the part, the last may end
+        otherwise.
+        """
         if not self.part.at_rest or any(finger.press is not None for finger in self.fingers):
             return 0
         if self.supply is not None:
@@ -420,7 +422,7 @@ class Bench:
         return [force for finger in self.fingers for force in finger.forces_on(displacement)]
 
     def _torque_nm(self, stage: EmulatedStage) -> float:
-        """What all touched tips together turn the ring with."""
+        """Torque of all touched tips on the ring."""
         return sum(
             stage.torque_nm(finger.stepped_mm, finger.press.force_n)
             for finger in self.fingers

@@ -49,7 +49,7 @@ class ServedPort(ABC):
 
     @abstractmethod
     def _receive(self) -> bytes:
-        """What a client has sent, empty if nothing. Does not wait."""
+        """Bytes that a client has sent, empty if none. Does not wait."""
 
     @abstractmethod
     def _send(self, data: bytes) -> None:
@@ -182,7 +182,7 @@ class TcpPort(ServedPort):
         self.address = f"socket://{host}:{self._listener.getsockname()[1]}"
 
     def handles(self) -> list[int]:
-        """Where clients come, and the one that is there."""
+        """Sockets of the listener and of the client."""
         found = [self._listener, *([] if self._client is None else [self._client])]
         return [one.fileno() for one in found]
 
@@ -269,7 +269,7 @@ class _Lifetime:
         return self._now
 
     def until(self, instant: float | None) -> float:
-        """How long to wait (s) for an instant of the devices' time; None: for nothing in particular."""
+        """Time to wait (s) for an instant of the devices' time; None: no instant is due."""
         if self._behind > 0.0:
             return 0.0
         if instant is None:

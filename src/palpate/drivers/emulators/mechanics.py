@@ -56,7 +56,7 @@ class Play:
 
 @dataclass(frozen=True)
 class JointCompliance:
-    """How a joint gives way to a force on the tip that it carries.
+    """Compliance of a joint to a force on the tip that it carries.
 
     `rad_per_nmm`: elastic turn for a torque of 1 N mm. `play_holds_n`: up to this force on the tip, across
     its lever, friction keeps the joint where it is within its play.
@@ -99,7 +99,7 @@ class CompliantJoint:
 
     @property
     def is_straight(self) -> bool:
-        """Whether it only follows the servo's side until a force on the tip bends it."""
+        """True if it only follows the servo's side until a force on the tip bends it."""
         return self._bend_rad == 0.0
 
     def follow_all(self, driving_rad: Iterable[float]) -> None:
@@ -127,7 +127,7 @@ _STOP_SUBSTEPS = 10  # of a step: the lightest motor swings faster on that sprin
 
 @dataclass(frozen=True)
 class FingerTruth:
-    """How an emulated aim + slide finger really is built; mm, rad, N.
+    """True geometry of an emulated aim + slide finger; mm, rad, N.
 
     aim = heading + (servo − aim_zero_rad) / gear_ratio and distance = zero_mm + mm_per_rad · servo, with
     servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
@@ -181,7 +181,7 @@ class JointTruth:
 
 @dataclass(frozen=True)
 class ArmTruth:
-    """How an emulated two-link arm really is built; mm, rad, N.
+    """True geometry of an emulated two-link arm; mm, rad, N.
 
     The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
     where the array's middle looks, from the second link's direction. `half_length_mm`, `is_ball`, `is_pad`:
@@ -303,7 +303,7 @@ class SlideMechanics:
         return stops[0] if at < stops[0] else stops[1]
 
     def _stop_n(self) -> float:
-        """What a stop pushes the carriage with, positive outwards."""
+        """Force of a stop on the carriage, positive outwards."""
         stop = self._reached_mm()
         if stop is None:
             return 0.0
@@ -397,12 +397,12 @@ class EmulatedStage:
 
     @property
     def centre_mm(self) -> tuple[float, float]:
-        """Where its axis really is, in W."""
+        """True place of its axis, in W."""
         return self._centre.real, self._centre.imag
 
     @property
     def truth(self) -> JointTruth:
-        """How it is really geared."""
+        """True gearing."""
         return self._joint
 
     @property

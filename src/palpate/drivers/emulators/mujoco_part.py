@@ -45,7 +45,7 @@ _MODEL = """
 
 @dataclass(frozen=True)
 class MassDistribution:
-    """What of a part the table does not see: where its centre of mass is, and its size for its inertia."""
+    """Centre of mass of a part, and its size for its inertia."""
 
     centre_mm: tuple[float, float]
     height_mm: float
@@ -90,12 +90,12 @@ class MujocoPart:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it sleeps until a tip touches it."""
+        """True if it sleeps until a tip touches it."""
         return not self._awake
 
     @property
     def tilt_rad(self) -> float:
-        """How far the part leans from how it was put."""
+        """Lean of the part since it was put."""
         mujoco.mj_kinematics(self._model, self._data)
         return math.acos(min(1.0, float(self._data.xmat[1][8])))
 

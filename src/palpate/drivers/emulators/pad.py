@@ -24,7 +24,7 @@ _SKIN_DEPTH_MM = 10.0  # what is further behind the face is no longer in its ski
 
 @dataclass(frozen=True, eq=False)
 class FaceLoad:
-    """What presses on a face, in W: `by_place_n` (m,) N at `across_mm` (m,), to the left of its middle."""
+    """Load on a face, in W: `by_place_n` (m,) N at `across_mm` (m,), to the left of its middle."""
 
     force_n: Floats
     across_mm: Floats
@@ -32,22 +32,22 @@ class FaceLoad:
 
     @property
     def on_skin_n(self) -> Floats:
-        """What presses on the skin at each place (m,)."""
+        """Force on the skin at each place (m,)."""
         return self.by_place_n
 
     def point_mm(self, centre_mm: Floats) -> Floats:
-        """Where the force acts: in the middle of what presses."""
+        """Point at which the force acts: the middle of the load."""
         across = float(np.average(self.across_mm, weights=self.by_place_n))
         ahead = -self.force_n / max(math.hypot(*self.force_n), 1e-12)
         result: Floats = centre_mm + across * np.array([-ahead[1], ahead[0]])
         return result
 
     def height_mm(self, middle_mm: float) -> float:
-        """At which height: that of the face's middle."""
+        """Height of the force: that of the face's middle."""
         return middle_mm
 
     def by_column_n(self, column_mm: Floats) -> Floats:
-        """What each of some evenly spaced columns of taxels (c,) bears, which cover all of the face."""
+        """Load of each of some evenly spaced columns of taxels (c,), which cover all of the face."""
         pitch, result = float(column_mm[1] - column_mm[0]), np.zeros(len(column_mm))
         slot = np.floor((self.across_mm - column_mm[0]) / pitch + 0.5).astype(np.int64)
         np.add.at(result, np.clip(slot, 0, len(column_mm) - 1), self.by_place_n)
@@ -63,13 +63,13 @@ class PadFace:
 
     @property
     def radius_mm(self) -> float:
-        """What is further from its middle does not touch it, however deep it may be dented."""
+        """Radius beyond which nothing touches it, however deep it may be dented."""
         return math.hypot(self.half_mm, _MAX_DENT_MM)
 
     def press(
         self, outline: PartSection, centre_mm: Floats, facing_rad: float, displacement: Displacement
     ) -> Press[FaceLoad] | None:
-        """What the part at a displacement does to the face with its middle at `centre_mm` (2,) in W.
+        """Press of the part at a displacement on the face with its middle at `centre_mm` (2,) in W.
 
         None if it does not touch it. `outline`: of the part as it was put.
         """
@@ -94,7 +94,7 @@ class _Seen:
 
     @classmethod
     def of(cls, outline: PartSection, centre_mm: Floats, ahead: Floats, half_mm: float) -> "_Seen":
-        """Those that may be within the face's width and in its skin."""
+        """Edges that may be within the face's width and in its skin."""
         begin, end = outline.start - centre_mm, outline.end - centre_mm
         along, far_along = begin @ ahead, end @ ahead
         left = ahead[0] * begin[:, 1] - ahead[1] * begin[:, 0]
@@ -118,7 +118,7 @@ class _Seen:
 
 
 def _share_load(across: Floats, dent: Floats) -> Floats:
-    """What each place (m,) bears, in mm of a flat wall's stiffness."""
+    """Load of each place (m,), in mm of a flat wall's stiffness."""
     touched = dent > 0
     stretch = np.cumsum(np.diff(touched, prepend=False) & touched) - 1
     padded = np.concatenate([[0.0], dent, [0.0]])

@@ -34,11 +34,11 @@ class Displacement:
 
     @cached_property
     def is_none(self) -> bool:
-        """Whether the part is exactly where it was put."""
+        """True if the part is exactly where it was put."""
         return self.turn_rad == 0.0 and not self.shift_mm.any()
 
     def place(self, point_mm: Floats) -> Floats:
-        """Where a point (2,) of the part is now."""
+        """Place of a point (2,) of the part now."""
         if self.is_none:
             return point_mm
         result: Floats = self.centre_mm + self.turned(point_mm - self.centre_mm) + self.shift_mm
@@ -83,16 +83,16 @@ TipForces = Callable[[Displacement], Sequence[PointForce]]
 
 
 class Part(Protocol):
-    """What stands on the table."""
+    """Part on the table."""
 
     @property
     def displacement(self) -> Displacement:
-        """How far it has moved; the same value as long as it stands still."""
+        """Displacement since the start; the same value as long as it stands still."""
         ...
 
     @property
     def at_rest(self) -> bool:
-        """Whether it stays where it is as long as no tip pushes it."""
+        """True if it stays where it is as long as no tip pushes it."""
         ...
 
     def step(self, tip_forces: TipForces, touched: bool, dt_s: float, /) -> None:
@@ -107,7 +107,7 @@ class StillPart:
     at_rest = True
 
     def step(self, _tip_forces: TipForces, _touched: bool, _dt_s: float) -> None:
-        """It stays where it is."""
+        """Do nothing: it stays where it is."""
 
 
 GRAVITY_M_S2 = 9.80665
@@ -181,7 +181,7 @@ class QuasiStaticPart:
         self._last_motion = motion
 
     def _holds(self, forces: Sequence[PointForce]) -> bool:
-        """Whether friction holds for certain, whatever the forces' directions."""
+        """True if friction holds for certain, whatever the forces' directions."""
         reach = [
             np.hypot(*force.force_n) * (1 + self._lever(force) / self._support.median_distance_mm)
             for force in forces
@@ -245,7 +245,9 @@ class QuasiStaticPart:
         return total
 
     def _skin_stiffness(self, tip_forces: TipForces, motion: Floats, pull: Floats) -> Floats:
-        """How the tips' wrench falls from `pull` as the part moves on, (3, 3), made positive."""
+        """Stiffness (3, 3), made positive, by which the tips' wrench falls from `pull` as the part
+        moves on.
+        """
         probes = np.eye(3) * _PROBE_MM
         matrix = np.array([(pull - self._wrench(tip_forces, motion + probe)) / _PROBE_MM for probe in probes])
         values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
@@ -253,7 +255,7 @@ class QuasiStaticPart:
         return result
 
     def _friction(self, motion: Floats, ways: Floats) -> tuple[Floats, Floats]:
-        """What friction resists a motion with (3,), and its growth (3, 3)."""
+        """Wrench of friction against a motion (3,), and its growth (3, 3)."""
         slide = ways @ motion
         length = np.sqrt((slide**2).sum(axis=1) + _SMOOTHING_MM**2)
         load = self._support.slip_n * self._support.share
@@ -263,7 +265,7 @@ class QuasiStaticPart:
         return load @ along, growth
 
     def _ways(self) -> Floats:
-        """How each foot (n, 2, 3) moves with the motion, as the part is turned now."""
+        """Motion of each foot (n, 2, 3) with that of the part, as it is turned now."""
         c, s = np.cos(self.displacement.turn_rad), np.sin(self.displacement.turn_rad)
         feet = self._feet @ np.array([[c, s], [-s, c]]) / self._lever_mm
         ways = np.zeros((len(feet), 2, 3))

@@ -219,7 +219,9 @@ class EmulatedServo:
         self._held_by = torque_nm
 
     def quiet_steps(self, dt_s: float) -> int:
-        """How many steps of `dt_s` `run` may take at once; none while something else acts on the shaft."""
+        """Number of steps of `dt_s` that `run` may take at once; none while something else acts on
+        the shaft.
+        """
         if self._held_by is not None:
             return 0
         return self._inner.quiet_steps(dt_s) if self._powered else _ANY_STEPS
@@ -261,7 +263,7 @@ class EmulatedServo:
 
     @property
     def motor_power_w(self) -> float:
-        """What the motor takes from the supply now, W."""
+        """Power that the motor takes from the supply now, W."""
         motion = self._inner.motion
         volts = self._inner.protection.supply_v
         return abs(motion.duty * motion.current_a) * volts if self._powered else 0.0

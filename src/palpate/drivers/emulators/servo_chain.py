@@ -33,7 +33,7 @@ _FAST_BLOCK = 4  # bytes of a block besides its data: ERR, ID, CRC
 
 
 class ReadRequest(NamedTuple):
-    """What one servo is asked for."""
+    """Request to read of one servo."""
 
     dxl_id: int
     address: int
@@ -42,7 +42,7 @@ class ReadRequest(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class WriteRequest:
-    """What one servo is to write."""
+    """Request to write of one servo."""
 
     dxl_id: int
     address: int
@@ -68,7 +68,7 @@ class FastFrame:
 
 
 def read_requests(packet: InstructionPacket) -> list[ReadRequest]:
-    """What a sync, bulk or fast read asks for, in order; none if the packet is cut short.
+    """Requests of a sync, bulk or fast read, in order; none if the packet is cut short.
 
     In a bulk read each servo is asked once: a second request to the same ID counts for nothing.
     """
@@ -85,7 +85,7 @@ def read_requests(packet: InstructionPacket) -> list[ReadRequest]:
 
 
 def write_requests(packet: InstructionPacket) -> Iterator[WriteRequest]:
-    """What a sync or bulk write tells, up to where the packet is cut short; see `read_requests` for IDs."""
+    """Requests of a sync or bulk write, up to where the packet is cut short; see `read_requests` for IDs."""
     if packet.instruction == Instruction.SYNC_WRITE:
         yield from _sync_writes(packet.params)
         return
@@ -203,7 +203,7 @@ class ServoChain:
             parser.reset()
 
     def _listening(self, baudrate: int) -> list[tuple[int, EmulatedServo]]:
-        """Those that understand the rate and their IDs, in order of these."""
+        """Servos that understand the rate, in order of their IDs."""
         hearing = [s for s in self._servos if s.listening and _is_understood(s.baudrate, baudrate)]
         return sorted(((servo.dxl_id, servo) for servo in hearing), key=itemgetter(0))
 

@@ -76,7 +76,7 @@ class Protection:
         return bits
 
     def quiet_steps(self, dt_s: float, *, driven: bool) -> int:
-        """How many steps of `dt_s` `watch_all` may take at once: only the last of them can set a bit."""
+        """Number of steps of `dt_s` that `watch_all` may take at once: only the last can set a bit."""
         left_s = _CHECK_PERIOD_S - self._since_look_s
         if driven:
             left_s = min(left_s, _OVERLOAD_S - self._overloaded_s)
@@ -214,7 +214,9 @@ class ServoUnit:
             self.report(bits)
 
     def quiet_steps(self, dt_s: float) -> int:
-        """How many steps of `dt_s` `run` may take at once: only in the last can more happen than motion."""
+        """Number of steps of `dt_s` that `run` may take at once: only in the last can more happen than
+        motion.
+        """
         driven = self.motion.driven
         steps = self.protection.quiet_steps(dt_s, driven=driven)
         if driven and self._watchdog_s > 0.0:
@@ -327,7 +329,7 @@ class ServoUnit:
             self._apply(item.name, value)
 
     def checked(self, address: int, data: bytes, *, ram_only: bool = False) -> list[tuple[TableItem, int]]:
-        """What a write would set; raises Refused if it may not be carried out now."""
+        """Values that a write would set; raises Refused if it may not be carried out now."""
         writes = self.table.parse_write(address, data)
         for item, value in writes:
             if item.area is Area.EEPROM and (ram_only or self.motion.driven):

@@ -73,7 +73,7 @@ class VelocityLaw:
 
 
 class PositionTerms:
-    """What I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
+    """Terms that I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
 
     def __init__(self, i: float, d: float) -> None:
         self.i = i
@@ -330,7 +330,7 @@ class ShaftMotion:
         return self.reference_rad_s * dt, 2.0 * (braking + 2.0 * speed * dt + rate * dt * dt)
 
     def _stands(self, dt_s: float) -> bool:
-        """Whether steps of `dt_s` without a load are known to change nothing."""
+        """True if steps of `dt_s` without a load are known to change nothing."""
         return self._rest_nm == 0.0 or dt_s == self._fixed_s
 
     def _disturb(self) -> None:

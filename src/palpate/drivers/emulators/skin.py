@@ -71,7 +71,7 @@ def shear_skin(
 
 
 class SkinLoad(Protocol):
-    """What presses on a tip's skin, in W: on a disc's (`TipLoad`) or a pad's (`FaceLoad`)."""
+    """Load on a tip's skin, in W: on a disc's (`TipLoad`) or a pad's (`FaceLoad`)."""
 
     @property
     def force_n(self) -> Floats:
@@ -80,15 +80,15 @@ class SkinLoad(Protocol):
 
     @property
     def on_skin_n(self) -> Floats:
-        """What presses on each place of the skin (m,)."""
+        """Force on each place of the skin (m,)."""
         ...
 
     def point_mm(self, centre_mm: Floats, /) -> Floats:
-        """Where the force acts (2,), with the tip's middle at `centre_mm` (2,)."""
+        """Point at which the force acts (2,), with the tip's middle at `centre_mm` (2,)."""
         ...
 
     def height_mm(self, middle_mm: float, /) -> float:
-        """How high it acts, with the tip's middle at `middle_mm`."""
+        """Height at which it acts, with the tip's middle at `middle_mm`."""
         ...
 
 
@@ -97,7 +97,7 @@ _L_co = TypeVar("_L_co", bound=SkinLoad, covariant=True)
 
 @dataclass(frozen=True, eq=False)
 class Press(Generic[_L_co]):
-    """What presses on a tip, in W; `load` has the skin's shear in it, `shear` is in the part's frame."""
+    """Press on a tip, in W; `load` has the skin's shear in it, `shear` is in the part's frame."""
 
     load: _L_co
     shear: Shear | None
@@ -128,7 +128,7 @@ class Skin:
     def press(
         self, outline: PartSection, centre_mm: Floats, displacement: Displacement, before: Shear | None
     ) -> Press[TipLoad] | None:
-        """What the part at a displacement does to the tip; None if it does not touch it.
+        """Press of the part at a displacement on the tip; None if it does not touch it.
 
         `outline`: of the part as it was put; `centre_mm` (2,): the tip's axis in W; `before`: its shear then.
         """

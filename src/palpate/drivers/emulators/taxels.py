@@ -83,7 +83,7 @@ class Taxels:
         return self._read(counts)
 
     def _is_none(self, force_n: Floats) -> bool:
-        """Whether nothing presses; an array that cannot change is looked through once."""
+        """True if nothing presses; an array that cannot change is looked through once."""
         if force_n is self._none_n:
             return True
         if force_n.any():
@@ -103,7 +103,7 @@ class Taxels:
         return result
 
     def _read(self, counts: Floats) -> Counts:
-        """What the converter makes of counts (…, rows, cols), which it overwrites."""
+        """Digitise counts (…, rows, cols), which it overwrites."""
         d = self.description
         np.rint(counts, out=counts)
         np.maximum(counts, 0, out=counts)

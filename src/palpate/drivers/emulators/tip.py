@@ -30,7 +30,8 @@ _HEADING_OF = tuple(map(tuple, _HEADINGS.tolist()))
 
 @dataclass(frozen=True, eq=False)
 class PartSection:
-    """What stands on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its top.
+    """Section of the part on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its
+    top.
 
     `z_mm` (n, 2): from which height to which each of them stands beside the tip; None: all along it. Beside
     a ball: what a disc of `disc_mm` meets when the ball touches, and `upright` (n,), the cosine of the
@@ -46,7 +47,7 @@ class PartSection:
 
     @cached_property
     def along(self) -> Floats:
-        """From each edge's start to its end, (n, 2) mm."""
+        """Vectors from each edge's start to its end, (n, 2) mm."""
         result: Floats = self.end - self.start
         return result
 
@@ -90,17 +91,17 @@ class TipLoad:
 
     @property
     def by_ray_n(self) -> Floats:
-        """What each ray (m,) bears."""
+        """Load of each ray (m,)."""
         return self.contact.by_ray_n
 
     @property
     def on_skin_n(self) -> Floats:
-        """What presses on the skin at each ray (m,): more than it bears where a ball touches obliquely."""
+        """Force on the skin at each ray (m,): more than its load where a ball touches obliquely."""
         upright = self.contact.upright
         return self.by_ray_n if upright is None else self.by_ray_n / upright
 
     def point_mm(self, centre_mm: Floats) -> Floats:
-        """Where it acts: on the tip's axis."""
+        """Point at which it acts: on the tip's axis."""
         return centre_mm
 
     def height_mm(self, middle_mm: float) -> float:
@@ -111,7 +112,7 @@ class TipLoad:
         return float(np.average(z_mm.mean(axis=1), weights=np.maximum(self.by_ray_n, 1e-12)))
 
     def turned(self, force_n: Floats, turn_rad: float) -> "TipLoad":
-        """With another force on the tip, and the rays turned on."""
+        """Load with another force on the tip, and the rays turned on."""
         return TipLoad(force_n, self.contact, (*self.turns_rad, turn_rad))
 
 
@@ -133,7 +134,7 @@ def _to_edges(outline: PartSection, centre_mm: Floats) -> Floats:
 def tip_load(
     outline: PartSection, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float
 ) -> TipLoad | None:
-    """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
+    """Load of the outline on a tip with its axis at `centre_mm` in W; None if it does not touch it."""
     # Served on real ports, this runs for every finger in every millisecond: far edges are left out first, and
     # dents are taken in the few directions on which the force depends.
     away = _to_edges(outline, centre_mm)
@@ -165,7 +166,7 @@ class SkinContact:
     stiffness_n_per_mm: float
 
     def is_touched(self) -> bool:
-        """Whether any ray is dented: those about the nearest point first."""
+        """True if any ray is dented: those about the nearest point first."""
         x, y = self.away[np.argmin(self.square)].tolist()
         towards = math.floor(math.atan2(-y, -x) / _STEP_RAD)
         about = (ray % _RAYS for ray in range(towards - 1, towards + 3))
@@ -200,7 +201,7 @@ class SkinContact:
         return [push for point in (*feet, *corners) if (push := self._push(*point)) is not None]
 
     def _push(self, x: float, y: float, weight: float) -> tuple[float, float, int] | None:
-        """What a point that is (x, y) mm from the axis does, None if nothing."""
+        """Push of a point that is (x, y) mm from the axis, None if it does not touch."""
         # numpy's functions of plain numbers: they agree with those of arrays to the last bit, math's do not.
         distance = float(np.hypot(x, y))
         dent = self.radius_mm - distance
@@ -214,7 +215,7 @@ class SkinContact:
 
     @cached_property
     def by_ray_n(self) -> Floats:
-        """What each ray (m,) bears: every stretch leaves the same force on the axis as its pushes."""
+        """Load of each ray (m,): every stretch leaves the same force on the axis as its pushes."""
         looked, dent = self._touched
         stretch = _stretches(looked)
         share = _shares(stretch, dent)
@@ -229,7 +230,7 @@ class SkinContact:
 
     @cached_property
     def heights_mm(self) -> Floats | None:
-        """From which height to which (_RAYS, 2) each ray's edge stands; None: all along the tip."""
+        """Heights (_RAYS, 2) between which each ray's edge stands; None: all along the tip."""
         if self.outline.z_mm is None:
             return None
         looked, _ = self._touched
@@ -246,7 +247,7 @@ class SkinContact:
 
     @cached_property
     def _nearest(self) -> Ints:
-        """Which of the near edges each touched ray (m,) meets first."""
+        """Index of the near edge that each touched ray (m,) meets first."""
         looked, _ = self._touched
         found: Ints = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
         return found
@@ -259,7 +260,7 @@ class SkinContact:
         return looked[dent > 0], dent[dent > 0]
 
     def _dent(self, ray: int) -> float:
-        """How far edges dent the skin (mm) in a direction: as `_dents`, quicker for a few."""
+        """Dent of the skin (mm) by edges in a direction; like `_dents`, quicker for a few."""
         x, y = _HEADING_OF[ray]
         nearest = math.inf
         for start_x, start_y, along_x, along_y, cross in self._seen:
@@ -283,7 +284,7 @@ class SkinContact:
         return found
 
     def _dents(self, ray: Ints) -> Floats:
-        """How far edges dent the skin (mm) in directions (m,); negative where they do not."""
+        """Dent of the skin (mm) by edges in directions (m,); negative where there is none."""
         result: Floats = self.radius_mm - _reach(self._edges, self.centre_mm, _HEADINGS[ray])
         return result
 
@@ -335,7 +336,7 @@ def _reaches(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats
 
 
 def _stretches(ray: Ints) -> Ints:
-    """Which stretch (m,), a run of neighbouring rays, each touched ray `ray` (m,), in order, belongs to.
+    """Stretch (m,), a run of neighbouring rays, of each touched ray `ray` (m,), in order.
 
     The last ray and the first are neighbours too.
     """
@@ -346,7 +347,7 @@ def _stretches(ray: Ints) -> Ints:
 
 
 def _shares(stretch: Ints, dent: Floats) -> Floats:
-    """What part of its stretch's deepest dent (mm) each touched ray (m,) bears."""
+    """Share of its stretch's deepest dent (mm) of each touched ray (m,)."""
     total = np.bincount(stretch, dent)
     deepest = np.zeros(len(total))
     np.maximum.at(deepest, stretch, dent)

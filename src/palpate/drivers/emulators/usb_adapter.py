@@ -52,7 +52,8 @@ class PortIntruder:
 
 @dataclass(frozen=True)
 class AdapterTruth:
-    """What an adapter does. `latency_s`: its latency timer. `gone_s`: [instant, instant at which it is back].
+    """True behaviour of an adapter. `latency_s`: its latency timer. `gone_s`: [instant, instant at which it
+    is back].
 
     `renamed`: it then has another name.
     """
@@ -85,7 +86,7 @@ class UsbAdapter:
         self._probes = 0
 
     def enumeration(self, now: float) -> int | None:
-        """How often the adapter has been given a name since the start; None while it has none."""
+        """Number of times that the adapter has been given a name; None while it has none."""
         if self.truth.gone_s is None or now < self.truth.gone_s[0]:
             return 0
         return 1 if now >= self.truth.gone_s[1] else None
@@ -118,13 +119,13 @@ class UsbAdapter:
         return self._arrived(now)
 
     def poll(self, now: float) -> list[Emission]:
-        """What reaches the host up to `now`."""
+        """Bytes that reach the host up to `now`."""
         self._deliver(now)
         self._take(self._device.poll(now))
         return self._arrived(now)
 
     def next_due(self) -> float | None:
-        """When something reaches the device, the chip or the host next."""
+        """Time at which bytes reach the device, the chip or the host next."""
         times = [self._late[0][0]] if self._late else []
         if self._buffer or self._wire:
             times.append(self._next_packet_s())
@@ -163,7 +164,9 @@ class UsbAdapter:
             self._wire.append((start, data, byte_s))
 
     def _next_packet_s(self) -> float:
-        """When the chip sends its next packet that is not empty: it is full, or its timer runs out."""
+        """Time at which the chip sends its next packet that is not empty: it is full, or its timer
+        runs out.
+        """
         missing, full_s = _BUFFER_BYTES - len(self._buffer), math.inf
         if missing <= 0:
             return self._stalls.free_from(self._sent_s)
@@ -176,7 +179,7 @@ class UsbAdapter:
         return self._stalls.free_from(min(full_s, self._tick_s(max(first, self._sent_s))))
 
     def _tick_s(self, since_s: float) -> float:
-        """When the timer runs out next, at `since_s` or later; it has run since the last packet."""
+        """Time at which the timer runs out next, at `since_s` or later; it has run since the last packet."""
         timer = self.truth.latency_s
         return self._sent_s + timer * max(1, math.ceil((since_s - self._sent_s) / timer - 1e-9))
 
@@ -238,16 +241,16 @@ class PluggedPort:
         return self._adapter.feed_at(data, now, baudrate)
 
     def poll(self, now: float) -> list[Emission]:
-        """What reaches the host. Raises as `feed_at`."""
+        """Bytes that reach the host. Raises as `feed_at`."""
         self._check(now, "device reports readiness to read but returned no data (device disconnected?)")
         return self._adapter.poll(now)
 
     def next_due(self) -> float | None:
-        """Of the adapter."""
+        """Next due time of the adapter."""
         return self._adapter.next_due()
 
     def is_there(self, now: float) -> bool:
-        """Whether the adapter is plugged in and has this name."""
+        """True if the adapter is plugged in and has this name."""
         number = self._adapter.enumeration(now)
         return number is not None and (number if self._adapter.truth.renamed else 0) == self._number
 
@@ -262,7 +265,7 @@ def _at_rate(device: RatedDevice, baudrate: int, data: bytes, now: float) -> lis
 
 
 class _Stalling:
-    """When a hub stalls, drawn as time goes on."""
+    """Stalls of a hub, drawn as time goes on."""
 
     def __init__(self, stalls: HubStalls | None, rng: np.random.Generator) -> None:
         self._stalls, self._rng = stalls, rng

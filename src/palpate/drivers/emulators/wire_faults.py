@@ -29,7 +29,7 @@ _READ_FAILED = (
 
 @dataclass(frozen=True, slots=True)
 class FaultRates:
-    """How probable faults are in one direction.
+    """Probabilities of faults in one direction.
 
     `flipped` counts for each byte, which then has one bit flipped; the others count for each packet. A
     packet that is `lost` has no other fault. One that is `cut` keeps its beginning, of one byte at least,
@@ -64,7 +64,7 @@ class WireRates:
 
 @dataclass(slots=True)
 class FaultCounts:
-    """What was done to one direction so far: packets that came, and how many of them had which fault.
+    """Counts of one direction so far: packets that came, and how many of them had which fault.
 
     `flipped` counts bytes, in every copy of a packet.
     """
@@ -173,7 +173,9 @@ class FaultyWire:
 
 
 class RatedFaultyWire(FaultyWire):
-    """For a device that takes the rate of bytes with them; it answers late ones at the wire's usual rate."""
+    """Faulty wire for a device that takes the rate of bytes with them; it answers late ones at the usual
+    rate.
+    """
 
     def __init__(self, device: RatedDevice, seed: int, rates: WireRates | None = None) -> None:
         super().__init__(device, seed, rates)
@@ -262,12 +264,12 @@ class BootingBoard:
         return said if self._runs_s is not None else said + self._device.feed(data, now)
 
     def poll(self, now: float) -> list[Emission]:
-        """What the board sends of its own accord."""
+        """Bytes that the board sends of its own accord."""
         said = self._boot(now)
         return said if self._runs_s is not None else said + self._device.poll(now)
 
     def next_due(self) -> float | None:
-        """When it resets or boots, or the device's next emission."""
+        """Time at which it resets or boots, or of the device's next emission."""
         own = self._device.next_due() if self._runs_s is None else self._runs_s
         if self._reset_s is None:
             return own

@@ -85,7 +85,7 @@ class FramePlausibility:
 
 
 def _leaps(since: tuple[int, float], time_us: int, now: float) -> bool:
-    """Whether the device's clock has run further since a frame than the host's can explain."""
+    """True if the device's clock has run further since a frame than the host's can explain."""
     then_us, then_s = since
     return time_us - then_us > ((now - then_s) * (1 + _CLOCK_DRIFT_SHARE) + _MAX_TIME_LEAP_S) * 1e6
 

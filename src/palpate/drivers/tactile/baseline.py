@@ -30,7 +30,7 @@ _MAX_BLOCKS = 64
 
 @dataclass(frozen=True, eq=False)
 class FrameBlock:
-    """What is read (n,) in the mean of some frames, which are of `time_s` in the mean."""
+    """Mean readings (n,) of some frames, and their mean time `time_s`."""
 
     mean: Floats
     frames: int
@@ -60,7 +60,7 @@ class _Mean:
 
 
 class ZeroIntervals:
-    """Of n quantities: `lower` and `upper` (n,). Their blocks have the same times.
+    """Intervals of n quantities: `lower` and `upper` (n,). Their blocks have the same times.
 
     `noise` (n,): standard deviation in one frame; `drift_per_s` (n,): how fast a zero moves at most; `zero`
     (n,): mean of `tared_frames` untouched ones. Those that are not `usable` (n,) never count as touched.
@@ -249,13 +249,14 @@ class BaselineTracker:
 
     @property
     def bound(self) -> Floats:
-        """They are within this of `mean`, (rows, cols) counts."""
+        """Bound of the zeros' distance from `mean`, (rows, cols) counts."""
         result: Floats = ((self._taxels.upper - self._taxels.lower) / 2).reshape(self._shape)
         return result
 
     def bound_at(self, time_s: float) -> Floats:
-        """They are within this of `mean` at `time_s`, by the array's clock: what may have drifted since the
-        last block that was followed comes on top. (rows, cols) counts.
+        """Bound of the zeros' distance from `mean` at `time_s`, by the array's clock, (rows, cols) counts.
+
+        It includes what may have drifted since the last block that was followed.
         """
         result: Floats = self.bound + self._drift * self._passed(time_s)
         return result
@@ -297,7 +298,7 @@ class BaselineTracker:
         return Zeros(means, bounds, np.repeat(np.arange(len(sizes)), sizes))
 
     def _size(self, time_s: Floats) -> int:
-        """How many of these frames still belong to the block that is waiting."""
+        """Number of these frames that still belong to the block that is waiting."""
         first = self._waiting[0].begin_s if self._waiting else time_s[0]
         most = _MAX_BLOCK_FRAMES - sum(piece.frames for piece in self._waiting)
         near = time_s[:most]

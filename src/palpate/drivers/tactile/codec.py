@@ -266,7 +266,7 @@ _HALF_SEQUENCE_RANGE = 1 << 31  # sequence numbers are compared on a circle of 2
 
 
 class FaultKind(enum.Enum):
-    """What was wrong with a stretch of the stream."""
+    """Kind of fault in a stretch of the stream."""
 
     FRAMING = "not COBS"
     SHORT = "shorter than header and CRC"
@@ -282,7 +282,7 @@ class FaultKind(enum.Enum):
 
 @dataclass(frozen=True)
 class DecodeFault:
-    """Something in the stream that is not a message.
+    """Stretch of the stream that is not a message.
 
     `missing` is the number of messages lost at a SEQUENCE_GAP. `version`, `type_code` and `request_id` are
     there where the CRC held but what is inside cannot be used (VERSION, LENGTH, UNKNOWN_TYPE, PAYLOAD), so
@@ -339,7 +339,7 @@ class Decoder:
 
     @property
     def waiting(self) -> int:
-        """How many bytes are kept of a message whose rest has not come."""
+        """Number of bytes kept of a message whose rest has not come."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> list[Message | DecodeFault]:
@@ -365,7 +365,7 @@ class Decoder:
             self._pending += piece
 
     def _finished(self, piece: bytes, out: list[Message | DecodeFault]) -> bytes:
-        """What was kept with its end; nothing of what is too long."""
+        """Kept bytes with their end; empty if they are too long."""
         self._keep(piece, out)
         whole, self._pending = bytes(self._pending), bytearray()
         self._skipping = False

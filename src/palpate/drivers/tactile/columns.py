@@ -138,7 +138,7 @@ def runs_of(columns: Columns) -> Runs:
 
 
 def _bend(force: Floats, calibration: TipCalibration) -> Floats:
-    """How much crosstalk moves from column to column, for each share of it, shape (n, c)."""
+    """Force that crosstalk moves from column to column, for each share of it, shape (n, c)."""
     padded = np.pad(force, ((0, 0), (1, 1)))
     bend = np.abs(padded[:, :-2] + padded[:, 2:] - 2 * force)
     # What crosstalk would take beyond the array's edge stays: there the whole of it is in doubt.

@@ -98,7 +98,7 @@ class ContactExtractor:
         self._set_guard(tared_s)
 
     def _window_drift(self, drift_counts_per_s: float) -> Floats:
-        """How fast the zero of each window's force (N) moves at most, N/s."""
+        """Largest drift of the zero of each window's force, N/s."""
         alone: Floats = drift_counts_per_s * self._window_gain.sum(axis=0)
         calibrated = self._calibration.force_drift_n_per_s
         if calibrated is None:
@@ -134,7 +134,7 @@ class ContactExtractor:
 
     @property
     def follows(self) -> bool:
-        """Whether zeros drift, so that `follow` does something."""
+        """True if zeros drift, so that `follow` does something."""
         return self._tracker is not None
 
     def follow(self, frames: Sequence[TactileFrame], *, may_touch: bool = False) -> None:
@@ -208,7 +208,7 @@ class ContactExtractor:
 
     @property
     def zero_doubt_n(self) -> tuple[float, float]:
-        """What zeros that have drifted as far as they may hide of a force (N), beside the noise.
+        """Force (N) that zeros at the ends of their intervals may hide, beside the noise.
 
         A zero may be off by half of its interval, and as much again is taken off what is felt. The second
         value: likewise, if all that `follow` has seen since the tare may have been touched.
@@ -217,7 +217,7 @@ class ContactExtractor:
 
     @property
     def zero_doubt_n_per_s(self) -> float:
-        """How fast `zero_doubt_n` grows while the tip may touch."""
+        """Rate at which `zero_doubt_n` grows while the tip may touch."""
         drift = self._calibration.drift_counts_per_s
         return 2 * float(self._window_drift(drift).max(initial=0.0)) if drift > 0 else 0.0
 
@@ -240,7 +240,7 @@ class ContactExtractor:
         return float((sums - self._zeros_n.upper)[above].max()) if np.count_nonzero(above) else 0.0
 
     def spread_hidden_n(self, later_s: float = 0.0) -> float:
-        """How much force (N), spread over the whole array, `force_n` may not feel; 0 on a cylinder.
+        """Force (N), spread over the whole array, that `force_n` may not show; 0 on a cylinder.
 
         `later_s`: after so long in which the tip may touch, so that zeros are not followed.
         """

@@ -43,7 +43,7 @@ class Shape(enum.IntEnum):
 
 @dataclass(frozen=True)
 class Description:
-    """What an array says of itself. Reals travel as 32-bit floats.
+    """Description that an array gives of itself. Reals travel as 32-bit floats.
 
     `columns` holds one position per column, ascending: rad about the tip's axis on a cylinder, mm along x on
     a flat pad. `row_heights_mm` holds one z per row, ascending. Both are empty on a free surface; there
@@ -75,7 +75,7 @@ class Description:
 
     @property
     def taxels(self) -> int:
-        """How many taxels there are."""
+        """Number of taxels."""
         return self.rows * self.cols
 
     def positions_mm(self) -> Floats:
@@ -183,7 +183,7 @@ def _count_problem(what: str, count: int, wanted: int) -> str | None:
 def _position_problem(
     what: str, values: tuple[float, ...], farthest: float, nearest: float, unit: str
 ) -> str | None:
-    """What is wrong with the positions of columns or rows; the first has number 0."""
+    """Problem of the positions of columns or rows; the first has number 0."""
     for number, value in enumerate(values):
         if not -farthest <= value <= farthest:
             return _range_problem(f"{what} {number} at", value, -farthest, farthest, unit)
@@ -197,7 +197,7 @@ def _position_problem(
 
 
 class Corner(enum.Enum):
-    """Where on the tip a matrix begins, seen from outside with the tip's axis upright."""
+    """Corner of the tip at which a matrix begins, seen from outside with the tip's axis upright."""
 
     LOWER_LEFT = "lower-left"
     LOWER_RIGHT = "lower-right"
@@ -220,7 +220,7 @@ class Mounting:
     upright: bool = False
 
     def to_tip(self, cells: Counts) -> Counts:
-        """From the matrix as the device counts (its rows, its columns) to the tip's (rows, columns)."""
+        """Convert the device's matrix (its rows, its columns) to the tip's (rows, columns)."""
         return np.ascontiguousarray(self._flipped(cells.T if self.upright else cells))
 
     def to_device(self, taxels: Counts) -> Counts:

@@ -51,7 +51,7 @@ class RestartWatch:
         self._last, self._heard_s = message, now
 
     def behind(self, message: Message) -> str:
-        """How a message that is not ahead of the newest one stands to it, for messages."""
+        """Relation of a message that is not ahead of the newest one to it, in words."""
         last = self._last or message
         return (
             f"number {message.sequence} at {message.time_us * 1e-6:.6g} s of its clock, "
@@ -59,7 +59,7 @@ class RestartWatch:
         )
 
     def is_restart(self, message: Message, now: float) -> bool:
-        """Whether a message that was read at `now` (s) shows a reset: number and clock are behind."""
+        """True if a message that was read at `now` (s) shows a reset: number and clock are behind."""
         last = self._last
         if last is None or (message.sequence - last.sequence) % (1 << 32) < _HALF_SEQUENCE_RANGE:
             return False
@@ -102,7 +102,7 @@ class ArrayExchange:
 
     @property
     def noise(self) -> str:
-        """What came since the last `ask` that is no message, for messages; "" if nothing did."""
+        """Words for bytes since the last `ask` that are no message; "" if there are none."""
         found = self.decoder.faults - self._faults_before
         return ", ".join(f"{found[kind]} × {kind.value}" for kind in found if kind not in _OUT_OF_ORDER)
 

@@ -43,7 +43,7 @@ class TactileFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class ArrayCounters:
-    """What went wrong on this port since it was opened.
+    """Counts of faults on this port since it was opened.
 
     `frames` were taken. `lost` were numbered by the array and never came; `faults` are stretches of the
     stream that were no message; `misshapen` frames made no sense: another size than the array's own, counts
@@ -66,7 +66,7 @@ class ArrayDriver(Protocol):
 
     @property
     def description(self) -> Description:
-        """What the array said of itself; raises DeviceError before `connect`."""
+        """Description that the array gave; raises DeviceError before `connect`."""
         ...
 
     @property
@@ -76,7 +76,7 @@ class ArrayDriver(Protocol):
 
     @property
     def silence(self) -> str:
-        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        """Words for what came since the last frame: "nothing", or what is no frame."""
         ...
 
     def connect(self) -> Description:
@@ -115,7 +115,9 @@ _MAX_STEP_S = 10.0  # no stream pauses for so long: the stamp is damaged, or the
 
 @dataclass(frozen=True)
 class FrameTime:
-    """Where a frame belongs: its number, with a gap where frames seem to be missing, and its time."""
+    """Place of a frame in the stream: its number, with a gap where frames seem to be missing, and its
+    time.
+    """
 
     sequence: int
     time_s: float

@@ -36,7 +36,7 @@ class MessageType(enum.IntEnum):
 
     @staticmethod
     def is_request(code: int) -> bool:
-        """Whether a type, known or not, is one that a host sends."""
+        """True if a type, known or not, is one that a host sends."""
         return code < 0x80
 
 
@@ -58,7 +58,7 @@ class FrameFlag(enum.IntFlag):
 
 
 class SelfTestResult(enum.IntFlag):
-    """What a self-test found to be broken; 0 is nothing. Bits without a name are the maker's."""
+    """Faults that a self-test found; 0 is none. Bits without a name are the maker's."""
 
     PROGRAM_MEMORY = 1
     WORKING_MEMORY = 2
@@ -68,7 +68,7 @@ class SelfTestResult(enum.IntFlag):
 
 
 class TaxelFault(enum.IntEnum):
-    """What is wrong with a taxel."""
+    """Fault of a taxel."""
 
     STUCK_LOW = 1
     STUCK_HIGH = 2
@@ -184,7 +184,7 @@ class TaxelPlaces:
 
     @property
     def count(self) -> int:
-        """How many taxels it reports."""
+        """Number of taxels that it reports."""
         return len(self.places) // REALS_PER_TAXEL
 
 

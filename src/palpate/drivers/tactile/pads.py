@@ -37,7 +37,7 @@ from palpate.drivers.tactile.patches import (
 
 @dataclass(frozen=True, eq=False)
 class TaxelForces:
-    """What n frames say, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
+    """Forces of n frames, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
     deviation; `drift_n`: bound of what the zeros are off by; `full`: at the largest count. Full and dead
     taxels are not usable.
     """
@@ -49,7 +49,7 @@ class TaxelForces:
     full: Bools
 
     def frames(self, which: Ints) -> "TaxelForces":
-        """Some of the frames."""
+        """Selection of the frames."""
         return TaxelForces(**{f.name: getattr(self, f.name)[which] for f in fields(TaxelForces)})
 
     @property
@@ -60,7 +60,7 @@ class TaxelForces:
 
 
 def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
-    """Which columns (n, c) something certainly presses on, in n frames.
+    """Columns (n, c) that are certainly pressed, in n frames.
 
     None beside a taxel that cannot be read: what it bears its neighbours may show.
     """
@@ -170,7 +170,9 @@ def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibra
 
 
 def _across(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> dict[str, Floats]:
-    """Where across a flat array something presses for certain (n, 2, 2), or may (n, 2); nan on a free one."""
+    """Ranges across a flat array that are certainly pressed (n, 2, 2), or may be (n, 2); nan on a
+    free one.
+    """
     n, _, cols = taxels.force_n.shape
     if not surface.flat:
         return {"pressed_mm": np.full((n, 2, 2), np.nan), "loaded_mm": np.full((n, 2), np.nan)}
@@ -210,7 +212,7 @@ def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalib
 
 
 def _cut(taxels: TaxelForces, cells: Bools, surface: TaxelSurface, calibration: TipCalibration) -> Bools:
-    """Where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
+    """True where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
     n = len(cells)
     force, doubt = taxels.force_n.reshape(n, -1), taxels.doubt_n.reshape(n, -1)
     seen, spread = taxels.usable.reshape(n, -1), calibration.spreads.ravel()
@@ -305,7 +307,7 @@ def _unseen(
 def _beyond_sides(
     taxels: TaxelForces, found: _Patch, hidden: Floats, surface: TaxelSurface, calibration: TipCalibration
 ) -> list[tuple[Floats, Floats]]:
-    """For each side the load beyond it, and how far out it is centred at most, each (n,): N, cells."""
+    """Load beyond each side and its largest distance out, each (n,): N, cells."""
     n = len(found.cells)
     force, noise = taxels.force_n.reshape(n, -1), taxels.noise_n.reshape(n, -1)
     drift, spread = taxels.drift_n.reshape(n, -1), calibration.spreads.ravel()

@@ -16,7 +16,7 @@ from palpate.base.geometry import Bools, Floats, Ints
 
 
 class PatchFlag(enum.Enum):
-    """What a patch's bounds had to allow for."""
+    """Circumstance that a patch's bounds had to allow for."""
 
     TRUNCATED = "cut by the array's edge"
     SATURATED = "a taxel is at its largest count"
@@ -33,7 +33,7 @@ class PatchFlag(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class TipCalibration:
-    """What is known of one tip.
+    """Calibration of one tip.
 
     `gain`: relative gain per taxel, shape (rows, cols), 1 where unknown; `gain_spread`: share of it that it
     is off by at most, the same for all taxels or (rows, cols). `noise_counts`: standard deviation of one

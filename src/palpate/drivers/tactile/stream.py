@@ -59,7 +59,7 @@ class Port(Protocol):
 
 @dataclass(frozen=True)
 class _Backlog:
-    """When the port first had more than might be taken, and what had been taken by then."""
+    """Time when the port first had more than might be taken, and the bytes taken by then."""
 
     since_s: float
     frames: int
@@ -112,12 +112,12 @@ class FrameStream:
 
     @property
     def where(self) -> str:
-        """What messages call the array."""
+        """Name of the array in messages."""
         return f"tactile array {self._name} on {self._port.port}"
 
     @property
     def silence(self) -> str:
-        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        """Words for what came since the last frame: "nothing", or what is no frame."""
         if self._refused:
             return f"{self._refused} frames that make no sense ({self._refusal})"
         return f"{self._since_frame} bytes that are no frame" if self._since_frame else "nothing"
@@ -218,7 +218,7 @@ class FrameStream:
             self._behind = _Backlog(self._looked_s, self.received, self.bytes)
 
     def _allowance(self) -> int:
-        """How much work one call may do: twice what the rate brings, and a little."""
+        """Work that one call may do: twice what the rate brings, and a little."""
         before, self._looked_s = self._looked_s, self._clock.now()
         frames = _MAX_RATE_RATIO * self._rate_hz * (self._looked_s - before)
         if self._mark is None:
@@ -243,7 +243,7 @@ class FrameStream:
         return head, self._work(head)
 
     def _fetch(self) -> bool:
-        """Whether there is something to take, read now if need be."""
+        """True if there are bytes to take, read now if need be."""
         try:
             if not self._unread and (waiting := self._port.in_waiting):
                 self._unread = self._port.read(min(waiting, _MAX_READ_BYTES))
@@ -293,7 +293,7 @@ class FrameStream:
             self._clock.sleep(step)  # a port that returns at once must not turn waiting into a spin
 
     def _is_half_full(self) -> bool:
-        """Whether to stop reading for now, while there is room for what one more read brings."""
+        """True if reading should stop for now, while there is room for one more read."""
         return len(self._frames) >= _MAX_WAITING_FRAMES // 2
 
     def has_restarted(self, how: str) -> DeviceError:
@@ -324,11 +324,11 @@ class StreamedArray(ABC):
     @property
     @abstractmethod
     def _lost_and_faults(self) -> tuple[int, int]:
-        """How many frames never came, and how many stretches of the stream were no message."""
+        """Number of frames that never came, and of stretches of the stream that were no message."""
 
     @property
     def description(self) -> Description:
-        """What the array said of itself; raises DeviceError before `connect`."""
+        """Description that the array gave; raises DeviceError before `connect`."""
         if self._description is None:
             raise DeviceError(f"{self._stream.where} has not been asked what it is; call connect() first")
         return self._description
@@ -341,7 +341,7 @@ class StreamedArray(ABC):
 
     @property
     def silence(self) -> str:
-        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        """Words for what came since the last frame: "nothing", or what is no frame."""
         return self._stream.silence
 
     def frames(self) -> list[TactileFrame]:

@@ -192,7 +192,7 @@ class _RotatedDirection:
         self._known: dict[float, tuple[Bools, Floats]] = {}
 
     def by(self, turn: float) -> tuple[Bools, Floats]:
-        """Which of them are within a right angle then, and their cosines, none below 1e-9."""
+        """Mask of those within a right angle then, and their cosines, none below 1e-9."""
         if turn not in self._known:
             turned = self.angle + turn
             self._known[turn] = np.abs(turned) < math.pi / 2, np.maximum(np.cos(turned), 1e-9)
@@ -206,7 +206,7 @@ def _flat(angle: _RotatedDirection, depth: float, normal: float = 0.0) -> Floats
 
 
 def _kinds(depth: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:
-    """How the two sides of a contact may go on, each (fall, end): it recedes by `fall` from `end` on.
+    """Shapes of the two sides of a contact, each (fall, end): it recedes by `fall` from `end` on.
 
     Vertices; a flat edge that ends on one side, finely; on both sides; and short edges beside a vertex. Ends
     beyond the dent are none.

@@ -154,7 +154,7 @@ class MockWire:
 
 
 def _complete(burst: _Burst, now: float) -> int:
-    """How many bytes of it have arrived; those that were taken have."""
+    """Number of its bytes that have arrived; those that were taken have."""
     count, most = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES), len(burst.data)
     if count >= most:
         return most

@@ -85,12 +85,12 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
 
 
 def has_baudrate(url: str) -> bool:
-    """Whether a port sends at the rate with which it is opened; of `socket://` the other end decides."""
+    """True if a port sends at the rate with which it is opened; of `socket://` the other end decides."""
     return not url.lower().startswith("socket://")
 
 
 def _reason(error: Exception) -> str:
-    """What the system said, without the layers that pyserial wraps around it."""
+    """Reason that the system gave, without the layers that pyserial wraps around it."""
     code = error.errno if isinstance(error, OSError) else None
     return os.strerror(code).lower() if code else str(error)
 
@@ -155,7 +155,7 @@ class SerialPort:
 
     @property
     def kind(self) -> str | None:
-        """What is known of the adapter, else what it says of itself."""
+        """Kind of the adapter as far as it is known, else its own words."""
         return _KINDS.get(self.usb_ids or (0, 0), self.description)
 
 
@@ -170,7 +170,7 @@ def describe_ports(
     ttys: Path = TTYS,
     processes: Path = _PROCESSES,
 ) -> list[SerialPort]:
-    """What pyserial found, with what the system tells besides; the folders are those of Linux."""
+    """Ports that pyserial found, with what the system adds; the folders are those of Linux."""
     names = {str(link.resolve()): str(link) for link in _entries(by_id)}
     ports = sorted(found, key=lambda info: info.device)
     users = port_users(processes, {info.device for info in ports})
@@ -190,7 +190,7 @@ def describe_ports(
 
 
 def port_users(processes: Path, devices: set[str]) -> dict[str, str]:
-    """For each device that is open somewhere: the program's name and number."""
+    """Name and number of the program that has each device open."""
     users: dict[str, str] = {}
     for process in _entries(processes):
         if not process.name.isdecimal() or int(process.name) == os.getpid():

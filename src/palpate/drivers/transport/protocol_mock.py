@@ -99,7 +99,7 @@ class Serial(SerialBase):
         wire.forget()
 
     def reset_output_buffer(self) -> None:
-        """Nothing to forget: a write returns once its last bit has left."""
+        """Do nothing: a write returns once its last bit has left."""
         self._opened()
 
     def _opened(self) -> MockWire:

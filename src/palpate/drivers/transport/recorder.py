@@ -106,7 +106,7 @@ RecordItem = str | PortOpened | PortBytes | ErrorRaised
 
 
 class RecordSink(Protocol):
-    """Where a recording goes, in the order of the calls."""
+    """Sink of a recording, in the order of the calls."""
 
     def note(self, what: RecordItem) -> None:
         """Take what has just happened, or bytes that are about to be written.
@@ -163,7 +163,7 @@ class Recorder:
         self._sink.check()
 
     def ask(self, call: str, action: Callable[[], _T]) -> _T:
-        """What `action` gives; what it raises, or an interrupt, is recorded as the end of `call`."""
+        """Return what `action` gives; what it raises, or an interrupt, is recorded as the end of `call`."""
         # Some thousand times a second of rig time: without a call more than it needs.
         if sys.exception() is not None:
             self._note_interrupt()
@@ -179,7 +179,7 @@ class Recorder:
         self.ask(call, lambda: None)
 
     def follow(self, call: str, action: Callable[[], _T]) -> _T:
-        """What `action`, which is the rest of `call`, gives; what it raises is recorded."""
+        """Return what `action`, which is the rest of `call`, gives; what it raises is recorded."""
         try:
             return action()
         except BaseException as error:

@@ -77,7 +77,7 @@ def parse_calls(text: str) -> Iterator[RecordedCall]:
 
 
 def describe_call(key: str, port: str) -> str:
-    """What a call with this key does, with the name of its port: "reads from mock://bus"."""
+    """Words for a call with this key, with the name of its port: "reads from mock://bus"."""
     return _WORDS.get(key[:1], "does something else").format(f"port {port}")
 
 
@@ -115,7 +115,7 @@ class Instants:
 
 
 def _bits(value: float) -> int:
-    """Where a double stands among the doubles."""
+    """Rank of a double among the doubles."""
     return int.from_bytes(struct.pack(">d", value), "big")
 
 
@@ -125,7 +125,7 @@ def _double(bits: int) -> float:
 
 
 class Direction(Enum):
-    """Which way bytes went, seen from the host."""
+    """Direction of bytes, seen from the host."""
 
     SENT = "sent"
     RECEIVED = "received"

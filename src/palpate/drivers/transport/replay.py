@@ -97,7 +97,7 @@ class Replayer:
         return self._calls.popleft()
 
     def read(self, port: PortOpened, size: int) -> bytes:
-        """What a read gave."""
+        """Result of a read."""
         key = port_call("r", port.number)
         doing = describe_call(key, port.port)
         self._raise_if_due(key)
@@ -128,12 +128,14 @@ class Replayer:
         return len(data)
 
     def session_event(self, kind: str) -> Mapping[str, Any]:
-        """What the session said of this kind and says again now; raises an interrupt before it."""
+        """Value that the session recorded of this kind, compared with now's; raises an interrupt
+        before it.
+        """
         self._raise_if_due(None)
         return self._values(kind, f'comes to "{kind}"')
 
     def ends(self) -> Mapping[str, Any]:
-        """What the recording's last line says; a difference if the host ends before it."""
+        """End that the recording's last line states; a difference if the host ends before it."""
         return self._values("end", "ends")
 
     def _values(self, kind: str, doing: str) -> Mapping[str, Any]:
@@ -265,7 +267,7 @@ class ReplayPort(CalledPort):
         self._replayer = replayer
 
     def read(self, size: int = 1, /) -> bytes:
-        """What a read gave."""
+        """Result of a read."""
         return self._replayer.read(self._opened, size)
 
     def write(self, b: "ReadableBuffer", /) -> int:
@@ -291,7 +293,7 @@ class RecordedBytes:
 
 
 class PlaybackPort:
-    """As much of a pyserial port as drivers use; what is written to it goes nowhere.
+    """Subset of a pyserial port that drivers use; what is written to it goes nowhere.
 
     Until `play` is called, each write releases what was received between the recorded write of the same
     number and the next one: answers come as they came, whenever they are asked for. After it, bytes are
@@ -312,7 +314,7 @@ class PlaybackPort:
 
     @property
     def ended(self) -> bool:
-        """Whether the recording has nothing more for this port."""
+        """True if the recording has nothing more for this port."""
         return self._at >= len(self._pieces) and not self._ready
 
     @property

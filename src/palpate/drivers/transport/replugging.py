@@ -18,10 +18,10 @@ from palpate.drivers.transport.ports import PortMissing, open_port
 
 
 class Plugs(Protocol):
-    """Which adapter is behind a port, and behind which port an adapter is."""
+    """Map between ports and the adapters behind them."""
 
     def adapter_of(self, port: str) -> Hashable | None:
-        """What tells the adapter from all others; None if nothing does."""
+        """Identity of the adapter among all others; None if it has none."""
         ...
 
     def port_of(self, adapter: Hashable) -> str | None:
@@ -30,15 +30,15 @@ class Plugs(Protocol):
 
 
 class SystemPlugs:
-    """As this computer tells: an adapter's vendor, product and serial number, and which of its channels."""
+    """Plugs as this computer reports them: an adapter's vendor, product, serial number and channel."""
 
     def adapter_of(self, port: str) -> Hashable | None:
-        """None without a serial number."""
+        """Identity of the adapter; None without a serial number."""
         path = _resolve(port)
         return next((adapter for device, adapter in _adapters() if _resolve(device) == path), None)
 
     def port_of(self, adapter: Hashable) -> str | None:
-        """None also if two adapters have the same number."""
+        """Port of the adapter; None also if two adapters have the same number."""
         found = [device for device, other in _adapters() if other == adapter]
         return found[0] if len(found) == 1 else None
 
@@ -51,7 +51,7 @@ class FollowedPorts:
         self._adapters: dict[str, Hashable] = {}
 
     def open(self, url: str, baudrate: int) -> SerialBase:
-        """As `open_port`. Raises PortMissing if neither the name nor the adapter is there."""
+        """Open like `open_port`. Raises PortMissing if neither the name nor the adapter is there."""
         adapter = self._adapters.get(url)
         if adapter is None:
             port = open_port(url, baudrate)
@@ -71,7 +71,7 @@ class FollowedPorts:
 
 
 def describe_renaming(before: str, now_at: str) -> str:
-    """What to tell somebody whose rig file names a port that has another name now."""
+    """Advice for a rig file that names a port which has another name now."""
     return (
         f"{before} has come back as {now_at}: write its name under /dev/serial/by-id, which stays the same "
         "(palpate find-port prints it), into the rig file"
@@ -117,7 +117,7 @@ class ReopenedPort:
 
     @property
     def timeout(self) -> float | None:
-        """How long a read waits, s."""
+        """Time that a read waits, s."""
         timeout: float | None = self._port.timeout
         return timeout
 
