@@ -100,7 +100,7 @@ class Turn:
 
     def point_mm(self, point_mm: tuple[float, float]) -> tuple[float, float]:
         """A point of the ring in W."""
-        return self._turned(point_mm, self.angle_rad)
+        return self._rotate(point_mm, self.angle_rad)
 
     def line(self, line: Line) -> Line:
         """A line of the ring in W."""
@@ -108,7 +108,7 @@ class Turn:
 
     def line_back(self, line: Line) -> Line:
         """A line of W in the ring's frame."""
-        return Line(self._turned(line.start_mm, -self.angle_rad), line.direction_rad - self.angle_rad)
+        return Line(self._rotate(line.start_mm, -self.angle_rad), line.direction_rad - self.angle_rad)
 
     def position_bound_mm(self, point_mm: tuple[float, float]) -> float:
         """Bound that the errors of the stage's angle and centre add for a point of the ring.
@@ -118,7 +118,7 @@ class Turn:
         shifted = 2 * abs(math.sin(self.angle_rad / 2)) * self.centre_bound_mm
         return self.angle_bound_rad * (math.dist(point_mm, self.centre_mm) + self.centre_bound_mm) + shifted
 
-    def _turned(self, point_mm: tuple[float, float], angle_rad: float) -> tuple[float, float]:
+    def _rotate(self, point_mm: tuple[float, float], angle_rad: float) -> tuple[float, float]:
         if angle_rad == 0.0:
             return point_mm
         x, y = point_mm[0] - self.centre_mm[0], point_mm[1] - self.centre_mm[1]

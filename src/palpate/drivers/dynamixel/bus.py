@@ -224,7 +224,7 @@ class Bus:
         """Ask a servo for model number and firmware; answered at every Status Return Level."""
         _check_id(dxl_id)
         with self._exchanging():
-            answer = self._asked(dxl_id, self._transceiver.ping, retries)
+            answer = self._ask(dxl_id, self._transceiver.ping, retries)
             self._check(answer, "a ping", alert=False)
         return _ping_of(answer)
 
@@ -256,7 +256,7 @@ class Bus:
         """
         _check_id(dxl_id)
         with self._exchanging():
-            answer = self._written(dxl_id, item, item.encode(value), retries)
+            answer = self._confirm_write(dxl_id, item, item.encode(value), retries)
             self._check(answer, _describe_write(item, value))
             self._learn(dxl_id, item, value)
 
@@ -282,7 +282,7 @@ class Bus:
                     dxl_id, Instruction.REBOOT, b"", _TABLE_BEGINNING, patient=patient
                 )
 
-            answer = self._asked(dxl_id, reboot, retries=0)
+            answer = self._ask(dxl_id, reboot, retries=0)
             self._check(answer, "a reboot", alert=False)
 
     def hardware_error(self, dxl_id: int) -> HardwareError:
@@ -353,7 +353,7 @@ class Bus:
         with self._port_errors():
             self._transceiver = Transceiver(port, self._clock, self.timing, self.counts)
 
-    def _asked(
+    def _ask(
         self, dxl_id: int, ask: Callable[..., StatusPacket | Loss], retries: int | None = None
     ) -> StatusPacket:
         """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
@@ -373,17 +373,17 @@ class Bus:
         """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""
         wide = self._transceiver.wider({dxl_id: block})[dxl_id]
         doubtful = self._transceiver.may_be_stale(dxl_id)
-        answer = self._asked(dxl_id, lambda i, *, patient: self._transceiver.read(i, wide, patient=patient))
+        answer = self._ask(dxl_id, lambda i, *, patient: self._transceiver.read(i, wide, patient=patient))
         if answer.error_number and (doubtful or wide != block):
             # an earlier refusal that came twice, or this servo does not read so far
             self._transceiver.settle([dxl_id])
             wide = block
-            answer = self._asked(
+            answer = self._ask(
                 dxl_id, lambda i, *, patient: self._transceiver.read(i, block, patient=patient)
             )
         return StatusPacket(dxl_id, answer.error, extract_block(answer.params, wide, block))
 
-    def _written(self, dxl_id: int, item: Item, data: bytes, retries: int | None) -> StatusPacket:
+    def _confirm_write(self, dxl_id: int, item: Item, data: bytes, retries: int | None) -> StatusPacket:
         """The answer to a write that cannot be the answer to an earlier one."""
         block = item.address, item.size
 
@@ -393,12 +393,12 @@ class Bus:
 
         for _ in range(_MAX_WRITES):
             doubtful = self._transceiver.may_be_stale(dxl_id)
-            answer = self._asked(dxl_id, write, retries)
+            answer = self._ask(dxl_id, write, retries)
             if not doubtful:
                 return answer
             if answer.error_number:
                 self._transceiver.settle([dxl_id])
-                return self._asked(dxl_id, write, retries)
+                return self._ask(dxl_id, write, retries)
             if self._read(dxl_id, block).params == data:
                 return answer
         raise NotConfirmed([dxl_id], self.port_name, [item.name])

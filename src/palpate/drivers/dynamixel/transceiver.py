@@ -233,7 +233,7 @@ class Transceiver:
             elif isinstance(answer, Lost):
                 break
             elif isinstance(found.get(answer.dxl_id), Lost):  # otherwise not asked, or answered already
-                found[answer.dxl_id] = self._judged(answer, blocks[answer.dxl_id][1])
+                found[answer.dxl_id] = self._judge(answer, blocks[answer.dxl_id][1])
                 if found[answer.dxl_id] is not Lost.LATE:
                     waiting.pop(answer.dxl_id, None)
         return found
@@ -353,7 +353,7 @@ class Transceiver:
     def _note_trouble(self) -> None:
         self._troubled_until_s = self._clock.now() + self._timing.horizon_s
 
-    def _judged(self, answer: StatusPacket, size: int) -> StatusPacket | Loss:
+    def _judge(self, answer: StatusPacket, size: int) -> StatusPacket | Loss:
         if _fits(answer, size):
             return answer
         return Lost.LATE if self._is_stale(answer) else SizeMismatch(len(answer.params), size)

@@ -244,10 +244,10 @@ class EmulatedFinger:
         """Load of a part that has moved on the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
-            self._loads[place] = self._pressed(outline, displacement)
+            self._loads[place] = self._press_of(outline, displacement)
         return self._loads[place]
 
-    def _pressed(self, outline: PartSection, displacement: Displacement) -> Press[SkinLoad] | None:
+    def _press_of(self, outline: PartSection, displacement: Displacement) -> Press[SkinLoad] | None:
         if isinstance(self._skin, PadFace):
             return self._skin.press(outline, self.stepped_mm, self._looks_rad, displacement)
         return self._skin.press(outline, self.stepped_mm, displacement, self._sheared)

@@ -192,12 +192,12 @@ class TcpPort(ServedPort):
         self._leave()
 
     def _receive(self) -> bytes:
-        data = self._heard()
+        data = self._client_bytes()
         if not data:  # only now is it known whether the last client is still there
             self._welcome()
         return data
 
-    def _heard(self) -> bytes:
+    def _client_bytes(self) -> bytes:
         if self._client is None:
             return b""
         try:

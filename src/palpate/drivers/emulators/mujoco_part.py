@@ -82,7 +82,7 @@ class MujocoPart:
         for _ in range(round(dt_s / _STEP_S)):
             self._push(tip_forces)
             mujoco.mj_step(self._model, self._data)
-        moved = self._moved()
+        moved = self._current_displacement()
         self._awake = float(np.abs(self._data.qvel).max()) > _STILL_M_S
         now = self.displacement
         if max(*np.abs(moved.shift_mm - now.shift_mm), abs(moved.turn_rad - now.turn_rad)) > _SAME_MM:
@@ -121,7 +121,7 @@ class MujocoPart:
 
     def _push(self, tip_forces: TipForces) -> None:
         """Hand the tips' forces to the engine, with their moments about the centre of mass."""
-        moved = self._moved()
+        moved = self._current_displacement()
         middle = moved.place(self._centre)
         total = np.zeros(6)
         for force in tip_forces(moved):
@@ -131,7 +131,7 @@ class MujocoPart:
             total[3:] += np.cross(arm, push)
         self._data.xfrc_applied[1] = total
 
-    def _moved(self) -> Displacement:
+    def _current_displacement(self) -> Displacement:
         x, y, turn = self._pose() - self._rest
         return Displacement(self._centre, np.array([x, y]), math.remainder(turn, 2 * math.pi))
 

@@ -177,7 +177,7 @@ class QuasiStaticPart:
         if forces and not self._holds(forces):
             motion = self._least_motion(tip_forces, self._sum(forces, self.displacement))
             if np.hypot(*motion[:2]) + abs(motion[2]) > _STILL_MM:
-                self.displacement = self._moved(motion)
+                self.displacement = self._displace(motion)
         self._last_motion = motion
 
     def _holds(self, forces: Sequence[PointForce]) -> bool:
@@ -231,7 +231,7 @@ class QuasiStaticPart:
 
     def _wrench(self, tip_forces: TipForces, motion: Floats) -> Floats:
         """Force and moment / lever (3,) N of all tips, with the part moved by `motion`."""
-        moved = self._moved(motion)
+        moved = self._displace(motion)
         return self._sum(tip_forces(moved), moved)
 
     def _sum(self, forces: Sequence[PointForce], moved: Displacement) -> Floats:
@@ -273,7 +273,7 @@ class QuasiStaticPart:
         ways[:, 0, 2], ways[:, 1, 2] = -feet[:, 1], feet[:, 0]
         return ways
 
-    def _moved(self, motion: Floats) -> Displacement:
+    def _displace(self, motion: Floats) -> Displacement:
         now = self.displacement
         return Displacement(
             self._centre, now.shift_mm + motion[:2], now.turn_rad + float(motion[2]) / self._lever_mm

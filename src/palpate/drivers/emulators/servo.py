@@ -67,17 +67,24 @@ def execute(unit: ServoUnit, packet: InstructionPacket, *, secondary: bool = Fal
             unit.table.set("Registered Instruction", 1)
         case Instruction.ACTION:
             _act(unit, secondary=secondary)
+        case _:
+            _change_unit(unit, packet)
+    return b""
+
+
+def _change_unit(unit: ServoUnit, packet: InstructionPacket) -> None:
+    """Carry out an instruction that concerns the servo as a whole."""
+    match packet.instruction:
         case Instruction.FACTORY_RESET:
             _factory_reset(unit, packet)
         case Instruction.REBOOT:
             unit.start(BOOT_S)
         case Instruction.CLEAR:
-            _clear(unit, params)
+            _clear(unit, packet.params)
         case Instruction.CONTROL_TABLE_BACKUP if unit.extended:
-            _control_table_backup(unit, params)
+            _control_table_backup(unit, packet.params)
         case _:
             raise Refused(StatusErrorCode.INSTRUCTION_ERROR)
-    return b""
 
 
 def _act(unit: ServoUnit, *, secondary: bool) -> None:

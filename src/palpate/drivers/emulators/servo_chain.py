@@ -217,11 +217,15 @@ class ServoChain:
         listening = self._listening(line.baudrate)
         for _, servo in listening:
             servo.heard()
-        if packet.dxl_id != BROADCAST_ID:
-            for _, servo in listening:
-                _answer(servo, packet, line)
+        if packet.dxl_id == BROADCAST_ID:
+            self._dispatch_to_all(packet, dict(listening), line)
             return
-        by_id = dict(listening)
+        for _, servo in listening:
+            _answer(servo, packet, line)
+
+    def _dispatch_to_all(
+        self, packet: InstructionPacket, by_id: dict[int, EmulatedServo], line: _HalfDuplexWire
+    ) -> None:
         match packet.instruction:
             case Instruction.SYNC_READ | Instruction.BULK_READ:
                 self._read_group(read_requests(packet), by_id, line)
@@ -234,7 +238,7 @@ class ServoChain:
             case Instruction.READ:
                 return
             case _:
-                for _, servo in listening:
+                for servo in by_id.values():
                     _answer(servo, packet, line)
 
     def _read_group(

@@ -186,7 +186,7 @@ class ServoUnit:
             self._restore(Area.RAM)
             self.drive.configure()
         if boot_s <= 0.0:
-            self._booted()
+            self._finish_boot()
 
     def factory_reset(self, keep: frozenset[str]) -> None:
         """Put all that can be written back to its defaults, but for the items in `keep`, and reboot."""
@@ -203,7 +203,7 @@ class ServoUnit:
         if self.deaf_s > 0.0:
             self.deaf_s -= dt_s
             if self.deaf_s <= 0.0:
-                self._booted()
+                self._finish_boot()
         driven = motion.driven
         if driven and self._watchdog_s > 0.0:
             self._silence_s += dt_s
@@ -233,7 +233,7 @@ class ServoUnit:
         if self.deaf_s > 0.0:
             self.deaf_s = repeated_sum(self.deaf_s, -dt_s, steps)
             if self.deaf_s <= 0.0:
-                self._booted()
+                self._finish_boot()
         driven = motion.driven
         if driven and self._watchdog_s > 0.0:
             self._silence_s = repeated_sum(self._silence_s, dt_s, steps)
@@ -265,7 +265,7 @@ class ServoUnit:
         else:
             self.motion.release()
 
-    def _booted(self) -> None:
+    def _finish_boot(self) -> None:
         if self._startup() & _STARTUP_TORQUE_ON:
             self.set_torque(on=True)
 

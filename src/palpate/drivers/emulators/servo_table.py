@@ -105,11 +105,11 @@ class ControlTable:
         places = self._shown.get((address, length))
         if places is None:
             end = address + length
-            if length == 0 or end > self._end or self._meant(address) not in self._defined:
+            if length == 0 or end > self._end or self._resolve_address(address) not in self._defined:
                 raise Refused(StatusErrorCode.ACCESS_ERROR)
             if self._pointer_of.keys().isdisjoint(range(address, end)):
                 return bytes(self._memory[address:end])
-            places = self._shown[address, length] = [self._meant(at) for at in range(address, end)]
+            places = self._shown[address, length] = [self._resolve_address(at) for at in range(address, end)]
         memory = self._memory
         return bytes([memory[at] for at in places])
 
@@ -123,13 +123,13 @@ class ControlTable:
         writes: list[tuple[TableItem, int]] = []
         position = 0
         while position < len(data):
-            meant = self._meant(address + position)
+            meant = self._resolve_address(address + position)
             item = self._at.get(meant)
             if item is None or item.access is not Access.RW:
                 raise Refused(StatusErrorCode.ACCESS_ERROR)
             raw = data[position : position + item.size]
             if len(raw) < item.size or any(
-                self._meant(address + position + k) != meant + k for k in range(1, item.size)
+                self._resolve_address(address + position + k) != meant + k for k in range(1, item.size)
             ):
                 raise Refused(StatusErrorCode.DATA_LENGTH_ERROR)
             value = int.from_bytes(raw, "little", signed=item.signed)
@@ -141,7 +141,7 @@ class ControlTable:
             raise Refused(StatusErrorCode.DATA_LENGTH_ERROR)
         return writes
 
-    def _meant(self, address: int) -> int:
+    def _resolve_address(self, address: int) -> int:
         """The address that is read or written when a controller names `address`."""
         pointer = self._pointer_of.get(address)
         if pointer is None:

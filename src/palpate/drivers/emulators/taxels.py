@@ -74,8 +74,8 @@ class Taxels:
         if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
         if force_n.ndim == 2 and self._wander is None and self._is_none(force_n):  # as nearly always
-            return self._untouched()
-        counts = self._felt(force_n)
+            return self._idle_counts()
+        counts = self._force_counts(force_n)
         if self._wander is not None:
             size, speed, phase = self._wander
             counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
@@ -92,7 +92,7 @@ class Taxels:
             self._none_n = force_n
         return True
 
-    def _untouched(self) -> Counts:
+    def _idle_counts(self) -> Counts:
         """The next counts without a force, worked out for as many samples at once as there is noise for."""
         self._noise.go_on()
         if self._rest is None or self._rest_of is not self._noise.block:
@@ -114,7 +114,7 @@ class Taxels:
             counts[..., row, col] = d.max_count
         return counts.astype("<u2")
 
-    def _felt(self, force_n: Floats) -> Floats:
+    def _force_counts(self, force_n: Floats) -> Floats:
         """Counts of forces without drift and noise."""
         if not force_n.any():
             return np.broadcast_to(self._offset, force_n.shape).copy()

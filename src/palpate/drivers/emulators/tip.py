@@ -170,7 +170,7 @@ class SkinContact:
         x, y = self.away[np.argmin(self.square)].tolist()
         towards = math.floor(math.atan2(-y, -x) / _STEP_RAD)
         about = (ray % _RAYS for ray in range(towards - 1, towards + 3))
-        return any(self._dent(ray) > 0 for ray in about) or len(self._touched[0]) > 0
+        return any(self._dent(ray) > 0 for ray in about) or len(self._dented_rays[0]) > 0
 
     @cached_property
     def pushes(self) -> list[tuple[float, float, int]]:
@@ -216,7 +216,7 @@ class SkinContact:
     @cached_property
     def by_ray_n(self) -> Floats:
         """Load of each ray (m,): every stretch leaves the same force on the axis as its pushes."""
-        looked, dent = self._touched
+        looked, dent = self._dented_rays
         stretch = _stretches(looked)
         share = _shares(stretch, dent)
         pushes = np.array(self.pushes, dtype=np.float64).reshape(-1, 3)
@@ -233,7 +233,7 @@ class SkinContact:
         """Heights (_RAYS, 2) between which each ray's edge stands; None: all along the tip."""
         if self.outline.z_mm is None:
             return None
-        looked, _ = self._touched
+        looked, _ = self._dented_rays
         found = np.zeros((_RAYS, 2))
         found[looked] = self.outline.z_mm[self.near][self._nearest]
         return found
@@ -243,17 +243,17 @@ class SkinContact:
         """Cosine (_RAYS,) of the latitude at which a ball is touched at each ray; None: it is none."""
         if self.outline.upright is None:
             return None
-        return _on_rays(self._touched[0], self.outline.upright[self.near][self._nearest], 1.0)
+        return _on_rays(self._dented_rays[0], self.outline.upright[self.near][self._nearest], 1.0)
 
     @cached_property
     def _nearest(self) -> Ints:
         """Index of the near edge that each touched ray (m,) meets first."""
-        looked, _ = self._touched
+        looked, _ = self._dented_rays
         found: Ints = np.argmin(_reaches(self._edges, self.centre_mm, _HEADINGS[looked]), axis=1)
         return found
 
     @cached_property
-    def _touched(self) -> tuple[Ints, Floats]:
+    def _dented_rays(self) -> tuple[Ints, Floats]:
         """Rays (m,) that are dented, in order, and their dents (mm)."""
         looked = _rays_towards(self.away, self.square, self.radius_mm)
         dent = self._dents(looked)
@@ -263,7 +263,7 @@ class SkinContact:
         """Dent of the skin (mm) by edges in a direction; like `_dents`, quicker for a few."""
         x, y = _HEADING_OF[ray]
         nearest = math.inf
-        for start_x, start_y, along_x, along_y, cross in self._seen:
+        for start_x, start_y, along_x, along_y, cross in self._near_edges:
             turn = x * along_y - y * along_x
             if abs(turn) < _PARALLEL_MM:
                 continue
@@ -273,7 +273,7 @@ class SkinContact:
         return self.radius_mm - nearest
 
     @cached_property
-    def _seen(self) -> list[tuple[float, float, float, float, float]]:
+    def _near_edges(self) -> list[tuple[float, float, float, float, float]]:
         """Near edges from the axis: start (x, y), way (x, y), and the cross product of the two."""
         centre_x, centre_y = self.centre_mm.tolist()
         found = []

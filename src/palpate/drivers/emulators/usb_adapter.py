@@ -108,7 +108,7 @@ class UsbAdapter:
         """Pass the host's bytes on; returns what reaches the host by now."""
         self._deliver(now)
         if self._rated is None and baudrate != self.baudrate:
-            return self._arrived(now)
+            return self._take_arrivals(now)
         self.rate = baudrate
         hand = self._device.feed if self._rated is None else partial(_at_rate, self._rated, baudrate)
         free = self._stalls.free_from(now)
@@ -116,13 +116,13 @@ class UsbAdapter:
             self._late.append((max(free, now), data, hand))
         else:
             self._hand(data, now, hand)
-        return self._arrived(now)
+        return self._take_arrivals(now)
 
     def poll(self, now: float) -> list[Emission]:
         """Bytes that reach the host up to `now`."""
         self._deliver(now)
         self._take(self._device.poll(now))
-        return self._arrived(now)
+        return self._take_arrivals(now)
 
     def next_due(self) -> float | None:
         """Time at which bytes reach the device, the chip or the host next."""
@@ -183,7 +183,7 @@ class UsbAdapter:
         timer = self.truth.latency_s
         return self._sent_s + timer * max(1, math.ceil((since_s - self._sent_s) / timer - 1e-9))
 
-    def _arrived(self, now: float) -> list[Emission]:
+    def _take_arrivals(self, now: float) -> list[Emission]:
         """Packets that the chip has sent by now, which reach the host at once."""
         found: list[Emission] = []
         while (self._buffer or self._wire) and (at := self._next_packet_s()) <= now:

@@ -126,14 +126,14 @@ class FaultyWire:
                 heard = True
         if not heard:
             emissions += self._device.poll(now)
-        return self._spoiled(emissions)
+        return self._spoil(emissions)
 
     def poll(self, now: float) -> list[Emission]:
         """Return what reaches the host of what the device has sent of its own accord up to `now`."""
         if self.unplugged:
             self._live_unheard(now)
             raise serial.SerialException(_READ_FAILED)
-        return self._spoiled(self._deliver(now) + self._device.poll(now))
+        return self._spoil(self._deliver(now) + self._device.poll(now))
 
     def opened(self, now: float) -> None:
         """Let the device notice that its port was opened, if it does such things."""
@@ -157,7 +157,7 @@ class FaultyWire:
             emissions += hand(data, due)
         return emissions
 
-    def _spoiled(self, emissions: list[Emission]) -> list[Emission]:
+    def _spoil(self, emissions: list[Emission]) -> list[Emission]:
         spoiled: list[Emission] = []
         for instant, data in emissions:
             delay, copies = _corrupt(data, self.rates.to_host, self.counts.to_host, self._chance_back)

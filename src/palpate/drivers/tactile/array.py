@@ -210,22 +210,22 @@ class TactileArray(StreamedArray):
 
     def self_test(self) -> SelfTestReport:
         """Let the array examine itself, which takes up to 2 s; it must not be streaming."""
-        return self._tested(self._test())
+        return self._require_report(self._test())
 
     def self_test_if_known(self) -> SelfTestReport | None:
         """The same; None if the array cannot examine anything."""
         answer = self._test()
         if isinstance(answer, Nack) and answer.reason is NackReason.UNKNOWN_TYPE:
             return None
-        return self._tested(answer)
+        return self._require_report(answer)
 
     def _test(self) -> SelfTestReport | Nack | None:
         return self._exchange.ask(SelfTest, SelfTestReport, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
 
-    def _tested(self, answer: SelfTestReport | Nack | None) -> SelfTestReport:
+    def _require_report(self, answer: SelfTestReport | Nack | None) -> SelfTestReport:
         if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
             raise DeviceError(f"{self._stream.where} cannot test itself while it streams; stop it first")
-        return self._granted(answer, "test itself")
+        return self._require_grant(answer, "test itself")
 
     def _rate_mhz(self, rate_hz: float) -> int:
         self._check_rate(rate_hz)
@@ -238,7 +238,7 @@ class TactileArray(StreamedArray):
         while known < taxels:
             ask = partial(Geometry, first=known)
             answer = self._exchange.ask(ask, TaxelPlaces, GEOMETRY_TIMEOUT_S, ATTEMPTS)
-            part = self._granted(answer, "say where its taxels are")
+            part = self._require_grant(answer, "say where its taxels are")
             if part.first != known or known + part.count > taxels:
                 raise DeviceError(
                     f"{self._stream.where} was asked where its taxels are from number {known} on, and "
@@ -249,9 +249,9 @@ class TactileArray(StreamedArray):
         return places
 
     def _command(self, make: Callable[[int], Request], verb: str) -> None:
-        self._granted(self._exchange.ask(make, Ack, COMMAND_TIMEOUT_S, ATTEMPTS), verb)
+        self._require_grant(self._exchange.ask(make, Ack, COMMAND_TIMEOUT_S, ATTEMPTS), verb)
 
-    def _granted(self, answer: _Granted | Nack | None, verb: str) -> _Granted:
+    def _require_grant(self, answer: _Granted | Nack | None, verb: str) -> _Granted:
         where = self._stream.where
         if isinstance(answer, Nack):
             raise DeviceError(f"{where} refuses to {verb} ({answer.reason.name}); {_ADVICE[answer.reason]}")

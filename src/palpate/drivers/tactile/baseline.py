@@ -258,16 +258,16 @@ class BaselineTracker:
 
         It includes what may have drifted since the last block that was followed.
         """
-        result: Floats = self.bound + self._drift * self._passed(time_s)
+        result: Floats = self.bound + self._drift * self._elapsed_s(time_s)
         return result
 
     def taxels_at(self, time_s: float) -> ZeroBounds:
         """Bounds of all taxels' zeros at `time_s`, row by row."""
-        return self._taxels.after(self._passed(time_s))
+        return self._taxels.after(self._elapsed_s(time_s))
 
     def sums_at(self, time_s: float) -> ZeroBounds:
         """Bounds of the zeros of `sums` at `time_s`."""
-        return self._summed.after(self._passed(time_s))
+        return self._summed.after(self._elapsed_s(time_s))
 
     def follow(self, counts: Counts, time_s: Floats, *, may_touch: bool = False) -> Zeros:
         """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
@@ -305,7 +305,7 @@ class BaselineTracker:
         others = np.flatnonzero((near < first) | (near >= first + _BLOCK_S))
         return int(others[0]) if len(others) else len(near)
 
-    def _passed(self, now: float) -> float:
+    def _elapsed_s(self, now: float) -> float:
         """Seconds since the last block; an array that was restarted begins with none."""
         return 0.0 if self._then is None else max(now - self._then, 0.0)
 
@@ -316,7 +316,7 @@ class BaselineTracker:
         now = sum(piece.time_sum_s for piece in self._waiting) / frames
         may_touch = any(piece.may_touch for piece in self._waiting)
         self._waiting = []
-        passed_s, self._then = self._passed(now), now
+        passed_s, self._then = self._elapsed_s(now), now
         held = self._taxels.notice(FrameBlock(mean, frames, now), passed_s)
         held_sums = self._summed.notice(FrameBlock(mean @ self._sums, frames, now), passed_s)
         near = held | (self._has @ held_sums)

@@ -348,7 +348,7 @@ class Decoder:
         *closed, rest = bytes(data).split(DELIMITER)
         for piece in closed:
             is_rest = self._pending or self._skipping or len(piece) > MAX_ENCODED_BYTES
-            if whole := self._finished(piece, out) if is_rest else piece:
+            if whole := self._complete(piece, out) if is_rest else piece:
                 self._decode(whole, out)
         if rest:
             self._keep(rest, out)
@@ -364,7 +364,7 @@ class Decoder:
         else:
             self._pending += piece
 
-    def _finished(self, piece: bytes, out: list[Message | DecodeFault]) -> bytes:
+    def _complete(self, piece: bytes, out: list[Message | DecodeFault]) -> bytes:
         """Kept bytes with their end; empty if they are too long."""
         self._keep(piece, out)
         whole, self._pending = bytes(self._pending), bytearray()

@@ -221,11 +221,11 @@ class Mounting:
 
     def to_tip(self, cells: Counts) -> Counts:
         """Convert the device's matrix (its rows, its columns) to the tip's (rows, columns)."""
-        return np.ascontiguousarray(self._flipped(cells.T if self.upright else cells))
+        return np.ascontiguousarray(self._flip(cells.T if self.upright else cells))
 
     def to_device(self, taxels: Counts) -> Counts:
         """The other way round."""
-        flipped = self._flipped(taxels)
+        flipped = self._flip(taxels)
         return np.ascontiguousarray(flipped.T if self.upright else flipped)
 
     def pitch(self, texel_mm: tuple[float, float]) -> tuple[float, float]:
@@ -275,7 +275,7 @@ class Mounting:
             raise ValueError(problem)
         return found
 
-    def _flipped(self, taxels: Counts) -> Counts:
+    def _flip(self, taxels: Counts) -> Counts:
         rows = slice(None, None, -1 if self.first in (Corner.UPPER_LEFT, Corner.UPPER_RIGHT) else 1)
         cols = slice(None, None, -1 if self.first in (Corner.LOWER_RIGHT, Corner.UPPER_RIGHT) else 1)
         return taxels[rows, cols]

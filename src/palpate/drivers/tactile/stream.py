@@ -196,7 +196,7 @@ class FrameStream:
         try:
             self._port.write(data)
         except (serial.SerialException, OSError) as problem:
-            raise self._gone(problem) from problem
+            raise self._loss_error(problem) from problem
 
     def drain(self, done: Callable[[], bool] = lambda: False) -> None:
         """Take what has arrived, up to where `done()` or to the limit, without waiting.
@@ -249,7 +249,7 @@ class FrameStream:
                 self._unread = self._port.read(min(waiting, _MAX_READ_BYTES))
                 self._has_all = waiting <= _MAX_READ_BYTES
         except (serial.SerialException, OSError) as problem:
-            raise self._gone(problem) from problem
+            raise self._loss_error(problem) from problem
         return bool(self._unread)
 
     def _judge(self) -> None:
@@ -282,7 +282,7 @@ class FrameStream:
                 self._port.timeout = step
                 self._unread = self._port.read(chunk)
         except (serial.SerialException, OSError) as problem:
-            raise self._gone(problem) from problem
+            raise self._loss_error(problem) from problem
         had = self.bytes
         self.drain(done)
         if done():
@@ -304,7 +304,7 @@ class FrameStream:
             "its cable, then start again",
         )
 
-    def _gone(self, problem: Exception) -> DeviceError:
+    def _loss_error(self, problem: Exception) -> DeviceError:
         return ArrayLost(self._name, f"{self.where} is gone ({problem}); check its cable and open it again")
 
 

@@ -42,14 +42,14 @@ class Serial(SerialBase):
     @property
     def in_waiting(self) -> int:
         """Number of bytes that have arrived; does not move the clock."""
-        wire = self._wire or self._opened()
+        wire = self._wire or self._require_wire()
         wire.poll()
         return wire.arrived(self.baudrate)
 
     @property
     def out_waiting(self) -> int:
         """Always 0: a write returns once its last bit has left."""
-        self._opened()
+        self._require_wire()
         return 0
 
     def read(self, size: int = 1, /) -> bytes:
@@ -59,7 +59,7 @@ class Serial(SerialBase):
         most, and returns what is there then. Without a timeout, a read that can never be filled raises
         SerialException instead of hanging.
         """
-        wire = self._wire or self._opened()
+        wire = self._wire or self._require_wire()
         clock = wire.clock
         received = wire.take(size, self.baudrate)  # what has arrived before now
         if len(received) < size:
@@ -83,26 +83,26 @@ class Serial(SerialBase):
 
     def write(self, b: "ReadableBuffer", /) -> int:
         """Send bytes to the device, taking their wire time."""
-        wire = self._opened()
+        wire = self._require_wire()
         data = bytes(b)
         wire.send(data, self.baudrate)
         return len(data)
 
     def flush(self) -> None:
         """Return at once: a write returns once its last bit has left."""
-        self._opened()
+        self._require_wire()
 
     def reset_input_buffer(self) -> None:
         """Forget the bytes that have arrived; those still under way will arrive."""
-        wire = self._opened()
+        wire = self._require_wire()
         wire.poll()
         wire.forget()
 
     def reset_output_buffer(self) -> None:
         """Do nothing: a write returns once its last bit has left."""
-        self._opened()
+        self._require_wire()
 
-    def _opened(self) -> MockWire:
+    def _require_wire(self) -> MockWire:
         if self._wire is None:
             raise PortNotOpenError()
         return self._wire

@@ -46,7 +46,7 @@ class Serial(protocol_socket.Serial):
             if isinstance(cause, OSError) and (cause.errno or 0) > 0:
                 raise SerialException(cause.errno, os.strerror(cause.errno or 0)) from cause
             raise
-        link = self._connected()
+        link = self._require_socket()
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         select.select([link], [], [], _REFUSAL_S)
         try:
@@ -73,12 +73,12 @@ class Serial(protocol_socket.Serial):
     @property
     def in_waiting(self) -> int:
         """Number of bytes that have arrived. Raises SerialException if the other end has hung up."""
-        return self._waiting(self._connected())
+        return self._waiting(self._require_socket())
 
     @property
     def out_waiting(self) -> int:
         """Always 0: the system sends on its own."""
-        self._connected()
+        self._require_socket()
         return 0
 
     def _waiting(self, link: socket.socket) -> int:
@@ -92,7 +92,7 @@ class Serial(protocol_socket.Serial):
             raise SerialException("the other end has hung up")
         return count
 
-    def _connected(self) -> socket.socket:
+    def _require_socket(self) -> socket.socket:
         if self._socket is None:
             raise PortNotOpenError()
         return self._socket

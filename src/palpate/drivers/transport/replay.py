@@ -117,7 +117,7 @@ class Replayer:
         self._raise_if_due(key)
         what = self._next("")
         if not isinstance(what, PortBytes) or what.port != port.port or what.direction is not Direction.SENT:
-            self._differ(f"sends {self._shown(port.port, data)} to port {port.port}")
+            self._differ(f"sends {self._show_bytes(port.port, data)} to port {port.port}")
         if what.data != data:
             self._differ_in_bytes(port.port, data, what.data)
         self._advance()
@@ -198,7 +198,7 @@ class Replayer:
             self._calls.extend(parse_calls(self._entries[self._at].calls))
 
     def _differ(self, doing: str) -> NoReturn:
-        recorded = self._recorded_in_words(self._next(doing))
+        recorded = self._describe_recorded(self._next(doing))
         self._fail(self._entries[self._at], f"the host {doing}; in the recording it {recorded}")
 
     def _differ_in_bytes(self, port: str, sent: bytes, recorded: bytes) -> NoReturn:
@@ -206,15 +206,15 @@ class Replayer:
         first = next((k for k, (a, b) in pairs if a != b), min(len(sent), len(recorded)))
         self._fail(
             self._entries[self._at],
-            f"port {port}: byte {first} of what is sent differs: sent {self._shown(port, sent, first)}, "
-            f"recorded {self._shown(port, recorded, first)}",
+            f"port {port}: byte {first} of what is sent differs: sent {self._show_bytes(port, sent, first)}, "
+            f"recorded {self._show_bytes(port, recorded, first)}",
         )
 
     def _fail(self, entry: RecordEntry, problem: str) -> NoReturn:
         self._failed = ReplayDiffers(f"line {entry.line}, {entry.t_s:.6f} s: {problem}")
         raise self._failed
 
-    def _recorded_in_words(self, what: RecordedCall | RecordedEvent) -> str:
+    def _describe_recorded(self, what: RecordedCall | RecordedEvent) -> str:
         match what:
             case RecordedCall():
                 name = self._names.get(what.number, "") if what.key not in ("t", "z") else ""
@@ -222,14 +222,14 @@ class Replayer:
             case PortOpened(port=port):
                 return f"opens port {port}"
             case PortBytes(direction=Direction.SENT):
-                return f"sends {self._shown(what.port, what.data)} to port {what.port}"
+                return f"sends {self._show_bytes(what.port, what.data)} to port {what.port}"
             case PortBytes():
                 return f"receives {len(what.data)} bytes from port {what.port}"
             case ErrorRaised():
                 return f"meets an error ({what.error})"
         return f'comes to "{what.kind}"'
 
-    def _shown(self, port: str, data: bytes, around: int = 0) -> str:
+    def _show_bytes(self, port: str, data: bytes, around: int = 0) -> str:
         """Bytes in hexadecimal, those near byte `around` if they are many, and what they mean."""
         start = max(0, around - _BYTES_SHOWN // 2) if around >= _BYTES_SHOWN else 0
         end = start + _BYTES_SHOWN
