@@ -241,7 +241,7 @@ def test_bus_watchdog_stops_and_is_cleared_by_zero() -> None:
     console.write(98, 5, 1)  # 100 ms
     for _ in range(5):
         console.run(0.08)
-        console.servo.heard()
+        console.servo.note_packet()
     assert console.servo.shaft_rad_s > 0.5
     console.run(0.5)
     assert abs(console.servo.shaft_rad_s) < 1e-4

@@ -194,14 +194,14 @@ def test_every_state_that_was_read_is_found(
     rng = random.Random(firmware)
 
     def written(data: bytes) -> int | None:
-        traffic.sent(data)
+        traffic.take_sent(data)
         return write(data)
 
     def taken(size: int = 1) -> bytes:
         data = read(size)
         cut = rng.randint(0, len(data))
         for piece in (data[:cut], data[cut:]):
-            found.extend(traffic.received(piece))
+            found.extend(traffic.take_received(piece))
         return data
 
     monkeypatch.setattr(port, "write", written)
@@ -243,12 +243,12 @@ def test_a_turn_that_is_marked_counts_from_then_on(is_read: bool, monkeypatch: p
     write, read = port.write, port.read
 
     def written(data: bytes) -> int | None:
-        traffic.sent(data)
+        traffic.take_sent(data)
         return write(data)
 
     def taken(size: int = 1) -> bytes:
         data = read(size)
-        found.extend(traffic.received(data))
+        found.extend(traffic.take_received(data))
         return data
 
     monkeypatch.setattr(port, "write", written)
@@ -268,9 +268,9 @@ def test_noise_is_no_state(pieces: list[tuple[bool, bytes]]) -> None:
     traffic = StateTraffic({1: model_by_name("XM430-W350")})
     for is_sent, data in pieces:
         if is_sent:
-            traffic.sent(data)
+            traffic.take_sent(data)
         else:
-            assert list(traffic.received(data)) == []
+            assert list(traffic.take_received(data)) == []
 
 
 def test_other_bytes_of_the_control_table_are_no_state() -> None:
@@ -279,6 +279,6 @@ def test_other_bytes_of_the_control_table_are_no_state() -> None:
     for first in (place.data - STATE_BYTES, place.data - 3, place.data + 1, 0):
         traffic = StateTraffic({1: model_by_name("XM430-W350")})
         params = first.to_bytes(2, "little") + STATE_BYTES.to_bytes(2, "little") + b"\x01"
-        traffic.sent(encode_instruction(InstructionPacket(254, Instruction.SYNC_READ, params)))
+        traffic.take_sent(encode_instruction(InstructionPacket(254, Instruction.SYNC_READ, params)))
         block = bytes(STATE_BYTES - 1) + b"\x02"
-        assert list(traffic.received(encode_status(StatusPacket(1, 0, block)))) == []
+        assert list(traffic.take_received(encode_status(StatusPacket(1, 0, block)))) == []

@@ -485,7 +485,7 @@ def test_once_connected_silence_is_told_sooner() -> None:
     array = bench.open()
     array.connect()
     bench.board.boot_s = 60.0
-    bench.board.opened(bench.clock.now())  # another program opens the port
+    bench.board.note_opened(bench.clock.now())  # another program opens the port
     began = bench.clock.now()
     with pytest.raises(DeviceError, match="does not answer"):
         array.connect()
@@ -500,7 +500,7 @@ def test_a_board_that_another_program_resets_in_a_stream_is_told_as_restarted() 
     for _ in range(100):
         array.wait_frame(0.1)
     array.frames()
-    bench.board.opened(bench.clock.now())
+    bench.board.note_opened(bench.clock.now())
     with pytest.raises(DeviceError, match=r"sent no frame for 0\.15 s"):
         array.wait_frame(0.15)
     bench.clock.sleep(1.0)

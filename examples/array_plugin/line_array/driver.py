@@ -90,7 +90,7 @@ class LineArray(StreamedArray):
             if text.startswith("f"):
                 self._frame(text)
             elif text.split():
-                self._stream.understood()
+                self._stream.note_answer()
                 self._answers.append(text.split())
 
     def _frame(self, text: str) -> None:

@@ -120,7 +120,7 @@ def test_no_packet_is_lost_to_noise_before_it_however_the_bytes_are_cut(
 ) -> None:
     data = b"".join(before + encode(dialect, packet) for before, packet in parts) + tail
     found, decoder = fed(dialect, data, cuts)
-    checked = [packet for _, packet in parts if dialect.checked(len(packet.payload))]
+    checked = [packet for _, packet in parts if dialect.has_checksum(len(packet.payload))]
     rest = iter(item for item in found if isinstance(item, WeissPacket))
     assert all(any(item == packet for item in rest) for packet in checked), "all there, in their order"
     if not any(before for before, _ in parts) and not tail:
@@ -205,7 +205,7 @@ def test_fuzz_gives_packets_or_counted_faults_in_bounded_memory(dialect: WeissDi
         for item in decoder.feed(data[at : at + step]):
             if isinstance(item, WeissPacket):
                 size = len(item.payload)
-                taken += 6 + size + (2 if dialect.checked(size) else 0)
+                taken += 6 + size + (2 if dialect.has_checksum(size) else 0)
         at += step
         assert decoder.waiting < 6 + MAX_PAYLOAD + 2
     assert taken + decoder.skipped + decoder.waiting == len(data), "every byte is accounted for"

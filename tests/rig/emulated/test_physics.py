@@ -120,7 +120,7 @@ def test_the_moment_that_turns_a_disc_and_a_ring(
 ) -> None:
     """About the centre: 2/3 μ m g R and μ m g R."""
 
-    def turned(share: float) -> float:
+    def rotate(share: float) -> float:
         push = share * mean * SLIP_N / 2
         return pushed(engine(even(feet)), [((R, 0), (0, push)), ((-R, 0), (0, -push))], 0.2)
 
@@ -177,9 +177,9 @@ class Tip:
         )
         if load is None or self.tried is None:
             return []
-        drag = displacement.turned(self.tried.force_n)
+        drag = displacement.rotate(self.tried.force_n)
         return [
-            PointForce(self.centre, 5.0, -displacement.turned(load.force_n)),
+            PointForce(self.centre, 5.0, -displacement.rotate(load.force_n)),
             PointForce(displacement.place(self.tried.point_mm), 5.0, -drag),
         ]
 

@@ -60,7 +60,7 @@ class LoadedTip:
                 break
         self._shear = shear
         if load is not None and shear is not None:
-            load = load.turned(load.force_n, shear.angle_rad)
+            load = load.rotate(load.force_n, shear.angle_rad)
         return load, force
 
     def _load(self, distance_mm: float, before: Shear | None) -> tuple[TipLoad | None, Shear | None, Floats]:

@@ -85,7 +85,7 @@ class Console:
         self.dxl_id = 1
 
     def send(self, instruction: int, params: bytes = b"") -> StatusPacket | None:
-        self.servo.heard()
+        self.servo.note_packet()
         return self.servo.handle(InstructionPacket(self.dxl_id, instruction, params))
 
     def write(self, address: int, value: int, size: int) -> int:

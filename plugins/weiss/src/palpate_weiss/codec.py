@@ -42,7 +42,7 @@ class WeissDialect(enum.Enum):
     WTS = "WTS"
     DSA = "DSA"
 
-    def checked(self, size: int) -> bool:
+    def has_checksum(self, size: int) -> bool:
         """Whether a packet with a payload of `size` bytes has a checksum."""
         return self is WeissDialect.WTS or size > 0
 
@@ -86,7 +86,7 @@ def encode(dialect: WeissDialect, packet: WeissPacket) -> bytes:
     if not 0 <= packet.command <= 0xFF or packet.command == _MARK or size > 0xFFFF:
         raise ValueError(f"command {packet.command:#x} with {size} bytes does not fit a packet")
     data = _HEADER.pack(_PREAMBLE, packet.command, size) + packet.payload
-    if not dialect.checked(size):
+    if not dialect.has_checksum(size):
         return data
     return data + _CRC.pack(crc16(data[dialect.unchecked_head :]))
 
@@ -168,7 +168,7 @@ class WeissDecoder:
         if size > self.max_payload:
             return WeissFaultKind.LENGTH
         end = at + _HEADER.size + size
-        checked = self._dialect.checked(size)
+        checked = self._dialect.has_checksum(size)
         length = end - at + (_CRC.size if checked else 0)
         if len(self._pending) - at < length:
             return None

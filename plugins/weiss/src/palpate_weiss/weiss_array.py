@@ -215,7 +215,7 @@ class WeissArray(StreamedArray):
                 if item.command == FRAME:
                     self._frame(item.payload)
                 else:
-                    self._stream.understood()
+                    self._stream.note_answer()
                     self._answers.append(item)
 
     def _frame(self, payload: bytes) -> None:

@@ -124,7 +124,7 @@ def _read_plain(
             found[dxl_id] = _cut_to_block(answer, wide[dxl_id], blocks[dxl_id])
             tried[dxl_id] += 1
             if not isinstance(answer, StatusPacket):
-                counts.lost(silent=answer in _NO_ANSWER)
+                counts.count_loss(silent=answer in _NO_ANSWER)
         left = [
             dxl_id
             for dxl_id in waiting
@@ -366,7 +366,7 @@ class Bus:
                 self._silent.discard(dxl_id)
                 return answer
             lost = combine_losses(lost, answer)
-            self.counts.lost(silent=lost in (Lost.SILENT, Lost.LATE))
+            self.counts.count_loss(silent=lost in (Lost.SILENT, Lost.LATE))
         raise self._loss(dxl_id, lost or Lost.SILENT)
 
     def _read(self, dxl_id: int, block: TableBlock) -> StatusPacket:

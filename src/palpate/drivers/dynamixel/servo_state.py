@@ -225,13 +225,13 @@ class StateTraffic:
         self._mark: tuple[int, TableBlock, TableBlock] | None = None
         self._answer = bytearray()
 
-    def sent(self, data: bytes) -> None:
+    def take_sent(self, data: bytes) -> None:
         """Process bytes that the host has sent."""
         for packet in self._sent.feed(data):
             if isinstance(packet, InstructionPacket):
                 self._begin(packet)
 
-    def received(self, data: bytes) -> Iterator[tuple[int, ServoState]]:
+    def take_received(self, data: bytes) -> Iterator[tuple[int, ServoState]]:
         """Process bytes that the host has received; yield ID and state of every servo whose answer they
         complete.
         """

@@ -54,7 +54,7 @@ class BusCounts:
     reconnects: int = 0
     stale: int = 0
 
-    def lost(self, *, silent: bool) -> None:
+    def count_loss(self, *, silent: bool) -> None:
         """Count an answer that did not come, or came broken."""
         if silent:
             self.silent += 1
@@ -279,7 +279,7 @@ class Transceiver:
             if answer is Lost.SILENT:
                 break
             if answer is Lost.DAMAGED:
-                self._counts.lost(silent=False)
+                self._counts.count_loss(silent=False)
             elif isinstance(answer, StatusPacket):
                 found.append(answer)
                 missing.discard(answer.dxl_id)

@@ -84,7 +84,7 @@ class TareOffset:
         """Average the next `samples` samples, then take the mean off and add `pedestal` counts."""
         self._samples, self._wanted, self._pedestal = [], samples, pedestal
 
-    def sent(self, raw: Counts) -> tuple[Counts, bool]:
+    def apply(self, raw: Counts) -> tuple[Counts, bool]:
         """Take in one sample; return what the array sends of it, and whether that is tared."""
         offset = self._offset
         if self._wanted:
@@ -169,7 +169,7 @@ class EmulatedArray:
             return
         self._samples += 1
         d = self.description
-        counts, tared = self._zero.sent(self.taxels.counts(force_n, now))
+        counts, tared = self._zero.apply(self.taxels.counts(force_n, now))
         self._send(Frame(d.rows, d.cols, counts.tobytes()), now, FrameFlag.TARED if tared else 0)
 
     def feed(self, data: bytes, now: float) -> list[Emission]:

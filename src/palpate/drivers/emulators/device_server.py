@@ -258,7 +258,7 @@ class _Lifetime:
         self._now = self._seen
         self._behind = 0.0
 
-    def advanced(self) -> float:
+    def advance(self) -> float:
         """Begin a turn: the devices' time (s) in it."""
         seen = self._clock.now()
         self._behind = min(self._behind + seen - self._seen, _MAX_LAG_S)
@@ -341,7 +341,7 @@ class DeviceServer:
                 lines = {handle: line for line in self._lines.values() for handle in line.handles()}
                 readable, _, _ = select.select(list(lines), [], [], self._patience_s())
                 with self.lock:
-                    now = self._clock.advanced()
+                    now = self._clock.advance()
                     for line in dict.fromkeys(lines[handle] for handle in readable):
                         line.take(now)
                     for line in self._lines.values():

@@ -80,7 +80,7 @@ class PadFace:
         if not (dent > 0).any():
             return None
         by_place = self.stiffness_n_per_mm * _share_load(across, dent)
-        return Press(FaceLoad(-by_place.sum() * displacement.turned(ahead), across, by_place), None)
+        return Press(FaceLoad(-by_place.sum() * displacement.rotate(ahead), across, by_place), None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,7 +41,7 @@ class Displacement:
         """Place of a point (2,) of the part now."""
         if self.is_none:
             return point_mm
-        result: Floats = self.centre_mm + self.turned(point_mm - self.centre_mm) + self.shift_mm
+        result: Floats = self.centre_mm + self.rotate(point_mm - self.centre_mm) + self.shift_mm
         return result
 
     def back(self, point_mm: Floats) -> Floats:
@@ -53,7 +53,7 @@ class Displacement:
         result: Floats = self.centre_mm + np.array([c * x + s * y, c * y - s * x])
         return result
 
-    def turned(self, vector: Floats) -> Floats:
+    def rotate(self, vector: Floats) -> Floats:
         """Vector (2,) that turns with the part, in W."""
         if self.is_none:
             return vector

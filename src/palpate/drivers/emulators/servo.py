@@ -62,7 +62,7 @@ def execute(unit: ServoUnit, packet: InstructionPacket, *, secondary: bool = Fal
             unit.write(*_split_write(params), ram_only=secondary)
         case Instruction.REG_WRITE:
             address, data = _split_write(params)
-            unit.checked(address, data, ram_only=secondary)
+            unit.check_write(address, data, ram_only=secondary)
             unit.registered = (address, data)
             unit.table.set("Registered Instruction", 1)
         case Instruction.ACTION:
@@ -311,9 +311,9 @@ class EmulatedServo:
         """Time between the end of an instruction and the start of the answer."""
         return self._inner.table.get("Return Delay Time") * 2e-6
 
-    def heard(self) -> None:
+    def note_packet(self) -> None:
         """Note that an instruction packet passed on the bus, whoever it was for; feeds Bus Watchdog."""
-        self._unit.heard()
+        self._unit.note_packet()
 
     def handle(self, packet: InstructionPacket) -> StatusPacket | None:
         """Carry out an instruction if it is for this servo or for all; return the answer it gives, if any.

@@ -216,7 +216,7 @@ class ServoChain:
     def _dispatch(self, packet: InstructionPacket, line: _HalfDuplexWire) -> None:
         listening = self._listening(line.baudrate)
         for _, servo in listening:
-            servo.heard()
+            servo.note_packet()
         if packet.dxl_id == BROADCAST_ID:
             self._dispatch_to_all(packet, dict(listening), line)
             return

@@ -244,7 +244,7 @@ class ServoUnit:
             self.report(bits)
         return angles
 
-    def heard(self) -> None:
+    def note_packet(self) -> None:
         """Note that an instruction packet passed: Bus Watchdog counts from here."""
         self._silence_s = 0.0
 
@@ -325,10 +325,12 @@ class ServoUnit:
 
     def write(self, address: int, data: bytes, *, ram_only: bool = False) -> None:
         """Write items; raises Refused, and then nothing is changed."""
-        for item, value in self.checked(address, data, ram_only=ram_only):
+        for item, value in self.check_write(address, data, ram_only=ram_only):
             self._apply(item.name, value)
 
-    def checked(self, address: int, data: bytes, *, ram_only: bool = False) -> list[tuple[TableItem, int]]:
+    def check_write(
+        self, address: int, data: bytes, *, ram_only: bool = False
+    ) -> list[tuple[TableItem, int]]:
         """Values that a write would set; raises Refused if it may not be carried out now."""
         writes = self.table.parse_write(address, data)
         for item, value in writes:

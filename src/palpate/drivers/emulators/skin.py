@@ -110,7 +110,7 @@ class Press(Generic[_L_co]):
         height_mm, at_mm = self.load.height_mm(height_mm), self.load.point_mm(centre_mm)
         if self.shear is None:
             return [PointForce(at_mm, height_mm, -self.load.force_n)]
-        drag, point = displacement.turned(self.shear.force_n), displacement.place(self.shear.point_mm)
+        drag, point = displacement.rotate(self.shear.force_n), displacement.place(self.shear.point_mm)
         return [
             PointForce(at_mm, height_mm, drag - self.load.force_n),
             PointForce(point, height_mm, -drag),
@@ -147,7 +147,7 @@ class Skin:
                 stiffness_n_per_mm=self.stiffness_n_per_mm,
                 friction=self.friction,
             )
-            load = load.turned(load.force_n + shear.force_n, shear.angle_rad)
+            load = load.rotate(load.force_n + shear.force_n, shear.angle_rad)
         if not displacement.is_none:
-            load = load.turned(displacement.turned(load.force_n), displacement.turn_rad)
+            load = load.rotate(displacement.rotate(load.force_n), displacement.turn_rad)
         return Press(load, shear)

@@ -111,7 +111,7 @@ class TipLoad:
             return middle_mm
         return float(np.average(z_mm.mean(axis=1), weights=np.maximum(self.by_ray_n, 1e-12)))
 
-    def turned(self, force_n: Floats, turn_rad: float) -> "TipLoad":
+    def rotate(self, force_n: Floats, turn_rad: float) -> "TipLoad":
         """Load with another force on the tip, and the rays turned on."""
         return TipLoad(force_n, self.contact, (*self.turns_rad, turn_rad))
 

@@ -91,11 +91,11 @@ class UsbAdapter:
             return 0
         return 1 if now >= self.truth.gone_s[1] else None
 
-    def opened(self, now: float) -> None:
+    def note_opened(self, now: float) -> None:
         """Note that its port was opened."""
         self._first_s = now if self._first_s is None else self._first_s
         if isinstance(self._device, OpenedDevice):
-            self._device.opened(now)
+            self._device.note_opened(now)
 
     def lose(self, now: float) -> None:
         """Forget what is under way, as when the plug is pulled; the device lives on."""
@@ -225,11 +225,11 @@ class PluggedPort:
         """Rate of the bytes that it hands over, each packet at once."""
         return self._adapter.rate
 
-    def opened(self, now: float) -> None:
+    def note_opened(self, now: float) -> None:
         """Open it. Raises PortMissing if the adapter does not have this name now."""
         if not self.is_there(now):
             raise PortMissing("port does not exist: its adapter is not plugged in, or has another name now")
-        self._adapter.opened(now)
+        self._adapter.note_opened(now)
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Pass bytes on at the device's rate."""

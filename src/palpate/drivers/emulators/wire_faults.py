@@ -135,10 +135,10 @@ class FaultyWire:
             raise serial.SerialException(_READ_FAILED)
         return self._spoil(self._deliver(now) + self._device.poll(now))
 
-    def opened(self, now: float) -> None:
+    def note_opened(self, now: float) -> None:
         """Let the device notice that its port was opened, if it does such things."""
         if isinstance(self._device, OpenedDevice):
-            self._device.opened(now)
+            self._device.note_opened(now)
 
     def next_due(self) -> float | None:
         """Instant of the next unprovoked emission, or of the next late packet's arrival at the device."""
@@ -247,7 +247,7 @@ class BootingBoard:
         self._reset_s = reset_s
         self._has_dtr = has_dtr
 
-    def opened(self, now: float) -> None:
+    def note_opened(self, now: float) -> None:
         """Reset, if opening the port does that."""
         if self._has_dtr:
             self.reset(now)

@@ -195,7 +195,7 @@ class ArrayExchange:
                 self._restarts.note(item, now)
                 self._on_frame(item, item.body)
             elif isinstance(item.body, DeviceAnswer):
-                self.stream.understood()
+                self.stream.note_answer()
                 self._answers.append(item)
                 self._look_for_restart(item, now)
 

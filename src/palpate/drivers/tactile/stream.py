@@ -143,7 +143,7 @@ class FrameStream:
         self._refusal = reason
         self._has_restarted = restarted
 
-    def understood(self) -> None:
+    def note_answer(self) -> None:
         """Note that what came was an answer: the array is not silent and sends no noise."""
         self._since_frame = 0
 

@@ -60,10 +60,10 @@ class MockWire:
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
 
-    def opened(self) -> None:
+    def note_opened(self) -> None:
         """Note that a port has been opened at this end."""
         if isinstance(self._device, OpenedDevice):
-            self._device.opened(self.clock.now())
+            self._device.note_opened(self.clock.now())
 
     def send(self, data: bytes, baudrate: int) -> None:
         """Carry bytes to the device; moves the clock by their wire time.
@@ -86,7 +86,7 @@ class MockWire:
         if emissions:
             self._enqueue(emissions, self.baudrate)
 
-    def arrived(self, baudrate: int) -> int:
+    def count_arrived(self, baudrate: int) -> int:
         """Number of bytes that have arrived at a port of this rate and were not taken."""
         if not self._bursts:
             return 0
@@ -125,7 +125,7 @@ class MockWire:
     def forget(self) -> None:
         """Drop all bytes that have arrived."""
         for rate in {burst.baudrate for burst in self._bursts}:
-            self.take(self.arrived(rate), rate)
+            self.take(self.count_arrived(rate), rate)
 
     def next_event_s(self, wanted: int, *, together: bool = True) -> float | None:
         """Instant at which up to `wanted` more bytes of the bursts under way will be there.

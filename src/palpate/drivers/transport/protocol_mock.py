@@ -31,7 +31,7 @@ class Serial(SerialBase):
             raise SerialException("Port is already open.")
         self._wire = wire_for_url(self.port)
         self.is_open = True
-        self._wire.opened()
+        self._wire.note_opened()
         self.reset_input_buffer()
 
     def close(self) -> None:
@@ -44,7 +44,7 @@ class Serial(SerialBase):
         """Number of bytes that have arrived; does not move the clock."""
         wire = self._wire or self._require_wire()
         wire.poll()
-        return wire.arrived(self.baudrate)
+        return wire.count_arrived(self.baudrate)
 
     @property
     def out_waiting(self) -> int:

@@ -158,7 +158,7 @@ class Replayer:
         """Report a difference in the line that has just come about."""
         self._fail(self._entries[max(self._at - 1, 0)], problem)
 
-    def damaged(self, problem: str) -> NoReturn:
+    def raise_damaged(self, problem: str) -> NoReturn:
         """Report that the line under way makes no sense."""
         self._fail(self._entries[min(self._at, len(self._entries) - 1)], problem)
 
@@ -251,7 +251,7 @@ class ReplayClock:
         try:
             return self._instants.instant(call)
         except (ValueError, OverflowError):
-            self._replayer.damaged("holds a clock reading that no clock can have")
+            self._replayer.raise_damaged("holds a clock reading that no clock can have")
 
     def sleep(self, seconds: float) -> None:
         """Return at once: the readings say what time has passed."""

@@ -47,7 +47,7 @@ class RatedDevice(Device, Protocol):
 class OpenedDevice(Device, Protocol):
     """A device that notices when its port is opened: by DTR, as a rule."""
 
-    def opened(self, now: float) -> None:
+    def note_opened(self, now: float) -> None:
         """Take note that a port was opened at `now`."""
         ...
 

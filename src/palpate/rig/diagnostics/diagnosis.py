@@ -150,13 +150,13 @@ def _move_joint(
     onlooker.ready(finger.name)
     hand.arm()
     servo.set_profile(_SPEED_RAD_S, ACCELERATION_RAD_S2)
-    hand.arrived(
+    hand.require_arrival(
         hand.guarded([ServoMover(servo, servo.nearest_rad(goal), AIM_TOLERANCE_RAD)], period_s=_PERIOD_S)
     )
     hand.disarm()
     right = onlooker.went(finger.name, where)
     hand.arm()
-    hand.arrived(
+    hand.require_arrival(
         hand.guarded([ServoMover(servo, servo.nearest_rad(start), AIM_TOLERANCE_RAD)], period_s=_PERIOD_S)
     )
     if right:

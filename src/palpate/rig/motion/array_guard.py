@@ -112,7 +112,7 @@ class ArrayGuard:
             if finger not in self._times:  # of one that streams already, frames may be under way
                 self._times[finger] = SampleTimes(self._clock.now())
             finger.array.start(self._closing.sample_rate_hz)
-        self.heard(fingers)
+        self.note_heard(fingers)
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; unread frames are dropped."""
@@ -121,7 +121,7 @@ class ArrayGuard:
             finger.array.stop()
             finger.array.frames()
 
-    def heard(self, fingers: Sequence[HostFinger]) -> None:
+    def note_heard(self, fingers: Sequence[HostFinger]) -> None:
         """Note that these have sent something just now."""
         self._heard_s |= dict.fromkeys(fingers, self._clock.now())
 

@@ -83,7 +83,7 @@ def swing_aims(hand: Hand) -> list[float]:
         aim.set_profile(_SWING_RAD_S, ACCELERATION_RAD_S2)
     for side in (_SWING_RAD, -_SWING_RAD, 0.0):
         movers = [ServoMover(aim, aim.nearest_rad(start[aim] + side), AIM_TOLERANCE_RAD) for aim in aims]
-        hand.arrived(hand.guarded(movers, period_s=_PERIOD_S))
+        hand.require_arrival(hand.guarded(movers, period_s=_PERIOD_S))
         for mover in movers:
             for _, state in mover.seen:
                 if abs(state.velocity_rad_s) > _MIN_TURNING_RAD_S:

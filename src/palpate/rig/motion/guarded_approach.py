@@ -233,7 +233,7 @@ def _free_mover(
 
 def _move_free(hand: Hand, movers: Sequence[FreeMover]) -> None:
     streaming = any(mover.streams for mover in movers)
-    hand.arrived(hand.guarded(movers, period_s=_period_s(hand) if streaming else _FREE_PERIOD_S))
+    hand.require_arrival(hand.guarded(movers, period_s=_period_s(hand) if streaming else _FREE_PERIOD_S))
 
 
 def _period_s(hand: Hand) -> float:

@@ -266,9 +266,11 @@ class Hand:
 
     def move_servos(self, goals_rad: ServoGoals, tolerance_rad: Callable[[Servo], float]) -> None:
         """Send servos to goals through free space; DeviceError names one that does not arrive."""
-        self.arrived(self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()]))
+        self.require_arrival(
+            self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()])
+        )
 
-    def arrived(self, ends: Mapping[_M, MoveEnd]) -> None:
+    def require_arrival(self, ends: Mapping[_M, MoveEnd]) -> None:
         """Raise DeviceError naming a servo of the first mover that has not reached its goal."""
         held = [mover for mover, end in ends.items() if end is not MoveEnd.REACHED]
         if held:
@@ -337,7 +339,7 @@ class Hand:
             spoken_s = self._speak(spoken_s)
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
-        self._array_guard.heard(fingers)
+        self._array_guard.note_heard(fingers)
         for finger, frames in zip(fingers, taken, strict=True):
             self._array_guard.feel(finger, frames)
         return taken

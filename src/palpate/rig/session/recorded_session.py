@@ -196,9 +196,9 @@ class SampleDecoder:
 
     def _servos(self, t_s: float, what: PortBytes) -> Iterator[ServoSample | TipSample]:
         if what.direction is Direction.SENT:
-            self._traffic.sent(what.data)
+            self._traffic.take_sent(what.data)
             return
-        for dxl_id, state in self._traffic.received(what.data):
+        for dxl_id, state in self._traffic.take_received(what.data):
             yield ServoSample(
                 t_s,
                 self._joints[dxl_id][0],
