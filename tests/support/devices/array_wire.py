@@ -135,7 +135,7 @@ class Scripted(Taxels):
         return self.script.pop(0) if len(self.script) > 1 else self.script[0]
 
 
-def note_packet(array: EmulatedArray, data: bytes, now: float = 0.0, version: int = 1) -> list[Message]:
+def heard(array: EmulatedArray, data: bytes, now: float = 0.0, version: int = 1) -> list[Message]:
     """What an array answers at `now` to bytes, all of it well formed."""
     items = Decoder(version).feed(b"".join(sent for _, sent in array.feed(data, now)))
     assert all(isinstance(item, Message) for item in items)
