@@ -120,7 +120,7 @@ def test_the_moment_that_turns_a_disc_and_a_ring(
 ) -> None:
     """About the centre: 2/3 μ m g R and μ m g R."""
 
-    def rotate(share: float) -> float:
+    def turned(share: float) -> float:
         push = share * mean * SLIP_N / 2
         return pushed(engine(even(feet)), [((R, 0), (0, push)), ((-R, 0), (0, -push))], 0.2)
 
