@@ -47,7 +47,7 @@ def read_one(file: Path, draw: Draw) -> Drawing:
 
 
 def shape(drawing: Drawing) -> shapely.MultiPolygon:
-    return shapely.MultiPolygon([(drawing.region.outer, list(drawing.region.holes))])
+    return shapely.MultiPolygon([(drawing.outline.outer, list(drawing.outline.holes))])
 
 
 def square(layout: BaseLayout, **attributes: object) -> None:
@@ -121,7 +121,7 @@ def test_area_of_every_kind(file: Path, draw: Draw, area: float) -> None:
 
 
 def test_mirrored_entities_lie_where_they_are_seen(file: Path) -> None:
-    (outer, hole) = read_one(file, mirrored).region.outer, read_one(file, mirrored).region.holes[0]
+    (outer, hole) = read_one(file, mirrored).outline.outer, read_one(file, mirrored).outline.holes[0]
     assert outer[:, 0].min() == pytest.approx(0.0, abs=1e-9)
     assert outer[:, 1].min() == pytest.approx(-10.0, abs=0.006)
     assert np.hypot(*(hole - (5, 5)).T) == pytest.approx(2.0)
@@ -133,7 +133,7 @@ def test_free_form_spline_against_its_own_points(file: Path) -> None:
     control = [(0, 0), (30, -10), (40, 25), (15, 12), (5, 40), (-12, 18), (0, 0)]
     spline = document.modelspace().add_open_spline(control, degree=3)
     (found,) = read(file, document)
-    ring = shapely.LinearRing(found.region.outer)
+    ring = shapely.LinearRing(found.outline.outer)
     points = [tuple(point.vec2) for point in spline.construction_tool().approximate(3000)]
     assert shapely.distance(shapely.points(points), ring).max() <= found.off_mm
     assert shapely.Polygon(points).area == pytest.approx(shape(found).area, abs=found.off_mm * ring.length)
@@ -166,7 +166,7 @@ def test_rows_and_columns_of_a_block(file: Path) -> None:
     document.modelspace().add_blockref("one", (0, 0), dxfattribs=attributes)
     found = read(file, document)
     assert [drawing.name for drawing in found] == [f"part-{k}" for k in range(1, 7)]
-    corners = sorted(tuple(drawing.region.outer.min(axis=0)) for drawing in found)
+    corners = sorted(tuple(drawing.outline.outer.min(axis=0)) for drawing in found)
     assert corners == [(x, y) for x in (0, 40, 80) for y in (0, 50)]
 
 
@@ -178,7 +178,7 @@ def test_units_of_the_file(file: Path, code: int) -> None:
     side = 100 / factor
     document.modelspace().add_lwpolyline([(0, 0), (side, 0), (side, side), (0, side)], close=True)
     (found,) = read(file, document)
-    assert np.ptp(found.region.outer[:, 0]) == pytest.approx(100.0, rel=1e-6)
+    assert np.ptp(found.outline.outer[:, 0]) == pytest.approx(100.0, rel=1e-6)
     if code not in {8, 9}:
         unit, mm = dxf_units.InsertUnits(code), dxf_units.InsertUnits.Millimeters
         assert dxf_units.conversion_factor(unit, mm) == pytest.approx(factor, rel=1e-6)
@@ -190,9 +190,9 @@ def test_units_asked_for(file: Path) -> None:
     with pytest.raises(InputError, match=r"no units \(\$INSUNITS is 0\): give its units"):
         read(file, document)
     (found,) = read(file, document, units="inch")
-    assert found.region.outer.max() == pytest.approx(30 * 25.4)
+    assert found.outline.outer.max() == pytest.approx(30 * 25.4)
     document.header["$INSUNITS"] = 4
-    assert read(file, document, units="mm")[0].region.outer.max() == 30
+    assert read(file, document, units="mm")[0].outline.outer.max() == 30
     with pytest.raises(InputError, match=r"is in mm \(\$INSUNITS is 4\), not in inch: give no units"):
         read(file, document, units="inch")
     document.header["$INSUNITS"] = 19
@@ -224,7 +224,7 @@ def test_layers(file: Path) -> None:
     document = layered()
     assert len(read(file, document)) == 2
     (plate,) = read(file, document, "PLATE")
-    assert plate.region.outer[:, 0].max() == pytest.approx(10)
+    assert plate.outline.outer[:, 0].max() == pytest.approx(10)
     assert len(read(file, document, "Lid", "Plate")) == 2
     for name in ("empty", "off", "none"):
         with pytest.raises(InputError, match=f"visible layer '{name}', only on 'Lid', 'Plate'; left out: "):
@@ -254,7 +254,7 @@ def test_only_continuous_lines_are_outlines(file: Path) -> None:
     model.add_circle((15, 10), 4, dxfattribs={"layer": "hidden edges"})
     model.add_circle((6, 10), 3, dxfattribs={"layer": "hidden edges", "linetype": "CONTINUOUS"})
     (found,) = read(file, document)
-    (hole,) = found.region.holes
+    (hole,) = found.outline.holes
     assert hole.mean(axis=0) == pytest.approx([6, 10])
 
 
@@ -288,7 +288,7 @@ def test_what_is_left_out_beside_outlines_is_counted(file: Path) -> None:
     assert read_dxf(file, None, 0.005).left_out == (*rest, paper)
     chosen = read_dxf(file, None, 0.005, ("0",))
     assert chosen.left_out == (*rest, "1 on layer 'holes'", paper)
-    assert chosen.drawings[0].region.holes == ()
+    assert chosen.drawings[0].outline.holes == ()
 
 
 def test_a_sheet_in_paper_space_is_refused_for_that(file: Path) -> None:
@@ -371,8 +371,8 @@ def test_missing_extra_is_named(file: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_drawings_that_others_made(name: str, holes: list[int], size_mm: list[tuple[float, float]]) -> None:
     """A plate, a sheet of four parts with a note, and a tool; all are in inches."""
     found = read_dxf(cad_file(name), None, 0.01).drawings
-    assert [len(drawing.region.holes) for drawing in found] == holes
+    assert [len(drawing.outline.holes) for drawing in found] == holes
     for drawing, size in zip(found, size_mm, strict=True):
-        assert np.ptp(drawing.region.outer, axis=0) == pytest.approx(size, abs=0.02)
+        assert np.ptp(drawing.outline.outer, axis=0) == pytest.approx(size, abs=0.02)
         assert shape(drawing).is_valid
         assert 0 < drawing.off_mm <= 0.0101

@@ -38,12 +38,12 @@ def drawn(strokes: list[Stroke], curve_mm: float = 0.01) -> tuple[Drawing, ...]:
 
 
 def area(drawing: Drawing) -> float:
-    return float(shapely.Polygon(drawing.region.outer, drawing.region.holes).area)
+    return float(shapely.Polygon(drawing.outline.outer, drawing.outline.holes).area)
 
 
 def check(drawing: Drawing) -> None:
     """What a `Drawing` promises of its rings."""
-    region = drawing.region
+    region = drawing.outline
     assert shapely.is_ccw(shapely.LinearRing(region.outer))
     assert not any(shapely.is_ccw(shapely.LinearRing(hole)) for hole in region.holes)
     assert shapely.Polygon(region.outer, region.holes).is_valid
@@ -90,7 +90,7 @@ def test_shuffled_pieces_are_found_again(
     ]
     (found,) = drawn(shuffled, 0.002)
     check(found)
-    region = found.region
+    region = found.outline
     assert len(region.holes) == holes
     length = shapely.LinearRing(region.outer).length
     assert area(found) == pytest.approx(exact - 0.36 * holes, abs=found.off_mm * length + 1e-9)
@@ -109,7 +109,7 @@ def test_ends_within_the_joining_distance_are_one_point() -> None:
     strokes = lines(box(0, 0, 30, 20))
     strokes[1] = Stroke("layer 'cut'", (bezier(np.array([[30.003, 0.0], [30.0, 20.002]])),))
     (found,) = drawn(strokes)
-    assert len(found.region.outer) == 4
+    assert len(found.outline.outer) == 4
     assert 0.003 <= found.off_mm <= 0.0031
     (exact,) = drawn(lines(box(0, 0, 30, 20)))
     assert 0 < exact.off_mm < 1e-8
@@ -139,13 +139,13 @@ def test_what_is_drawn_twice_is_taken_once() -> None:
     outline = [*(s for k, s in enumerate(lines(box(0, 0, 30, 20))) if k != 1), arc, circle(10, 10, 4)]
     (once,) = drawn(outline)
     (twice,) = drawn(outline + [turned(stroke) for stroke in outline])
-    assert np.array_equal(once.region.outer, twice.region.outer)
-    assert len(twice.region.holes) == 1
+    assert np.array_equal(once.outline.outer, twice.outline.outer)
+    assert len(twice.outline.holes) == 1
     # The same outline as a polyline that starts elsewhere.
     around = pairwise([(30, 20), (0, 20), (0, 0), (30, 0), (30, 20)])
     closed = Stroke("layer '1'", tuple(bezier(np.array(ends)) for ends in around))
     (square,) = drawn([*lines(box(0, 0, 30, 20)), closed])
-    assert len(square.region.outer) == 4
+    assert len(square.outline.outer) == 4
 
 
 @pytest.mark.parametrize(
@@ -186,21 +186,21 @@ def test_loops_nest_to_any_depth() -> None:
     strokes += [circle(35, 0, 2), *lines(box(100, 0, 10, 10)), *lines(box(60, 0, 10, 10))]
     big, inner, left, right = drawn(strokes)
     assert [d.name for d in (big, inner, left, right)] == ["part-1", "part-2", "part-3", "part-4"]
-    assert [len(d.region.holes) for d in (big, inner, left)] == [2, 1, 0]
+    assert [len(d.outline.holes) for d in (big, inner, left)] == [2, 1, 0]
     assert area(big) == pytest.approx(math.pi * (40**2 - 30**2 - 2**2), rel=2e-3)
     assert area(inner) == pytest.approx(math.pi * (20**2 - 10**2), rel=2e-3)
-    assert left.region.outer.min() == 0
-    assert left.region.outer.max() == 70
+    assert left.outline.outer.min() == 0
+    assert left.outline.outer.max() == 70
     for drawing in (big, inner, left, right):
         check(drawing)
-    assert np.hypot(*big.region.outer.T).max() == pytest.approx(40)
-    assert np.hypot(*inner.region.outer.T).max() == pytest.approx(20)
+    assert np.hypot(*big.outline.outer.T).max() == pytest.approx(40)
+    assert np.hypot(*inner.outline.outer.T).max() == pytest.approx(20)
 
 
 def test_collinear_points_are_merged_across_the_start() -> None:
     ring = [(10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (30.0, 9.0), (30.0, 20.0), (0.0, 20.0), (0.0, 0.0)]
     (found,) = drawn(lines(ring))
-    assert sorted(map(tuple, found.region.outer.tolist())) == [(0, 0), (0, 20), (30, 0), (30, 20)]
+    assert sorted(map(tuple, found.outline.outer.tolist())) == [(0, 0), (0, 20), (30, 0), (30, 20)]
 
 
 @pytest.mark.parametrize(

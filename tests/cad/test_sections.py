@@ -9,13 +9,13 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats
-from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.base.geometry import Floats, Polygon
+from palpate.base.geometry.plane import signed_area
+from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     RestingSurface,
     regions_of,
     resting_surface_of,
-    signed_area,
     silhouette,
     slice_surface,
 )
@@ -66,7 +66,7 @@ def polygon(sides: int, radius: float) -> Floats:
 def edges_and_vertices(section: CrossSection) -> tuple[Floats, Floats, Floats, Floats]:
     """Starts, ends (n, 2), normal angles (n,) and those of the edges before (n,), the plain way."""
     rows = []
-    for region in section.regions:
+    for region in section.polygons:
         for ring in (region.outer, *region.holes):
             for k in range(len(ring)):
                 p, a, b = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
@@ -109,7 +109,7 @@ def true_section(mesh: trimesh.Trimesh, height: float) -> tuple[Floats, Floats, 
 
 
 def region_of(section: CrossSection) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(r.outer, r.holes) for r in section.regions])
+    return shapely.union_all([shapely.Polygon(r.outer, r.holes) for r in section.polygons])
 
 
 def check(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: int) -> None:
@@ -160,7 +160,7 @@ def test_upright_walls_make_one_exact_section() -> None:
     (section,) = sections_of(*part_of(twisted_prism(outline, 20.0, levels=30)), 0.05)
     assert section.z_mm == (0.0, 20.0)
     assert section.off_mm < 1e-6
-    (region,) = section.regions
+    (region,) = section.polygons
     assert len(region.outer) == 6
     assert not region.holes
     assert shapely.Polygon(region.outer).symmetric_difference(shapely.Polygon(outline)).area < 1e-6
@@ -203,7 +203,7 @@ def test_a_cone_has_no_more_sections_than_its_width_asks_for() -> None:
 
 def test_round_walls_are_simplified_within_the_tolerance() -> None:
     (section,) = sections_of(*part_of(trimesh.creation.cylinder(30, 20, sections=1000)), 0.05)
-    assert 40 < len(section.regions[0].outer) < 70
+    assert 40 < len(section.polygons[0].outer) < 70
     assert 0.01 < section.off_mm <= 0.05
 
 
@@ -271,7 +271,7 @@ def surface_from(mesh: trimesh.Trimesh, rotation: Floats) -> RestingSurface:
     return resting_surface_of(solid, state)
 
 
-def area(regions: tuple[Region, ...]) -> float:
+def area(regions: tuple[Polygon, ...]) -> float:
     return sum(signed_area(r.outer) + sum(signed_area(h) for h in r.holes) for r in regions)
 
 

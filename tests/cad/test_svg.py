@@ -49,7 +49,7 @@ def read(file: Path, body: str, page: str = PAGE, units: str | None = None) -> t
 
 
 def shape(drawing: Drawing) -> shapely.MultiPolygon:
-    return shapely.MultiPolygon([(drawing.region.outer, list(drawing.region.holes))])
+    return shapely.MultiPolygon([(drawing.outline.outer, list(drawing.outline.holes))])
 
 
 def box(drawing: Drawing) -> list[float]:
@@ -112,7 +112,7 @@ def test_points_of_transformed_paths(file: Path, body: str) -> None:
     (drawn,) = (element for element in drawing.elements() if isinstance(element, svgelements.Shape))
     own = svgelements.Path(*drawn.segments(transformed=False))
     points = np.array([(p.x, p.y) for p in (own.point(t) * drawn.transform for t in np.linspace(0, 1, 400))])
-    ring = shapely.LinearRing(found.region.outer)
+    ring = shapely.LinearRing(found.outline.outer)
     assert shapely.distance(shapely.points(points * (1, -1)), ring).max() <= found.off_mm + 1e-6
 
 
@@ -131,7 +131,7 @@ def test_points_of_transformed_paths(file: Path, body: str) -> None:
 )
 def test_units_of_the_page(file: Path, page: str, factor: float) -> None:
     (found,) = read(file, SQUARE, page)
-    assert np.ptp(found.region.outer, axis=0) == pytest.approx([30 * factor, 20 * factor], rel=1e-9)
+    assert np.ptp(found.outline.outer, axis=0) == pytest.approx([30 * factor, 20 * factor], rel=1e-9)
     assert box(found)[0] == pytest.approx(10 * factor)
     assert box(found)[3] == pytest.approx(-20 * factor)
 
@@ -144,7 +144,7 @@ def test_units_asked_for(file: Path, page: str) -> None:
     with pytest.raises(InputError, match=r"has no units: .*give units: mm, inch, m, or pt"):
         read(file, SQUARE, page)
     (found,) = read(file, SQUARE, page, units="inch")
-    assert np.ptp(found.region.outer, axis=0) == pytest.approx([30 * 25.4, 20 * 25.4])
+    assert np.ptp(found.outline.outer, axis=0) == pytest.approx([30 * 25.4, 20 * 25.4])
     with pytest.raises(InputError, match=r"30000 mm.*it would be 30 mm if its unit were mm"):
         read(file, SQUARE, page, units="m")
 

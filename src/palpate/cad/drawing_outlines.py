@@ -16,10 +16,11 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints, Polygon
+from palpate.base.geometry.plane import orient_ring, signed_area
 from palpate.cad.curves import DrawnCurve, chords_of_chain, control_hull
 from palpate.cad.mesh_topology import component_of
-from palpate.cad.parts import MAX_SIZE_MM, Drawing, Region, size_problem
+from palpate.cad.parts import MAX_SIZE_MM, Drawing, size_problem
 
 JOIN_MM = 5e-3
 """Ends so near to each other are one point: four decimals of an inch, in arcs by centre and angle."""
@@ -249,7 +250,7 @@ def nest_loops(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet
     _check_area(rings, sheet)
     depth, parent = _nesting([ring.points for ring in rings])
     solid = np.flatnonzero(depth % 2 == 0)
-    size = np.array([-abs(_area(rings[k].points)) for k in solid])
+    size = np.array([-abs(signed_area(rings[k].points)) for k in solid])
     corner = np.array([rings[k].points.min(axis=0) for k in solid])
     # Parts of the same size: from the left, then from below.
     order = solid[np.lexsort((corner[:, 1], corner[:, 0], size))]
@@ -258,29 +259,20 @@ def nest_loops(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet
         _check_size(rings[own], units, sheet)
         name = stem if len(order) == 1 else f"{stem}-{number}"
         holes = np.flatnonzero(parent == own)
-        region = Region(
-            _orient(rings[own].points, 1.0), tuple(_orient(rings[hole].points, -1.0) for hole in holes)
+        outline = Polygon(
+            orient_ring(rings[own].points, 1.0),
+            tuple(orient_ring(rings[hole].points, -1.0) for hole in holes),
         )
         off = max(rings[k].off_mm for k in (own, *holes))
-        drawings.append(Drawing(name, region, off * (1 + _ROUNDING_SHARE) + reach * _ROUNDING_SHARE))
+        drawings.append(Drawing(name, outline, off * (1 + _ROUNDING_SHARE) + reach * _ROUNDING_SHARE))
     return tuple(drawings)
-
-
-def _area(ring: Floats) -> float:
-    """Signed area of a ring (n, 2): positive counter-clockwise."""
-    x, y = (ring - ring[0]).T
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
 
 
 def _check_area(rings: Sequence[Loop], sheet: Sheet) -> None:
     for ring in rings:
-        if abs(_area(ring.points)) < _MIN_AREA_MM2:
+        if abs(signed_area(ring.points)) < _MIN_AREA_MM2:
             at = sheet.place(ring.points[0])
             raise InputError(f"{sheet.file}: {ring.label}: the outline at {at} encloses no area")
-
-
-def _orient(ring: Floats, sign: float) -> Floats:
-    return ring if _area(ring) * sign > 0 else ring[::-1].copy()
 
 
 def _without_straight(loop: Loop, within_mm: float) -> Loop:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints, Polygon, Section
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,19 +42,11 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
-    """A polygon with holes: `outer` (n, 2) counter-clockwise, holes (k, 2) clockwise; open rings, mm."""
-
-    outer: Floats
-    holes: tuple[Floats, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
 class Drawing:
     """Outline of a flat part in its file's frame; curves are within `off_mm` of their chords."""
 
     name: str
-    region: Region
+    outline: Polygon
     off_mm: float = 0.0
 
 
@@ -86,17 +78,15 @@ class StableState:
     leans: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class CrossSection:
-    """What a finger at any height within `z_mm` = (from, to) meets.
+@dataclass(frozen=True, slots=True, repr=False)
+class CrossSection(Section):
+    """Section that stands for the true one at every height of its range, the material left of its rings.
 
-    There the true section is within `off_mm` of `regions`, in the sense that the recogniser gives to an
-    object's tolerance: every point of a true edge is within it of some edge of the regions, or of a convex
+    The true section is within `off_mm` of the polygons, in the sense that the recogniser gives to an
+    object's tolerance: every point of a true edge is within it of some edge of the polygons, or of a convex
     vertex, whose normal differs by at most asin(4 · off_mm / length of that edge).
     """
 
-    z_mm: tuple[float, float]
-    regions: tuple[Region, ...]
     off_mm: float
 
 

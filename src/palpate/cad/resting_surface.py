@@ -17,8 +17,10 @@ import numpy as np
 import shapely
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Bools, Floats, Ints
-from palpate.cad.parts import Region, Solid, StableState
+from palpate.base.geometry import Bools, Floats, Ints, Polygon
+from palpate.base.geometry.plane import signed_area
+from palpate.base.geometry.regions import rings_of
+from palpate.cad.parts import Solid, StableState
 
 ROUNDING_SHARE = 2e-7
 """Of the size, in the coordinates of files in single precision."""
@@ -212,13 +214,7 @@ def slice_surface(surface: RestingSurface, height_mm: float) -> list[SectionRing
     return rings
 
 
-def signed_area(points: Floats) -> float:
-    """Signed area of a ring (n, 2): positive if counter-clockwise."""
-    x, y = (points - points[0]).T
-    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
-
-
-def regions_of(rings: Sequence[Floats]) -> tuple[Region, ...]:
+def regions_of(rings: Sequence[Floats]) -> tuple[Polygon, ...]:
     """Polygons with holes from disjoint rings (n, 2) with the solid on their left.
 
     Raises InputError if a ring lies inside of material, or a hole outside of it.
@@ -236,7 +232,7 @@ def regions_of(rings: Sequence[Floats]) -> tuple[Region, ...]:
         if owner is None:
             raise InputError(f"a hole at ({inside.x:.4g}, {inside.y:.4g}) lies outside of the material")
         owned[owner].append(rings[hole])
-    return tuple(Region(rings[k], tuple(own)) for k, own in zip(outers, owned, strict=True))
+    return tuple(Polygon(rings[k], tuple(own)) for k, own in zip(outers, owned, strict=True))
 
 
 _GRID_CELLS = 256
@@ -265,6 +261,4 @@ def silhouette(solid: Solid, state: StableState) -> tuple[Floats, ...]:
     # Rounded corners leave gaps of a cell between facets.
     closed = whole.buffer(cell, join_style="mitre").buffer(-cell, join_style="mitre")
     plain = shapely.simplify(closed, _CHORD_SHARE * size)
-    polygons = [part for part in shapely.get_parts(plain) if part.geom_type == "Polygon"]
-    rings = [ring for part in polygons for ring in (part.exterior, *part.interiors)]
-    return tuple(np.asarray(ring.coords)[:-1] for ring in rings if len(ring.coords) > 3)
+    return tuple(ring for ring in rings_of(plain) if len(ring) > 2)

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.regions import oriented_rings_of
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import RotationalSymmetry, Solid, StableState
 from palpate.cad.resting_surface import resting_surface_of, slice_surface
@@ -183,13 +184,8 @@ def _cut(solid: Solid, points: Floats) -> list[Floats]:
     # Rings do not cross: what is in an odd number of them is solid.
     area = reduce(shapely.symmetric_difference, regions, shapely.Polygon())
     half = shapely.box(0.0, float(points[:, 2].min()) - size, 2 * size, float(points[:, 2].max()) + size)
-    lines = []
-    for part in shapely.get_parts(shapely.intersection(area, half)):
-        if part.geom_type == "Polygon" and not part.is_empty:
-            oriented = shapely.geometry.polygon.orient(part)
-            for ring in (oriented.exterior, *oriented.interiors):
-                lines += _off_axis(shapely.get_coordinates(ring)[:-1], _SAME_POINT_SHARE * size)
-    return lines
+    rings = oriented_rings_of(shapely.intersection(area, half))
+    return [line for ring in rings for line in _off_axis(ring, _SAME_POINT_SHARE * size)]
 
 
 def _off_axis(ring: Floats, near: float) -> list[Floats]:

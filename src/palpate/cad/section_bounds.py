@@ -23,9 +23,8 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints, Polygon
 from palpate.cad.outline_simplification import normal_mismatch
-from palpate.cad.parts import Region
 from palpate.cad.resting_surface import SAME_HEIGHT_MM, RestingSurface
 
 _MAX_HALVINGS = 24
@@ -281,8 +280,8 @@ _COARSE_SHARE = 0.01
 
 
 def material_bound_mm(
-    model: Sequence[Region],
-    exact: Callable[[], Sequence[Region]],
+    model: Sequence[Polygon],
+    exact: Callable[[], Sequence[Polygon]],
     surface: RestingSurface,
     facets: Ints,
     slab_mm: tuple[float, float],
@@ -328,7 +327,7 @@ def _meets_box(points: Floats, bounds: Floats) -> Bools:
     return result
 
 
-def _polygons(regions: Sequence[Region]) -> shapely.Geometry:
+def _polygons(regions: Sequence[Polygon]) -> shapely.Geometry:
     return shapely.make_valid(
         shapely.MultiPolygon([shapely.Polygon(region.outer, region.holes) for region in regions])
     )

@@ -16,9 +16,9 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Floats, Ints, Polygon
 from palpate.cad.outline_simplification import simplify_ring
-from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     ROUNDING_SHARE,
     SAME_HEIGHT_MM,
@@ -98,7 +98,7 @@ def sections_of(
                 )
             if not trial.problem:
                 found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
-    if not any(section.regions for section in found):
+    if not any(section.polygons for section in found):
         raise InputError(
             f"{solid.name}, {state.name}: no section can be given at any height: {problem}; "
             "give a greater tolerance"
@@ -146,7 +146,7 @@ class _Trial:
     `drift_mm`: how far walls are from it, or an estimate; 0 where nothing can be said.
     """
 
-    regions: tuple[Region, ...]
+    regions: tuple[Polygon, ...]
     off_mm: float
     drift_mm: float
     problem: str = ""

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import signed_area
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import Solid, StableState
 from palpate.cad.planar_congruence import PlanarMotion, find_motions
@@ -194,7 +195,7 @@ def _slice(
         family = _Family(top, own)
         families.append(family)
     slices = _straighten(slices_of(state, family.heights_mm), _straight_mm(solid))
-    return _Sliced(state, centre, family, slices, own, _area_mm2(state.support_mm))
+    return _Sliced(state, centre, family, slices, own, signed_area(state.support_mm))
 
 
 def _straight_mm(solid: Solid) -> float:
@@ -330,12 +331,6 @@ def _in_plane(one: StableState, other: StableState, rotation: Floats, shift: Flo
     turn_rad = float(np.arctan2(turn[1, 0], turn[0, 0]))
     there = other.rotation @ shift + other.offset_mm - turn @ one.offset_mm
     return turn_rad, there[:2]
-
-
-def _area_mm2(ring: Floats) -> float:
-    """Of a counter-clockwise polygon (n, 2)."""
-    after = np.roll(ring, -1, axis=0)
-    return float((ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]).sum()) / 2
 
 
 def _heights(height_mm: Floats, within: float) -> Floats:

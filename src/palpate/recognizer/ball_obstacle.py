@@ -24,6 +24,7 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Circle, Floats, Polygon, Section
+from palpate.base.geometry.regions import polygons_of
 from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
@@ -199,17 +200,7 @@ def _grow_polygon(polygon: Polygon, by_mm: float, *, is_round: bool) -> list[Pol
         return [polygon]
     if is_round:
         return [_grow_circles(polygon, by_mm)]
-    found = shapely.get_parts(shapely.union_all(_grown_shapes(polygon, by_mm)))
-    return [
-        Polygon(_open_ring(part.exterior), tuple(_open_ring(ring) for ring in part.interiors))
-        for part in found
-        if part.geom_type == "Polygon"
-    ]
-
-
-def _open_ring(ring: shapely.LinearRing) -> Floats:
-    points: Floats = np.asarray(ring.coords, np.float64)[:-1, :2]
-    return points
+    return list(polygons_of(shapely.union_all(_grown_shapes(polygon, by_mm))))
 
 
 def _grown_shapes(polygon: Polygon, by_mm: float) -> list[shapely.Polygon]:

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Circle, Floats, Ints, Section
 from palpate.base.geometry.plane import cross, rotation_matrix
+from palpate.base.geometry.regions import region_of
 from palpate.recognizer.ball_obstacle import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
@@ -63,7 +64,7 @@ def round_pairing_edges(
 
     Of polygons that overlap (`united`) those circles have none either that others are certain to cover.
     """
-    solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
+    solid = region_of(section.polygons)
     rings = [ring for polygon in section.polygons for ring in polygon.rings]
     bare = uncovered_circles(section.polygons, band.off_mm) if united else (True,) * len(rings)
     parts = [

@@ -15,7 +15,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Floats, Ints, Section
-from palpate.base.geometry.plane import cross, wrap_angle
+from palpate.base.geometry.plane import cross, signed_area, wrap_angle
+from palpate.base.geometry.regions import oriented_rings_of, region_of
 from palpate.recognizer.offset_curves import BoundaryEdges, faceted_rings, visible_parts
 from palpate.recognizer.tables import Table, expand_ranges
 
@@ -97,9 +98,7 @@ def _ring(points: Floats, first: int, *, ccw: bool) -> OrientedRing:
     following = np.roll(points, -1, axis=0)
     distinct = np.linalg.norm(following - points, axis=1) > _MERGE_MM
     points, edge, vertex = points[distinct], number[distinct], number[distinct]
-    following = np.roll(points, -1, axis=0)
-    area = float(np.sum(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]))
-    if (area > 0) != ccw:
+    if (signed_area(points) > 0) != ccw:
         points, edge, vertex = points[::-1], np.roll(edge[::-1], -1), vertex[::-1]
     return OrientedRing(points, first + edge, first + vertex)
 
@@ -121,7 +120,7 @@ def _boundary_edges(section: Section) -> BoundaryEdges:
 
 def _union_rings(section: Section, rings: tuple[OrientedRing, ...]) -> tuple[OrientedRing, ...]:
     """Rings of the union of a section's polygons, which may touch or overlap."""
-    solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
+    solid = region_of(section.polygons)
     source = np.vstack([ring.points for ring in rings])
     leg = np.vstack([np.roll(ring.points, -1, axis=0) for ring in rings]) - source
     sides = shapely.STRtree(shapely.linestrings(np.stack([source, source + leg], axis=1)))
@@ -129,18 +128,11 @@ def _union_rings(section: Section, rings: tuple[OrientedRing, ...]) -> tuple[Ori
     edge = np.concatenate([ring.edge for ring in rings])
     vertex = np.concatenate([ring.vertex for ring in rings])
     found = []
-    for part in shapely.get_parts(solid):
-        if part.geom_type != "Polygon":
-            continue
-        oriented = shapely.geometry.polygon.orient(part)
-        for line in (oriented.exterior, *oriented.interiors):
-            points = np.asarray(line.coords)[:-1]
-            points = points[np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > _MERGE_MM]
-            if len(points) >= 3:
-                middle = shapely.points((points + np.roll(points, -1, axis=0)) / 2)
-                found.append(
-                    OrientedRing(points, edge[sides.nearest(middle)], vertex[corners.query(points)[1]])
-                )
+    for ring in oriented_rings_of(solid):
+        points = ring[np.linalg.norm(ring - np.roll(ring, 1, axis=0), axis=1) > _MERGE_MM]
+        if len(points) >= 3:
+            middle = shapely.points((points + np.roll(points, -1, axis=0)) / 2)
+            found.append(OrientedRing(points, edge[sides.nearest(middle)], vertex[corners.query(points)[1]]))
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from palpate.base.geometry import Floats, Ints, Polygon
-from palpate.base.geometry.plane import rotate
+from palpate.base.geometry.plane import orient_ring, rotate
 from palpate.recognizer.catalogue import Catalogue
 
 _NEAR_MM = 1e-6
@@ -134,13 +134,7 @@ def _boundary(catalogue: Catalogue, state: int, span_mm: Span) -> _Boundary:
 
 def _oriented_rings(polygon: Polygon) -> list[Floats]:
     """Its rings with the solid on the left."""
-    return [_orient(polygon.outer, 1.0), *(_orient(hole, -1.0) for hole in polygon.holes)]
-
-
-def _orient(ring: Floats, sign: float) -> Floats:
-    x, y = ring.T
-    area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-    return ring if sign * area > 0 else ring[::-1]
+    return [orient_ring(polygon.outer, 1.0), *(orient_ring(hole, -1.0) for hole in polygon.holes)]
 
 
 def in_centred_frame(points_mm: Floats, theta_rad: Floats, position_mm: Floats) -> Floats:

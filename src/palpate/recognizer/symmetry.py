@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Complexes, Floats, Ints, Polygon, Section, State
+from palpate.base.geometry.regions import oriented_rings_of, region_of
 
 _STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
 _ROUNDING_MM = 1e-11
@@ -40,7 +41,7 @@ class Symmetry:
 
 def centroid(state: State) -> Floats:
     """Centre of area of all sections together, shape (2,), mm, in the frame of the object's file."""
-    shapes = [_union(section) for section in state.sections]
+    shapes = [region_of(section.polygons) for section in state.sections]
     areas = np.array([shape.area for shape in shapes])
     centres = np.array([[shape.centroid.x, shape.centroid.y] for shape in shapes])
     result: Floats = areas @ centres / areas.sum()
@@ -102,10 +103,6 @@ def _of_order(boundaries: "list[_Boundary]", order: int, tolerance_mm: float) ->
     return Symmetry(order, off_mm, lean_rad)
 
 
-def _union(section: Section) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
-
-
 @dataclass(frozen=True, eq=False)
 class _Boundary:
     """A section's vertices (N,) about the centre of its possible symmetry, as complex numbers, mm.
@@ -122,13 +119,9 @@ class _Boundary:
 
     @classmethod
     def of(cls, section: Section, about: Floats) -> "_Boundary":
-        whole = _union(section)
+        whole = region_of(section.polygons)
         region = whole.simplify(_STRAIGHT_MM)
-        rings = [
-            np.asarray(ring.coords)[:-1] - about
-            for part in shapely.get_parts(region)
-            for ring in _oriented_rings(part)
-        ]
+        rings = [ring - about for ring in oriented_rings_of(region)]
         sizes = [len(ring) for ring in rings]
         following = np.concatenate(
             [first + np.roll(np.arange(size), -1) for first, size in zip(_begins(sizes), sizes, strict=True)]
@@ -181,11 +174,6 @@ class _Boundary:
         off = widest / math.cos(math.pi / (2 * _WIDTH_DIRECTIONS))
         lean = float(np.ptp(np.angle(leg / leg[0]), axis=0).max())
         return off + 2 * self.stray_mm, min(lean + 2 * self.stray_rad, math.pi)
-
-
-def _oriented_rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
-    oriented = shapely.geometry.polygon.orient(part)
-    return [oriented.exterior, *oriented.interiors]
 
 
 def _begins(sizes: list[int]) -> Ints:

@@ -26,6 +26,7 @@ from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.regions import region_of
 from palpate.recognizer.minkowski import (
     GrownSection,
     OrientedRing,
@@ -82,7 +83,7 @@ def pairing_edges(
     those walls are looked at once that are the same in several.
     """
     parts = []
-    solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
+    solid = region_of(section.polygons)
     rings = oriented_rings(section)
     fresh = first_occurrences([ring.points for ring in rings]) if united else (True,) * len(rings)
     for ring in (ring for ring, first in zip(rings, fresh, strict=True) if first):

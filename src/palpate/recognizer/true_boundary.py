@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.plane import wrap_angle
+from palpate.base.geometry.regions import oriented_rings_of
 from palpate.recognizer.boundary_pieces import Pieces, Sides, block_circles, segment_circles, uncovered_pieces
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
@@ -252,13 +253,8 @@ def _outlines(section: Section, origin_mm: Floats) -> list[shapely.Polygon]:
 
 def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
     """Sides of all rings, ring after ring."""
-    rings = []
-    for part in shapely.get_parts(shapes):
-        if isinstance(part, shapely.Polygon) and not part.is_empty:
-            oriented = shapely.orient_polygons(part)
-            rings += [shapely.get_coordinates(ring)[:-1] for ring in (oriented.exterior, *oriented.interiors)]
     parts = [_NO_SIDES]
-    for number, ring in enumerate(rings):
+    for number, ring in enumerate(ring for shape in shapes for ring in oriented_rings_of(shape)):
         points = ring[np.hypot(*(np.roll(ring, -1, axis=0) - ring).T) > _NOTHING_MM]
         whole = np.full(len(points), 1)
         parts.append(Sides(state * whole, number * whole, points, np.roll(points, -1, axis=0)))

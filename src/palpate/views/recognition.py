@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
+from palpate.base.geometry.regions import rings_of
 from palpate.config import RigFile
 from palpate.config.recognition_results import HypothesisOut, InterpretationOut, RecognitionOut, StatisticsOut
 from palpate.recognizer import Contact, Hypothesis, MemoCounts, Recognition
-from palpate.rig.emulated.scene import Placement, rings_of
+from palpate.rig.emulated.scene import Placement, shape_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of, state_names, unfinished_out
 from palpate.views.table_picture import picture, values
@@ -164,7 +165,7 @@ def identification_picture(
     )
     truth: tuple[Floats, ...] = ()
     if placement is not None:
-        truth = tuple(rings_of(placement, placement.state.sections[0]))
+        truth = tuple(rings_of(shape_of(placement, placement.state.sections[0])))
     return picture.draw(
         values.Picture(
             title=f"{result.outcome.value.capitalize()}: {name}",

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import affinity
 
-from palpate.cad.parts import Drawing, Region
+from palpate.base.geometry import Polygon
+from palpate.cad.parts import Drawing
 from palpate.config.objects_tables import CircleText, StateText
 from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
 from palpate.rig.catalogue.round_outlines import round_drawing
@@ -195,7 +196,7 @@ def test_outlines_are_within_the_bound_of_the_circles(radius, shares, centre, co
     wobble = 1 + rough * np.cos(5 * np.arange(corners))[:, None] / radius
     rings = [(disc(radius * k, corners=corners, phase=phase) * wobble) + centre for k in (1.0, *shares)]
     found = round_drawing(
-        Drawing("disc", Region(rings[0], tuple(ring[::-1] for ring in rings[1:]))), ALLOWED_MM
+        Drawing("disc", Polygon(rings[0], tuple(ring[::-1] for ring in rings[1:]))), ALLOWED_MM
     )
     if found is None:
         sagitta = radius * (1 - math.cos(math.pi / corners))
@@ -212,12 +213,12 @@ def test_outlines_are_within_the_bound_of_the_circles(radius, shares, centre, co
 @pytest.mark.parametrize(
     "region",
     [
-        Region(disc(1.0, corners=8)),
-        Region(disc(30.0), (disc(5.0, (0.3, 0.0))[::-1],)),
-        Region(disc(30.0) * [1.0, 1.01]),
-        Region(disc(30.0)[:150]),
-        Region(disc(30.0), (disc(5.0, (20.0, 0.0))[::-1],)),
-        Region(disc(30.0), (disc(3.0, (10.0, 0.0))[::-1], disc(3.0, (-10.0, 0.0))[::-1])),
+        Polygon(disc(1.0, corners=8)),
+        Polygon(disc(30.0), (disc(5.0, (0.3, 0.0))[::-1],)),
+        Polygon(disc(30.0) * [1.0, 1.01]),
+        Polygon(disc(30.0)[:150]),
+        Polygon(disc(30.0), (disc(5.0, (20.0, 0.0))[::-1],)),
+        Polygon(disc(30.0), (disc(3.0, (10.0, 0.0))[::-1], disc(3.0, (-10.0, 0.0))[::-1])),
     ],
     ids=["octagon", "eccentric", "ellipse", "most of a disc", "bore beside the middle", "two bores"],
 )
@@ -228,14 +229,14 @@ def test_what_is_nearly_round_is_not_round(region):
 def test_a_fine_star_of_the_size_of_the_tolerance_is_no_circle():
     spikes = disc(2.0) * np.where(np.arange(200) % 2, 0.97, 1.0)[:, None]
     assert shapely.Point(0, 0).hausdorff_distance(shapely.LinearRing(spikes)) == pytest.approx(2.0)
-    assert round_drawing(Drawing("star", Region(spikes)), ALLOWED_MM) is None
+    assert round_drawing(Drawing("star", Polygon(spikes)), ALLOWED_MM) is None
 
 
 def test_a_circle_is_known_by_its_outer_outline():
-    one = round_drawing(Drawing("one", Region(disc(30.0, (5, 5)))), ALLOWED_MM)
+    one = round_drawing(Drawing("one", Polygon(disc(30.0, (5, 5)))), ALLOWED_MM)
     moved = affinity.translate(shapely.Polygon(disc(30.0, (5, 5))), 0.05).exterior.coords
-    near = round_drawing(Drawing("near", Region(np.array(moved)[:-1])), ALLOWED_MM)
-    small = round_drawing(Drawing("small", Region(disc(29.0, (5, 5)))), ALLOWED_MM)
+    near = round_drawing(Drawing("near", Polygon(np.array(moved)[:-1])), ALLOWED_MM)
+    small = round_drawing(Drawing("small", Polygon(disc(29.0, (5, 5)))), ALLOWED_MM)
     assert None not in (one, near, small)
     assert one.is_near(near, 0.2)
     assert not one.is_near(small, 0.2)

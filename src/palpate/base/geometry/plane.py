@@ -41,6 +41,17 @@ def rotate(vectors: Floats, angle_rad: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
+def signed_area(ring: Floats) -> float:
+    """Area that a ring (n, 2) encloses, positive where it runs counter-clockwise."""
+    x, y = (ring - ring[0]).T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+
+
+def orient_ring(ring: Floats, sign: float) -> Floats:
+    """The ring (n, 2) counter-clockwise for a positive sign, clockwise for a negative one."""
+    return ring if sign * signed_area(ring) > 0 else ring[::-1]
+
+
 def points_in_polygon(points: Floats, rings: Iterable[Floats]) -> Bools:
     """Which points (n, 2) the rings, each (m, 2), enclose by the even-odd rule.
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import shapely
 
 from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
+from palpate.base.geometry.regions import region_of
 from palpate.cad.parts import Drawing, DrawingFile, Solid
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler_file_advice
 from palpate.cad.revolution import solid_of_revolution
@@ -239,11 +239,11 @@ def _flat_object(
     drawing: Drawing, name: str, circles: RoundDrawing | None, thickness_mm: float, options: ImportOptions
 ) -> ImportedObject:
     """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
-    area = shapely.Polygon(drawing.region.outer, drawing.region.holes)
+    area = region_of([drawing.outline])
     height = round_coordinate(thickness_mm)
     if circles is None:
         x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
-        polygons, off = polygons_text((drawing.region,), (x, y)), drawing.off_mm
+        polygons, off = polygons_text((drawing.outline,), (x, y)), drawing.off_mm
     else:
         (x, y), polygons, off = circles.centre_mm, [circles.polygon()], circles.off_mm
     section = SectionText(z=(0.0, height), polygons=polygons)

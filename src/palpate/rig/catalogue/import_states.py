@@ -14,8 +14,9 @@ import numpy as np
 import shapely
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats
-from palpate.cad.parts import CrossSection, Region, Solid, StableState
+from palpate.base.geometry import Floats, Polygon
+from palpate.base.geometry.regions import region_of
+from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     RestingSurface,
     regions_of,
@@ -84,14 +85,14 @@ def sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:
     return [
         SectionText(
             z=(round_coordinate(section.z_mm[0]), round_coordinate(section.z_mm[1])),
-            polygons=polygons_text(section.regions),
+            polygons=polygons_text(section.polygons),
         )
         for section in sorted(sections, key=lambda item: item.z_mm)
     ]
 
 
 def polygons_text(
-    regions: Sequence[Region], origin_mm: tuple[float, float] = (0.0, 0.0)
+    regions: Sequence[Polygon], origin_mm: tuple[float, float] = (0.0, 0.0)
 ) -> list[PolygonText]:
     """Regions as they stand in a file, seen from another origin."""
     origin = np.array(origin_mm)
@@ -141,7 +142,7 @@ def bound_mm(parts_mm: Iterable[float]) -> float:
     return math.ceil(beyond * _BOUND_STEPS) / _BOUND_STEPS
 
 
-def _polygon_text(region: Region, origin: Floats) -> PolygonText:
+def _polygon_text(region: Polygon, origin: Floats) -> PolygonText:
     outer = _ring_text(region.outer - origin)
     if not region.holes:
         return PolygonText(outer=outer)
@@ -269,8 +270,7 @@ class _Slices:
 
 
 def _region(surface: RestingSurface, height_mm: float) -> shapely.Geometry:
-    regions = regions_of([ring.points for ring in slice_surface(surface, height_mm)])
-    return shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in regions])
+    return region_of(regions_of([ring.points for ring in slice_surface(surface, height_mm)]))
 
 
 def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
@@ -286,12 +286,12 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     for height in dict.fromkeys(end for each in near for end in ends_mm(each)):
         if height < top:
             found = _with_height(found, height, solid, state, shares)
-    if any(section.regions for section in found):
+    if any(section.polygons for section in found):
         return found
     parts = top * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)
     for end, begin in pairwise(parts.tolist()):
         some = _between(solid, state, shares, [(begin, end)])
-        if any(section.regions for section in some):
+        if any(section.polygons for section in some):
             return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
     raise InputError(f"{solid.name}, {state.name}: no section can be given; give a greater tolerance")
 
@@ -335,7 +335,7 @@ def _imported_state(
     apart_mm = 0.0 if found is None else found.apart_mm
     circles = round_sections(solid, state, sections, shares.sections_mm)
     if circles is None:
-        some = sections_text([section for section in sections if section.regions])
+        some = sections_text([section for section in sections if section.polygons])
     else:
         some = list(circles.sections)
     top = round_coordinate(_top_mm(solid, state))

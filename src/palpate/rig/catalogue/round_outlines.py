@@ -17,7 +17,8 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats
-from palpate.cad.parts import CrossSection, Drawing, Region, Solid, StableState
+from palpate.base.geometry.plane import signed_area
+from palpate.cad.parts import CrossSection, Drawing, Solid, StableState
 from palpate.config.objects_tables import CircleText, PolygonText, SectionText
 from palpate.config.result_model import DECIMALS
 
@@ -57,8 +58,8 @@ class RoundDrawing:
 
 def round_drawing(drawing: Drawing, allowed_mm: float) -> RoundDrawing | None:
     """The drawing as circles about one centre; None if an outline is further than `allowed_mm` from one."""
-    x, y = (round(float(value), DECIMALS) + 0.0 for value in _centre(drawing.region.outer))
-    rings = [ring - [x, y] for ring in (drawing.region.outer, *drawing.region.holes)]
+    x, y = (round(float(value), DECIMALS) + 0.0 for value in _centre(drawing.outline.outer))
+    rings = [ring - [x, y] for ring in drawing.outline.rings]
     ranges = [_distances_mm(ring) for ring in rings]
     off = max((most - least) / 2 for least, most in ranges) + 2 * _ROUNDING_MM + drawing.off_mm
     if off > allowed_mm or any(_turns_much(ring) for ring in rings):
@@ -87,7 +88,7 @@ def _distances_mm(ring: Floats) -> tuple[float, float]:
 def _turns_much(ring: Floats) -> bool:
     """Whether some edge has a normal far from radial at an end, or the origin is not inside."""
     leg = np.roll(ring, -1, axis=0) - ring
-    turned = np.sign(np.sum(ring[:, 0] * np.roll(ring[:, 1], -1) - ring[:, 1] * np.roll(ring[:, 0], -1)))
+    turned = np.sign(signed_area(ring))
     for end in (ring, ring + leg):
         across = turned * (end[:, 0] * leg[:, 1] - end[:, 1] * leg[:, 0])
         along = np.abs(np.sum(end * leg, axis=1))
@@ -122,7 +123,7 @@ def round_sections(
     solid: Solid, state: StableState, sections: Sequence[CrossSection], allowed_mm: float
 ) -> RoundSections | None:
     """The sections as circles about one axis; None if some outline is none to within `allowed_mm` in all."""
-    known = sorted((section for section in sections if section.regions), key=lambda item: item.z_mm)
+    known = sorted((section for section in sections if section.polygons), key=lambda item: item.z_mm)
     corners = (solid.vertices_mm @ state.rotation.T + state.offset_mm)[:, :2]
     # The centre of mass, above the origin, is on the axis, unless something of the part is not.
     middle = np.round((corners.min(axis=0) + corners.max(axis=0)) / 2, DECIMALS) + 0.0
@@ -138,8 +139,8 @@ def _about(
 ) -> RoundSections | None:
     """The sections as circles about an axis through `centre` (2,)."""
     axis = shapely.Point(centre)
-    regions = (region for section in sections for region in section.regions)
-    if not all(shapely.Polygon(ring).contains(axis) for region in regions for ring in _rings(region)):
+    regions = (region for section in sections for region in section.polygons)
+    if not all(shapely.Polygon(ring).contains(axis) for region in regions for ring in region.rings):
         return None
     walls = _Walls.of(solid, state, centre, sections)
     if walls.turn_rad > _LARGEST_TURN_RAD:
@@ -156,10 +157,6 @@ def _about(
     return RoundSections(tuple(texts), solid.off_mm + off, walls.turn_rad, least)
 
 
-def _rings(region: Region) -> tuple[Floats, ...]:
-    return (region.outer, *region.holes)
-
-
 def _circles(
     walls: "_Walls",
     section: CrossSection,
@@ -170,7 +167,7 @@ def _circles(
     divisions: int,
 ) -> tuple[list[SectionText], float] | None:
     """The section between two heights as circles, in several parts if need be, and how far walls are off."""
-    count = sum(len(_rings(region)) for region in section.regions)
+    count = sum(len(region.rings) for region in section.polygons)
     groups = walls.radii_mm(low, high)
     off = max(((most - least) / 2 for least, most in groups), default=0.0) + 2 * _ROUNDING_MM
     if len(groups) == count and off <= allowed_mm:
@@ -191,11 +188,11 @@ def _section_text(
     section: CrossSection, low: float, high: float, centre: Floats, groups: Sequence[tuple[float, float]]
 ) -> SectionText:
     """The section with the circles of the groups, ascending, in the place of its outlines."""
-    size = sorted(float(np.ptp(ring[:, 0])) for region in section.regions for ring in _rings(region))
+    size = sorted(float(np.ptp(ring[:, 0])) for region in section.polygons for ring in region.rings)
     polygons = []
-    for region in section.regions:
+    for region in section.polygons:
         outer, *holes = (
-            _circle_text(centre, groups[size.index(float(np.ptp(ring[:, 0])))]) for ring in _rings(region)
+            _circle_text(centre, groups[size.index(float(np.ptp(ring[:, 0])))]) for ring in region.rings
         )
         polygons.append(PolygonText(outer=outer, holes=holes) if holes else PolygonText(outer=outer))
     z = (round(low, DECIMALS) + 0.0, round(high, DECIMALS) + 0.0)

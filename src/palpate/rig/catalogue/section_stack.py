@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 import shapely
 
-from palpate.base.geometry import Floats, Polygon, Section, State
+from palpate.base.geometry import Floats, Section, State
+from palpate.base.geometry.regions import polygons_of, region_of
 from palpate.config import ObjectsFile
 from palpate.recognizer import SYMMETRY_TOLERANCE_MM, centroid, rotational_symmetry
 
@@ -54,7 +54,7 @@ class StateSections:
         """What is there, from the bottom up; sections that touch and are the same are one level."""
         levels: list[Level] = []
         for section in sorted(self.state.sections, key=lambda part: part.z_mm):
-            level = Level(section.z_mm, _region(section), _edge_count(section))
+            level = Level(section.z_mm, region_of(section.polygons), sum(map(len, section.rings)))
             below = levels[-1] if levels else None
             if below is not None and below.z_mm[1] == level.z_mm[0] and _same(below.region, level.region):
                 levels[-1] = Level((below.z_mm[0], level.z_mm[1]), below.region, below.edges)
@@ -93,7 +93,7 @@ def state_sections(objects: ObjectsFile) -> tuple[StateSections, ...]:
 
 def region_within(state: State, span_mm: Range) -> shapely.Geometry:
     """What the sections have between two heights, without the levels of the others; empty for nothing."""
-    return shapely.union_all([_region(section) for section in state.sections_within(span_mm)])
+    return shapely.union_all([region_of(section.polygons) for section in state.sections_within(span_mm)])
 
 
 def level_bounds_mm(states: Sequence[StateSections], half_length_mm: float) -> list[float]:
@@ -114,15 +114,6 @@ def join_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:
         else:
             joined.append((low, high))
     return tuple(joined)
-
-
-def _region(section: Section) -> shapely.Geometry:
-    polygons = [shapely.Polygon(item.outer, item.holes) for item in section.polygons]
-    return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
-
-
-def _edge_count(section: Section) -> int:
-    return sum(len(ring) for ring in section.rings)
 
 
 def _same(first: shapely.Geometry, second: shapely.Geometry) -> bool:
@@ -148,18 +139,6 @@ def symmetry_of_state(state: StateSections) -> SectionSymmetry:
 
 
 def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> SectionSymmetry:
-    state = State("", tuple(Section((low, high), _polygons(region)) for low, high, region in parts))
+    state = State("", tuple(Section((low, high), polygons_of(region)) for low, high, region in parts))
     centre = centroid(state)
     return SectionSymmetry(rotational_symmetry(state, centre, SYMMETRY_TOLERANCE_MM).order, centre)
-
-
-def _polygons(region: shapely.Geometry) -> tuple[Polygon, ...]:
-    return tuple(
-        Polygon(_open(part.exterior), tuple(_open(hole) for hole in part.interiors))
-        for part in shapely.get_parts(region)
-    )
-
-
-def _open(ring: shapely.LinearRing) -> Floats:
-    points: Floats = np.array(ring.coords)[:-1]
-    return points

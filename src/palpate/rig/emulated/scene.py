@@ -17,6 +17,7 @@ from shapely import affinity
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Section, State
+from palpate.base.geometry.regions import region_of, rings_of
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators import Bench, Displacement, PartSection
@@ -55,12 +56,7 @@ def outline_beside_ball(
         return None
     least = min(item.circle_mm for item in beside)
     grown = [_dilate(item.shape, item.circle_mm - least) for item in beside]
-    rings = [
-        np.asarray(ring.coords)[:-1]
-        for part in shapely.get_parts(shapely.union_all(grown))
-        if part.geom_type == "Polygon"
-        for ring in (part.exterior, *part.interiors)
-    ]
+    rings = rings_of(shapely.union_all(grown))
     rings = [ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _MIN_RADIUS_MM] for ring in rings]
     start = np.vstack(rings)
     end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
@@ -186,7 +182,9 @@ def put_down(
 def _draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
     theta = float(rng.uniform(-math.pi, math.pi))
     away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
-    centre = affinity.rotate(_shape(state.sections[0]), theta, origin=(0, 0), use_radians=True).centroid
+    centre = affinity.rotate(
+        region_of(state.sections[0].polygons), theta, origin=(0, 0), use_radians=True
+    ).centroid
     x, y = away * math.cos(bearing) - centre.x, away * math.sin(bearing) - centre.y
     return Placement(model, state, float(x), float(y), theta)
 
@@ -215,7 +213,7 @@ def outline_at(
         return _outline_along(placement, height_mm - half_length_mm, height_mm + half_length_mm)
     for section in placement.state.sections:
         if section.z_mm[0] <= height_mm <= section.z_mm[1]:
-            rings = rings_of(placement, section)
+            rings = rings_of(shape_of(placement, section))
             start = np.vstack(rings)
             end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
             return PartSection(start, end, placement.state.top_mm)
@@ -229,13 +227,11 @@ def _outline_along(placement: Placement, low_mm: float, high_mm: float) -> PartS
         return None
     shapes = [shape_of(placement, item) for item in met]
     start, end = [], []
-    for part in shapely.get_parts(shapely.union_all(shapes)):
-        for ring in (part.exterior, *part.interiors):
-            points = np.asarray(ring.coords)[:-1]
-            points = points[np.hypot(*(points - np.roll(points, 1, axis=0)).T) > _SAME_PLACE_MM]
-            if len(points) >= 3:
-                start.append(points)
-                end.append(np.roll(points, -1, axis=0))
+    for ring in rings_of(shapely.union_all(shapes)):
+        points = ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _SAME_PLACE_MM]
+        if len(points) >= 3:
+            start.append(points)
+            end.append(np.roll(points, -1, axis=0))
     starts, ends = np.vstack(start), np.vstack(end)
     middle = shapely.points((starts + ends) / 2)
     on = np.array([shapely.distance(shape.boundary, middle) < _ON_EDGE_MM for shape in shapes])
@@ -248,19 +244,11 @@ def _outline_along(placement: Placement, low_mm: float, high_mm: float) -> PartS
     return PartSection(starts, ends, placement.state.top_mm, z_mm)
 
 
-def rings_of(
-    placement: Placement, section: Section
-) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-    """Rings (n, 2) of a section in W."""
-    rings = []
-    for part in shapely.get_parts(shape_of(placement, section)):
-        rings += [np.asarray(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
-    return rings
-
-
 def shape_of(placement: Placement, section: Section) -> shapely.Geometry:
     """A section in W."""
-    turned = affinity.rotate(_shape(section), placement.theta_rad, origin=(0, 0), use_radians=True)
+    turned = affinity.rotate(
+        region_of(section.polygons), placement.theta_rad, origin=(0, 0), use_radians=True
+    )
     return affinity.translate(turned, placement.x_mm, placement.y_mm)
 
 
@@ -270,10 +258,6 @@ def displace(placement: Placement, displacement: Displacement) -> Placement:
         return placement
     x, y = displacement.place(np.array([placement.x_mm, placement.y_mm])).tolist()
     return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + displacement.turn_rad)
-
-
-def _shape(section: Section) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
 
 
 def _name_list(names: object) -> str:

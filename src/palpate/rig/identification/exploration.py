@@ -14,6 +14,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Section, State
+from palpate.base.geometry.regions import region_of
 from palpate.recognizer import (
     Approach,
     Catalogue,
@@ -197,7 +198,7 @@ def _inscribed_mm(state: State, finger: Finger) -> float | None:
 
 def _inscribed_in_mm(sections: Sequence[Section]) -> float | None:
     polygons = [p for section in sections for p in section.polygons]
-    region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in polygons])
+    region = region_of(polygons)
     if region.is_empty:
         return None
     # The circle that is found lies inside for certain, and is at most the tolerance smaller than the largest.

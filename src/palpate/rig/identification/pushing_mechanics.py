@@ -17,6 +17,8 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Bools, Floats, Ints, Section, State
+from palpate.base.geometry.plane import signed_area
+from palpate.base.geometry.regions import region_of
 from palpate.base.vocabulary import PushResponse
 from palpate.config.rig_tables import SearchConfig
 from palpate.recognizer import Catalogue, CatalogueState, Table
@@ -170,14 +172,10 @@ def _centre_of_mass(state: State, sections: Sequence[Section]) -> tuple[Floats |
     )
     if not known:
         return None, _LOWEST_CENTRE_SHARE * state.top_mm
-    regions = [_region(section) for section in sections]
+    regions = [region_of(section.polygons) for section in sections]
     volume = shapely.area(regions) * np.maximum(highs - lows, 1e-9)
     centres = shapely.get_coordinates(shapely.centroid(regions))
     return volume @ centres / volume.sum(), float(volume @ (lows + highs) / 2 / volume.sum())
-
-
-def _region(section: Section) -> shapely.Geometry:
-    return shapely.union_all([shapely.Polygon(part.outer, part.holes) for part in section.polygons])
 
 
 def _hull(section: Section) -> Floats:
@@ -190,10 +188,7 @@ def _hull(section: Section) -> Floats:
 def _edge_normals(corners: Floats) -> Floats:
     """Angles (n,) of the outward normals of a convex polygon's edges: where its support is least."""
     edge = np.roll(corners, -1, axis=0) - corners
-    doubled = float(
-        np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - corners[:, 1] * np.roll(corners[:, 0], -1))
-    )
-    edge = edge * math.copysign(1.0, doubled)
+    edge = edge * math.copysign(1.0, signed_area(corners))
     result: Floats = np.arctan2(-edge[:, 0], edge[:, 1])
     return result
 
@@ -313,7 +308,7 @@ def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> 
         turn = 1 / declared
         return StateSupport(holds, 1 + off * turn, turn, 1 + reach * turn, centre, carried_mm * turn)
     lowest = min(sections, key=lambda section: section.z_mm[0])
-    base = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in lowest.polygons])
+    base = region_of(lowest.polygons)
     base = shapely.affinity.translate(base, *(-centre))
     shift, turn, leverage = _evenly_loaded(base, hull, off, unsure_mm)
     return StateSupport(holds, shift, turn, leverage, centre, carried_mm * turn * leverage)

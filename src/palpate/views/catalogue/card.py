@@ -10,6 +10,7 @@ from shapely import affinity
 
 from palpate.base.errors import quantity
 from palpate.base.geometry import Floats, State
+from palpate.base.geometry.regions import rings_of
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range, SectionSymmetry, symmetry_of_region
 from palpate.rig.catalogue.twins import unreached_region
@@ -64,9 +65,7 @@ def side_rings(state: State) -> tuple[Floats, ...]:
         for polygon in section.polygons
         for x in (polygon.outer[:, 0],)
     ]
-    parts = shapely.get_parts(shapely.union_all(boxes))
-    rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
-    return tuple(np.asarray(ring.coords)[:-1] for ring in rings)
+    return tuple(rings_of(shapely.union_all(boxes)))
 
 
 def draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
@@ -272,10 +271,7 @@ def _path(
     shape: shapely.Geometry, fill: str, stroke: str | None, width: float = THIN, dash: str | None = None
 ) -> str:
     """A region of the page as one path; nothing for an empty one."""
-    polygons = [
-        part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty
-    ]
-    rings = [np.array(ring.coords)[:-1] for part in polygons for ring in (part.exterior, *part.interiors)]
+    rings = rings_of(shape)
     if not rings:
         return ""
     return element(

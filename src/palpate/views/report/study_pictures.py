@@ -8,6 +8,7 @@ import shapely
 from shapely import affinity
 
 from palpate.base.geometry import ObjectModel, State
+from palpate.base.geometry.regions import region_of, rings_of
 from palpate.config.study_result import PairStudiedOut
 from palpate.views.svg import element, number, path_data, shorten_middle, text
 
@@ -72,12 +73,7 @@ def _overlay(one: State, other: State, height_mm: float, x: float, y: float, sid
     at = np.array([x + side / 2, y + side / 2 - 12])
 
     def rings(shape: shapely.Geometry) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-        drawn = [
-            np.asarray(ring.coords)[:-1]
-            for part in shapely.get_parts(shape)
-            for ring in (part.exterior, *part.interiors)
-        ]
-        return [at + (ring - middle) * scale * np.array([1, -1]) for ring in drawn]
+        return [at + (ring - middle) * scale * np.array([1, -1]) for ring in rings_of(shape)]
 
     return "".join(
         element(
@@ -97,9 +93,7 @@ def _overlay(one: State, other: State, height_mm: float, x: float, y: float, sid
 def _region(state: State, height_mm: float) -> shapely.Geometry:
     """At a height, or the lowest section where nothing is at that height."""
     sections = state.sections_at(height_mm) or state.sections[:1]
-    return shapely.union_all(
-        [shapely.Polygon(p.outer, p.holes) for section in sections for p in section.polygons]
-    )
+    return region_of(polygon for section in sections for polygon in section.polygons)
 
 
 def _align(first: shapely.Geometry, second: shapely.Geometry) -> shapely.Geometry:
