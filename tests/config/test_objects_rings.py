@@ -95,26 +95,25 @@ def test_arcs_are_those_of_another_reader_of_bulges(
     if abs(end - start) < 0.1:
         return
     points = np.array([[start.real, start.imag, bulge], [end.real, end.imag, 0.0]])
-    flat = arcs_polygon(points, stray)
+    ring, off_mm, turn_rad = arcs_polygon(points, stray)
     centre, first, last, radius = bulge_to_arc((start.real, start.imag), (end.real, end.imag), bulge)
-    ring = flat.ring
     np.testing.assert_allclose(np.hypot(*(ring - [centre.x, centre.y]).T), radius, rtol=1e-7, atol=1e-7)
     turn = (last - first) % (2 * math.pi)
     if turn < math.pi and len(ring) > 2:
         segment = radius**2 * (turn - math.sin(turn)) / 2
         assert shapely.Polygon(ring).area <= segment + 1e-6
-        assert shapely.Polygon(ring).area >= segment - flat.off_mm * radius * turn - 1e-6
-    assert flat.off_mm <= stray + 1e-9
-    assert flat.turn_rad == pytest.approx(math.acos(max(1 - flat.off_mm / radius, -1)), abs=1e-4)
+        assert shapely.Polygon(ring).area >= segment - off_mm * radius * turn - 1e-6
+    assert off_mm <= stray + 1e-9
+    assert turn_rad == pytest.approx(math.acos(max(1 - off_mm / radius, -1)), abs=1e-4)
 
 
 @given(st.floats(0.01, 1e4), st.floats(1e-3, 1.0))
 def test_a_circle_is_within_what_its_polygon_says(radius: float, stray: float) -> None:
     facets = circle_facets(radius, stray)
-    flat = circle_polygon(Circle((1.0, 2.0), radius), facets)
-    middles = (flat.ring + np.roll(flat.ring, -1, axis=0)) / 2 - [1.0, 2.0]
-    assert radius - float(np.hypot(*middles.T).min()) == pytest.approx(flat.off_mm, abs=1e-9 * radius)
-    assert flat.off_mm <= stray or facets == 720
+    ring, off_mm, _ = circle_polygon(Circle((1.0, 2.0), radius), facets)
+    middles = (ring + np.roll(ring, -1, axis=0)) / 2 - [1.0, 2.0]
+    assert radius - float(np.hypot(*middles.T).min()) == pytest.approx(off_mm, abs=1e-9 * radius)
+    assert off_mm <= stray or facets == 720
 
 
 # ----------------------------------------------------------------------------------------------------

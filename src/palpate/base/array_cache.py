@@ -185,11 +185,11 @@ class Cache:
     most_bytes: int = CACHE_BYTES
 
     def fetch(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
-        """What was kept, mapped from its file and read-only; None where nothing sound was."""
+        """Return what was kept, mapped from its file and read-only; None where nothing sound was."""
         return None if self.folder is None else _fetch_file(self._place(self.folder, kind, key))
 
     def newest(self, kind: str, most: int) -> Iterator[dict[str, NDArray[Any]]]:
-        """What is kept of a kind, whatever its key: the latest used first, from at most so many files."""
+        """Return what is kept of a kind, whatever its key: the latest used first, from so many files."""
         if self.folder is None:
             return
         found = sorted(_cached_files(self.folder, f"{kind}-*{_SUFFIX}"), reverse=True)
@@ -237,7 +237,7 @@ def _fetch_file(path: Path) -> dict[str, NDArray[Any]] | None:
 
 
 def _cached_files(folder: Path, pattern: str) -> list[tuple[float, int, Path]]:
-    """When each was last used, its size, and the file."""
+    """Time of last use, size and path of each file."""
     found = []
     with suppress(OSError):
         for path in folder.glob(pattern):

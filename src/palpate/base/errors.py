@@ -14,7 +14,7 @@ class InputError(PalpateError):
 
 
 class OutputError(PalpateError):
-    """What is beside the devices failed: a log, a disk, standard output, an observer. Exit code 5."""
+    """Failure of something beside the devices: a log, a disk, standard output, an observer. Exit code 5."""
 
 
 class DeviceError(PalpateError):

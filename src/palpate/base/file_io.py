@@ -101,7 +101,7 @@ def check_file(path: str | os.PathLike[str], most_bytes: int, advice: str) -> No
 
 
 def kind_in_words(mode: int) -> str:
-    """What has this `st_mode`, if it is no regular file: "a folder"."""
+    """Name of what has this `st_mode`, if it is no regular file: "a folder"."""
     return next((words for test, words in _KINDS if test(mode)), "something else")
 
 

@@ -31,7 +31,7 @@ def import_extra(module: str, extra: str, purpose: str) -> Any:
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra where this interpreter finds palpate: from its checkout, if it is in one."""
+    """Command that installs an extra where this interpreter finds palpate, be it from its checkout."""
     checkout = _checkout()
     what = "palpate" if checkout is None else _from_here(checkout)
     how = "" if checkout is None else "-e "

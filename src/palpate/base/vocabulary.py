@@ -27,7 +27,7 @@ class TipShape(StrEnum):
 
 
 class RecognitionVerdict(StrEnum):
-    """How many hypotheses explain the contacts (docs/recogniser.md, "Hypotheses")."""
+    """Number of hypotheses that explain the contacts (docs/recogniser.md, "Hypotheses")."""
 
     UNIQUE = "unique"
     AMBIGUOUS = "ambiguous"
@@ -35,7 +35,7 @@ class RecognitionVerdict(StrEnum):
 
 
 class IdentificationVerdict(StrEnum):
-    """How a run on the bench ended."""
+    """Result of a run on the bench."""
 
     IDENTIFIED = "identified"
     INDISTINGUISHABLE = "indistinguishable"
@@ -45,7 +45,7 @@ class IdentificationVerdict(StrEnum):
 
 
 class Strategy(StrEnum):
-    """How grips are chosen (memo §3.2)."""
+    """Choice of the next grip (memo §3.2)."""
 
     PLANNED = "planned"
     RANDOM = "random"
@@ -53,7 +53,7 @@ class Strategy(StrEnum):
 
 
 class PushResponse(StrEnum):
-    """What a part in one of its states may do when it is pushed; one that slides does nothing else."""
+    """Behaviour of a part in one of its states when it is pushed; one that slides does nothing else."""
 
     SLIDES = "slides"
     MAY_TIP = "may-tip"
@@ -61,14 +61,14 @@ class PushResponse(StrEnum):
 
 
 class PartMotion(StrEnum):
-    """Whether fingers move the parts that they push."""
+    """Assumption on whether fingers move the parts that they push."""
 
     STILL = "still"
     MOVING = "moving"
 
 
 class ErrorSource(StrEnum):
-    """What limits how well a rig tells parts apart.
+    """Source of error that limits how well a rig tells parts apart.
 
     How far off contacts are, how wide their ranges of normals, how far parts are from their models, from
     which sides fingers reach them, and that parts move when they are touched.

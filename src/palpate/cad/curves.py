@@ -170,7 +170,7 @@ def _bezier_chords(curve: Bezier, curve_mm: float) -> tuple[Floats, float]:
 
 
 def _bounds(pieces: Floats, even: bool) -> tuple[Floats, Floats, Floats]:
-    """Of pieces (k, n + 1, 3), homogeneous: deviation from the chord, turn and length of the legs."""
+    """Deviation from the chord, turn and length of the legs of pieces (k, n + 1, 3), homogeneous."""
     points = pieces[..., :2] / pieces[..., 2:]
     start, chord = points[:, :1], points[:, -1:] - points[:, :1]
     square = np.sum(chord * chord, axis=2)

@@ -328,7 +328,7 @@ def _check_crossings(rings: Sequence[Loop], sheet: Sheet) -> None:
 
 
 def _nesting(rings: Sequence[Floats]) -> tuple[Ints, Ints]:
-    """Of rings that do not meet, (n,) each: in how many others one is, and the innermost of these, or -1."""
+    """Depth (n,) of rings that do not meet, and the innermost ring (n,) around each, -1 for none."""
     polygons = [shapely.Polygon(ring) for ring in rings]
     inner, outer = shapely.STRtree(polygons).query(
         shapely.points(np.array([ring[0] for ring in rings])), predicate="within"

@@ -58,7 +58,7 @@ ANNOTATION_KINDS = frozenset({
 
 
 class NotFlatError(Exception):
-    """What keeps an entity from being an outline; its message goes on from the entity's name."""
+    """Reason why an entity is no outline; the message goes on from the entity's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class BlockTransform:
     shift_mm: Floats
 
     def of(self, insert: "Insert") -> "BlockTransform":
-        """For what is in a block that is inserted here."""
+        """Make the style of what is in a block that is inserted here."""
         # ezdxf's own placing of blocks in blocks is wrong where the outer one is stretched in one direction.
         rows = np.array(tuple(insert.matrix44())).reshape(4, 4)
         return BlockTransform(rows[:3, :3] @ self.matrix, rows[3, :3] @ self.matrix + self.shift_mm)
@@ -203,7 +203,7 @@ _MAKERS: dict[str, Callable[[Any, BlockTransform], CurvesAndHeights]] = {
 
 @dataclass(frozen=True, eq=False)
 class _InheritedStyle:
-    """What an entity of a block takes over from the block's insertion."""
+    """Style that an entity of a block takes over from the block's insertion."""
 
     layer: str
     linetype: str
@@ -239,7 +239,7 @@ class DxfWalk:
         self.on_paper = ", ".join(f"{count} in '{name}'" for name, count in papers.items() if count)
 
     def rest(self, layers: Sequence[str] = ()) -> tuple[str, ...]:
-        """In words, what is no outline, or not on one of the `layers`, if some are named."""
+        """Describe what is no outline, or not on one of the `layers`, if some are named."""
         named = {name.casefold() for name in layers}
         others = {
             f"on layer '{layer}'": len(strokes)
@@ -397,7 +397,7 @@ def _unit_of(document: "Document", units: str | None, path: Path) -> tuple[str, 
 
 
 def _choose_layers(walk: DxfWalk, layers: Sequence[str], path: Path) -> list[tuple[Stroke, float]]:
-    """What is drawn on the layers that are asked for, or on all."""
+    """Select what is drawn on the layers that are asked for, or on all."""
     found, left_out = walk.found, walk.rest()
     rest = f"; left out: {', '.join(left_out)}" if left_out else ""
     if not found and walk.on_paper and not walk.left_out:

@@ -95,7 +95,7 @@ def _is_inside(surface: TriangleSurface, inner: Ints, outer: Ints) -> bool:
 
 
 def _winding(corners: Floats, point: Floats) -> float:
-    """How often triangles (k, 3, 3) go round a point.
+    """Winding number of triangles (k, 3, 3) round a point.
 
     From the solid angles of the triangles (van Oosterom and Strackee, IEEE Transactions on Biomedical
     Engineering 30(2), 1983).
@@ -259,5 +259,5 @@ def _point(point: Floats) -> str:
 
 
 def _more(count: int, one: str, many: str) -> str:
-    """How many there are besides the one that is shown."""
+    """Number of faults besides the one that is shown, in words."""
     return "" if count == 1 else f" (and {count - 1} more {one if count == 2 else many})"

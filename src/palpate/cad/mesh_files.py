@@ -83,7 +83,7 @@ def _index(token: bytes) -> int:
 
 
 def _are_concave(corners: Floats) -> Bools:
-    """Whether polygons (n, k, 3) turn to the right somewhere, seen along their area vector."""
+    """Mark polygons (n, k, 3) that turn to the right somewhere, seen along their area vector."""
     steps = np.roll(corners, -1, axis=1) - corners
     normals = _area_vectors(corners)
     turns = np.cross(steps, np.roll(steps, -1, axis=1))
@@ -135,7 +135,7 @@ _TYPE_BYTES = {
 
 
 def ply_problem(data: bytes) -> str:
-    """What keeps a PLY file from being read whole, or nothing."""
+    """Return what keeps a PLY file from being read whole, or nothing."""
     head, end, _ = data[:_HEADER_BYTES].partition(b"end_header")
     lines = [line.split() for line in head.decode("latin-1").splitlines()]
     if not end or lines[0] != ["ply"]:
@@ -299,7 +299,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
 
 
 def _load_scene(path: Path, data: bytes, kind: str) -> Any:
-    """What trimesh makes of a file, nothing merged or left out."""
+    """Read a file with trimesh, nothing merged or left out."""
     trimesh = import_extra("trimesh", "cad", f"reading {kind.upper()} files")
     skip = {} if kind in ("stl", "3mf") else {"skip_materials": True}
     with warnings.catch_warnings():
@@ -348,7 +348,7 @@ def _stl_faces(data: bytes) -> int:
 
 
 def _stl_problem(data: bytes) -> str:
-    """What keeps an STL file from being read whole, or nothing."""
+    """Return what keeps an STL file from being read whole, or nothing."""
     if _is_binary_stl(data):
         return ""
     if not data:
@@ -368,7 +368,7 @@ def _stl_problem(data: bytes) -> str:
 
 
 def _3mf_problem(data: bytes) -> str:
-    """What in the directory of a 3MF file, a ZIP archive, keeps it from being unpacked, or nothing."""
+    """Return what in the directory of a 3MF file, a ZIP archive, forbids unpacking it, or nothing."""
     try:
         members = zipfile.ZipFile(io.BytesIO(data)).infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError, UnicodeDecodeError, EOFError) as error:
@@ -384,7 +384,7 @@ def _3mf_problem(data: bytes) -> str:
 
 
 def _obj_problem(data: bytes) -> str:
-    """What trimesh would read wrongly in an OBJ file, or nothing."""
+    """Return what trimesh would read wrongly in an OBJ file, or nothing."""
     if not data.strip():
         return "the file is empty"
     faces = re.search(rb"(?m)^f\b", data)

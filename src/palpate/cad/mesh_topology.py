@@ -45,7 +45,7 @@ class TriangleSurface:
 
 
 def vertex_rounding(vertices: Floats) -> float:
-    """What two vertices (n, 3) of a file may differ by and still be meant as one, in their unit.
+    """Distance within which two vertices (n, 3) of a file may be meant as one, in their unit.
 
     A millionth of the largest coordinate or side, whichever is larger: some times the rounding of single
     precision.
@@ -105,7 +105,7 @@ class _Boxes:
     group: Ints
 
     def meeting(self, pairs: Ints) -> Ints:
-        """Those of the pairs (k, 2) whose boxes overlap and whose groups differ."""
+        """Select the pairs (k, 2) whose boxes overlap and whose groups differ."""
         first, second = pairs.T
         keep: Bools = (self.group[first] != self.group[second]) | (self.group[first] < 0)
         pairs = pairs[keep]
@@ -175,7 +175,7 @@ def _tree(boxes: _Boxes) -> tuple[Ints, Ints, _Boxes]:
 
 
 def _node_starts(count: int, level: int) -> Ints:
-    """Where the 2 ** level nodes of a level start in the order."""
+    """Places in the order at which the 2 ** level nodes of a level start."""
     result: Ints = (np.arange(1 << level) * count) >> level
     return result
 

@@ -26,7 +26,7 @@ def normal_mismatch(normal: Floats, other: Floats) -> Floats:
 
 
 def simplify_ring(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
-    """Which points (k,) of a ring (n, 2) to keep, ascending, so that no chord costs more than the budget.
+    """Choose points (k,) of a ring (n, 2), ascending, so that no chord costs more than the budget.
 
     `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Points in a
     straight line go in any case; a budget of 0 keeps all others. Starts at the sharpest corner. Fewer than
@@ -39,7 +39,7 @@ def simplify_ring(points: Floats, normal: Floats, bare: Bools, budget_mm: float)
 
 
 def _bends(normal: Floats, bare: Bools) -> Bools:
-    """Where a ring (n,) has a corner, however slight: facets of one plane leave points in a straight line."""
+    """Mark corners of a ring (n,), however slight: facets of one plane leave points in a straight line."""
     before, bare_before = np.roll(normal, 1, axis=0), np.roll(bare, 1)
     result: Bools = (normal_mismatch(normal, before) > _STRAIGHT_SINE) | bare | bare_before
     return result
@@ -101,7 +101,7 @@ def _long_reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float, sta
 
 
 def _chord_costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: Ints) -> Floats:
-    """What the chords from points `start` (k,) over `step` (k,) edges each cost."""
+    """Cost of each chord from points `start` (k,) over `step` (k,) edges."""
     count = len(ring)
     chord = ring[(start + step) % count] - ring[start]
     length = np.hypot(*chord.T)

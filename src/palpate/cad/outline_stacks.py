@@ -168,7 +168,7 @@ def could_match(a: Stack, b: Stack, within_mm: float) -> bool:
 
 
 def round_bound_mm(a: Stack, b: Stack) -> float:
-    """How far sections are apart at any turn at most, with reference points together; inf if unknown.
+    """Bound on the distance of sections at any turn, reference points together; inf if unknown.
 
     Known where all rings go round the reference point: a ray from it meets each of them somewhere
     between its least and its largest radius, so two rings are no further apart than the range of both.

@@ -320,7 +320,7 @@ def _local_minima(number: Ints, worst: Floats, count: int) -> Ints:
 
 
 def _regions_fit(a: Stack, b: Stack, motion: PlanarMotion, within: float) -> bool:
-    """Whether no point of a region is further than about `within` from the other region.
+    """Test that no point of a region is further than about `within` from the other region.
 
     Outlines can be close where regions are not: a disc against a thin ring. Buffers' arcs are inscribed
     by up to half a percent, hence the share on top.

@@ -68,7 +68,7 @@ def read_drawings(path: Path, units: str | None, curve_mm: float, layers: Sequen
 
 
 def simpler_file_advice(path: Path) -> str:
-    """What to do about a file that is too large for its limits."""
+    """Advice for a file that is too large for its limits."""
     if path.suffix.lower() in _DRAWING_SUFFIXES:
         return "draw the part with fewer lines and points, each part in a file of its own"
     return (

@@ -62,7 +62,7 @@ class RestingSurface:
 
     @property
     def top_mm(self) -> float:
-        """Its greatest height."""
+        """Greatest height of the surface."""
         return float(self.vertices_mm[:, 2].max())
 
     def within(self, from_mm: float, to_mm: float) -> Ints:

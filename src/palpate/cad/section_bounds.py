@@ -65,7 +65,7 @@ class FacetPieces:
         return len(self.points)
 
     def select(self, rows: Ints | Bools) -> "FacetPieces":
-        """Those at `rows` (indices or a mask)."""
+        """Return the pieces at `rows` (indices or a mask)."""
         return FacetPieces(self.points[rows], self.first[rows], self.last[rows], self.bare[rows])
 
     def split(self) -> "FacetPieces":
@@ -87,7 +87,7 @@ class FacetPieces:
         return self._like(np.stack(halves, axis=1))
 
     def _like(self, points: Floats) -> "FacetPieces":
-        """Of `points` (k, c, p, 2): c children of each."""
+        """Return c children of each piece, with `points` (k, c, p, 2)."""
         children = points.shape[1]
         return FacetPieces(
             points.reshape(-1, *points.shape[2:]),
@@ -210,7 +210,7 @@ def distance_bound(
 def _search_bound(
     pieces: FacetPieces, outline: OutlineEdges, tree: shapely.STRtree, target_mm: float
 ) -> tuple[float, bool]:
-    """As `distance_bound`, with all edges nearby."""
+    """Bound as that of `distance_bound`, with all edges nearby."""
     most = 0.0
     for _ in range(_MAX_HALVINGS):
         if not len(pieces):
@@ -234,7 +234,7 @@ def _search_bound(
 
 
 def _edge_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
-    """What each point (k, p) of each piece asks of an edge each."""
+    """Cost of each point (k, p) of each piece at one edge each."""
     away = pieces.points - outline.start[edge][:, None]
     length, unit = outline.length[edge], outline.along[edge]
     along = away[:, :, 0] * unit[:, None, 0] + away[:, :, 1] * unit[:, None, 1]
@@ -250,7 +250,7 @@ def _edge_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats
 
 
 def _vertex_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
-    """What each point (k, p) of each piece asks of the vertex that an edge each starts from."""
+    """Cost of each point (k, p) of each piece at the vertex that one edge each starts from."""
     distance = np.hypot(*np.moveaxis(pieces.points - outline.start[edge][:, None], -1, 0))
     previous = outline.before[edge]
     begin = _left_turn(outline.normal[previous], pieces.first)
@@ -288,7 +288,7 @@ def material_bound_mm(
     off_mm: float,
     allowed_mm: float,
 ) -> float | None:
-    """How far a point of `model` is at most from the solid at any height of the slab; None if too far.
+    """Bound on the distance of points of `model` from the solid, at any height of the slab, or None.
 
     `exact`: gives the section at one of its heights; `off_mm`: how far edges are from the model's at most.
     """
@@ -320,7 +320,7 @@ def material_bound_mm(
 
 
 def _meets_box(points: Floats, bounds: Floats) -> Bools:
-    """Which of the clipped facets (k, 6, 2) may meet a box (b, 4); none that was clipped away does."""
+    """Mark clipped facets (k, 6, 2) that may meet a box (b, 4); none that was clipped away does."""
     low, high = points.min(axis=1), points.max(axis=1)
     apart = (low[:, None] > bounds[:, 2:]) | (high[:, None] < bounds[:, :2]) | np.isnan(low[:, None])
     result: Bools = (~apart.any(axis=2)).any(axis=1)

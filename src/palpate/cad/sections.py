@@ -107,7 +107,7 @@ def sections_of(
 
 
 def _long_runs(sections: list[CrossSection]) -> Iterator[CrossSection]:
-    """Those that follow one another over a quarter of a millimetre, or over all there is."""
+    """Select sections that follow one another over a quarter of a millimetre, or over all there is."""
     run: list[CrossSection] = []
     for section in [*sections, None]:
         if run and (section is None or section.z_mm[0] > run[-1].z_mm[1]):
@@ -141,7 +141,7 @@ def _ranges(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """What one outline is worth for a slab: `off_mm` is proven if there is no `problem`.
+    """Result of trying one outline for a slab: `off_mm` is proven if there is no `problem`.
 
     `drift_mm`: how far walls are from it, or an estimate; 0 where nothing can be said.
     """
@@ -218,7 +218,7 @@ def _foreseen_height(surface: RestingSurface, at: float, high: float, likely_mm:
 
 
 def _likely_drift(surface: RestingSurface, at: float, to: float, trial: _Trial, budget: float) -> float:
-    """How far a facet may drift in the next slab, judged by how far an outline was off in this one."""
+    """Estimate of a facet's drift in the next slab, from how far an outline was off in this one."""
     facets = surface.within(at, to)
     height = np.minimum(surface.high[facets], to) - np.maximum(surface.low[facets], at)
     drifted = float((surface.drift[facets] * height).max(initial=0.0))
@@ -388,7 +388,7 @@ def _outline_bound(
 
 
 def _stray_mm(points: Floats, chosen: Floats, place: Ints) -> float:
-    """How far points (n, 2) are at most from the chords between `chosen` ones; `place` (n,): whose chord."""
+    """Largest distance of points (n, 2) from chords between `chosen` ones; `place` (n,): whose chord."""
     leg = (np.roll(chosen, -1, axis=0) - chosen)[place]
     away = points - chosen[place]
     share = np.clip(np.sum(away * leg, axis=1) / np.sum(leg**2, axis=1), 0.0, 1.0)

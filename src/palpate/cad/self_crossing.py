@@ -38,7 +38,7 @@ class FaceCrossings:
 
 
 def crossing_pairs(surface: TriangleSurface, pairs: Ints) -> FaceCrossings:
-    """Those of the pairs (k, 2) of faces that cross, or lie in one plane and overlap.
+    """Select the pairs (k, 2) of faces that cross, or lie in one plane and overlap.
 
     No face may be thin. Pairs with a common edge are left out: see `folded_edges`.
     """
@@ -76,7 +76,7 @@ def _slender_first(surface: TriangleSurface, pairs: Ints) -> Ints:
 
 
 def _sides(surface: TriangleSurface, pairs: Ints) -> Ints:
-    """On which side of the second face's plane each corner of the first is, (k, 3): -1, 0 (in it) or 1."""
+    """Side (k, 3) of the second face's plane on which each corner of the first is: -1, 0 (in it) or 1."""
     corners = surface.corners[pairs[:, 0]]
     base, normal = surface.corners[pairs[:, 1], 0], surface.normals[pairs[:, 1]]
     height = np.einsum("kvc,kc->kv", corners, normal) - np.einsum("kc,kc->k", base, normal)[:, None]
@@ -107,7 +107,7 @@ def _overlap(surface: TriangleSurface, pairs: Ints) -> tuple[Bools, Floats]:
 
 
 def _gaps(shape: Floats, other: Floats, normal: Floats) -> Floats:
-    """How far beyond each edge (k, 3) of a shape the other begins; negative where it reaches over it."""
+    """Distance (k, 3) beyond each edge of a shape at which the other begins; negative for overlaps."""
     out = np.cross(np.roll(shape, -1, axis=1) - shape, normal[:, None])
     out /= np.sqrt((out**2).sum(axis=2))[:, :, None]
     own = (out * shape).sum(axis=2)
@@ -171,7 +171,7 @@ def _cut_by_plane(corners: Floats, sides: Ints, base: Floats, normal: Floats) ->
 def _clip_to_face(
     tolerance: float, start: Floats, along: Floats, length: Floats, face: Floats, normal: Floats
 ) -> tuple[Floats, Floats, Ints]:
-    """From where to where a segment in a face's plane is in that face; which edge it runs along, -1 for none.
+    """Interval of a segment in a face's plane that is in the face, and the edge it runs along, or -1.
 
     A segment along an edge, within the tolerance of it, counts as in the face as far as the edge goes.
     """
@@ -202,7 +202,7 @@ def _clip_to_face(
 
 
 def _nonnegative_interval(lo: Floats, hi: Floats, offset: Floats, slope: Floats) -> tuple[Floats, Floats]:
-    """Where, between lo and hi (k,), all of offset + t · slope (k, e) are at least 0."""
+    """Interval between lo and hi (k,) in which all of offset + t · slope (k, e) are at least 0."""
     level = slope == 0
     root = -offset / np.where(level, 1.0, slope)
     lo = np.maximum(lo, np.where(slope > 0, root, -np.inf).max(axis=1))
@@ -265,7 +265,7 @@ def _views() -> Floats:
 
 
 def _few_views(surface: TriangleSurface, views: Floats) -> Ints:
-    """For each face the index of a view that it faces, few views in all; -1 for none."""
+    """Index of a view that each face faces, few views in all; -1 for none."""
     facing = surface.normals @ views.T > _LEAST_FACING_COSINE
     area = surface.heights + surface.tolerance
     view = np.full(len(surface.faces), -1)

@@ -64,7 +64,7 @@ def _orders(azimuth: Floats, least: int) -> Iterator[int]:
 def _symmetry_bound_mm(
     surface: SurfaceDistance, centre: Floats, axis: Floats, order: int, within_mm: float
 ) -> float | None:
-    """How far the surface is from itself in every turn by a multiple of 1/order; None if that is too far.
+    """Distance of the surface from itself in every turn by a multiple of 1/order; None beyond bounds.
 
     Turned k times the surface is at most k times as far as turned once: where that is little, it will do.
     """
@@ -224,7 +224,7 @@ class SolidSymmetry:
 
 
 class KnownSymmetries:
-    """Those of one `surface` that are known so far, each with its inverse."""
+    """Symmetries of one `surface` that are known so far, each with its inverse."""
 
     def __init__(self, surface: SurfaceDistance) -> None:
         self.surface = surface

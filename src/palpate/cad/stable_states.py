@@ -51,7 +51,7 @@ def solid_angles(hull: Hull) -> Floats:
 
 
 def margins_mm(hull: Hull) -> Floats:
-    """How far inside of each edge (e,) of its face the centre of mass is in projection; beyond it: < 0."""
+    """Distance of the centre of mass inside of each edge (e,) of its face in projection, < 0 beyond it."""
     start, end = hull.edge_mm[:, 0], hull.edge_mm[:, 1]
     along = end - start
     outwards = np.cross(along, hull.normal[hull.edge_face])
@@ -234,7 +234,7 @@ def upright_state(solid: Solid, down: Floats, states: Sequence[StableState]) -> 
 
 
 def _is_lowest_on_axis(solid: Solid, down: Floats) -> bool:
-    """Whether the centre of mass is lowest on the axis, as far as can be told, and higher further off."""
+    """True if the centre of mass is lowest on the axis, as far as can be told, and higher further off."""
     centre = centre_of_mass(solid)
     aside = rotations_onto(down[None])[0][0]
     leaning = [
@@ -246,7 +246,7 @@ def _is_lowest_on_axis(solid: Solid, down: Floats) -> bool:
 
 
 def _height_mm(solid: Solid, centre: Floats, down: Floats) -> float:
-    """How high the centre is above a plane that the solid lies on."""
+    """Height of the centre above a plane that the solid lies on."""
     return float(((solid.vertices_mm - centre) @ down).max())
 
 

@@ -226,7 +226,7 @@ def _group_of(sliced: _Sliced, groups: list[_Group], pairs: "_Pairs") -> tuple[_
 
 
 class _Pairs:
-    """How far pairs of states of one solid are apart.
+    """Distances between pairs of states of one solid.
 
     `looks`: points that may be asked for; `unproven`: states that were not compared any more.
     """
@@ -347,7 +347,7 @@ def _heights(height_mm: Floats, within: float) -> Floats:
 
 
 def _is_ball(solid: Solid, within: float) -> bool:
-    """Whether the whole surface is as far from the centre of mass, within a distance."""
+    """True if the whole surface is as far from the centre of mass, within a distance."""
     corners = solid.vertices_mm[solid.faces] - centre_of_mass(solid)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1)

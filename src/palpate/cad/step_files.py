@@ -60,7 +60,7 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
 
 
 def _tessellate(path: Path, curve_mm: float) -> tuple[Any, float]:
-    """What OpenCASCADE makes of a file, as a trimesh scene in metres, and within what its chords are.
+    """Read a file with OpenCASCADE as a trimesh scene in metres, and the deviation of its chords.
 
     What it makes of a damaged one may be a crash, a search without end or more memory than there is.
     """

@@ -153,7 +153,7 @@ _SPARE_PIECES = 100_000
 def solid_congruence_bound_mm(
     solid: Solid, rotation: Floats, shift_mm: Floats, within_mm: float
 ) -> float | None:
-    """How far a surface is from itself when a vertex v goes to `rotation` (3, 3) @ v + `shift_mm` (3,).
+    """Distance of a surface from itself when a vertex v goes to `rotation` (3, 3) @ v + `shift_mm` (3,).
 
     An upper bound of the Hausdorff distance, both ways; None if it is beyond `within_mm` or if the proof
     would take too long. A proper rotation; whether outside comes to outside is not looked at.
@@ -164,7 +164,7 @@ def solid_congruence_bound_mm(
 def congruence_bound_mm(
     surface: SurfaceDistance, rotation: Floats, shift_mm: Floats, within_mm: float
 ) -> float | None:
-    """As `surface_apart_mm`, for many motions of the same solid."""
+    """Bound as that of `solid_congruence_bound_mm`, for many motions of the same solid."""
     allowed = within_mm - _ROUNDING_SHARE * surface.size_mm
     there = _one_way_bound_mm(surface, rotation, shift_mm, allowed)
     if there is None:
@@ -175,7 +175,7 @@ def congruence_bound_mm(
 
 
 def surface_distance_bound_mm(one: SurfaceDistance, other: SurfaceDistance, within_mm: float) -> float | None:
-    """How far two surfaces are apart: as `surface_apart_mm`, of two solids as they are."""
+    """Bound on the distance of two solids as they are, as `solid_congruence_bound_mm` has it."""
     rounding = _ROUNDING_SHARE * max(one.size_mm, other.size_mm)
     close, allowed = _ZERO_SHARE * one.size_mm, within_mm - rounding
     there = _piece_bound_mm(one, other.corners_mm, other.normal, 0.0, close, allowed, alike=False)
@@ -188,7 +188,7 @@ def surface_distance_bound_mm(one: SurfaceDistance, other: SurfaceDistance, with
 def _one_way_bound_mm(
     surface: SurfaceDistance, rotation: Floats, shift: Floats, within: float
 ) -> float | None:
-    """How far no point of the moved surface is from the surface; None if beyond a distance or unproven."""
+    """Bound on the distance of the moved surface's points from the surface; None beyond or unproven."""
     if within <= 0:
         return None
     close = min(_ZERO_SHARE * surface.size_mm, within)
@@ -309,7 +309,7 @@ def _split_at_zero(pieces: Floats, inside: Floats) -> tuple[Floats, Ints]:
 
 
 def _has_extent(parts: Floats) -> Bools:
-    """Whether parts (k, 3, 3) are triangles; those without area lie on the side of another part."""
+    """Mark parts (k, 3, 3) that are triangles; those without area lie on the side of another part."""
     area = np.linalg.norm(np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]), axis=1)
     result: Bools = np.asarray(area > 0)
     return result

@@ -91,7 +91,7 @@ def check_unfolded(root: Element, path: Path) -> None:
 
 
 def _within(element: Element, named: dict[str, Element]) -> list[Element]:
-    """What is drawn where an element is."""
+    """State of drawing within an element."""
     inner = list(element)
     if element.tag.rpartition("}")[2] == "use":
         hrefs = (value for key, value in element.attrib.items() if key.rpartition("}")[2] == "href")
@@ -173,7 +173,7 @@ def parse_svg(path: Path) -> ElementTree.Element:
 
 
 def page_of(root: ElementTree.Element, units: str | None, path: Path) -> SvgPage:
-    """How large a user unit is: by width, height and viewBox, or what `units` says where they have no unit.
+    """Size of a user unit by width, height and viewBox, or by `units` where they have no unit.
 
     Raises InputError where neither says it, or both do differently.
     """

@@ -143,7 +143,7 @@ class CalibrationFile(FileModel):
 
 
 def calibration_path(rig: Path) -> Path:
-    """Where the calibration of a rig file lies: beside it, `bench.toml` → `bench.calibration.toml`."""
+    """Path of a rig file's calibration, beside it: `bench.toml` → `bench.calibration.toml`."""
     return rig.with_name(f"{rig.stem}.calibration.toml")
 
 

@@ -211,7 +211,7 @@ class ArmPlaceCalibration(PlaceInHandFrame):
 
 
 def _by_key(key: str) -> Discriminator:
-    """Of which type of finger a table is: an arm's has `key`."""
+    """Discriminate the types of fingers by a key: an arm's table has `key`."""
 
     def kind(value: Any) -> str:
         is_arm = key in value if isinstance(value, dict) else hasattr(value, key)

@@ -29,7 +29,7 @@ from palpate.config.rig_servos import StageConfig
 
 
 def frame_offset_bound_mm(rig: RigFile, point_mm: tuple[float, float]) -> float:
-    """How far a point of the drawing may be off in a calibration's frame, by the bounds of all bases (mm).
+    """Bound on the offset of points of the drawing in a calibration's frame, by bounds of bases (mm).
 
     The frame is turned by no more than headings, or bases as seen from their middle, may be off: it is fitted
     to both by least squares. Its middle is off by the mean of the bases' bounds at most.
@@ -248,7 +248,7 @@ def _tip_and_array(found: PlaceCalibration | ArmPlaceCalibration) -> dict[str, M
 
 
 def _with_bounds(finger: FingerConfig, found: ContactBounds) -> FingerConfig:
-    """With bounds on contacts, in which those of radius, zero, travel and array's heading are contained."""
+    """Return the finger with contact bounds, which contain those of radius, zero, travel and heading."""
     if isinstance(finger, SlideFingerConfig):
         finger = _replace_in_tables(finger, slide={"zero_bound_mm": 0.0, "mm_per_turn_spread": 0.0})
     return _replace_in_tables(
@@ -266,7 +266,7 @@ def _replace_in_tables(finger: _FingerT, **tables: Mapping[str, object]) -> _Fin
 
 
 def _table_geometry(model: FileModel | None) -> object:
-    """What a table says of how something is built, as plain values."""
+    """Return what a table says of how something is built, as plain values."""
     return None if model is None else _geometry(model.model_dump(mode="json", exclude_defaults=True))
 
 

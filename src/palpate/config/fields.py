@@ -79,7 +79,7 @@ Bounded = Annotated[tuple[Number, Number], AfterValidator(in_order)]
 
 
 def plugin(group: str, name: str, built_in: Iterable[str], *place: str) -> object:
-    """What a plug-in registers as `name` in `group`; a validator's error at `place` if none does."""
+    """Return what a plug-in registers as `name` in `group`; a validator's error at `place` if none does."""
     try:
         return load_extension(group, name, built_in)
     except InputError as error:
@@ -185,7 +185,7 @@ Hash = Annotated[
 
 
 def covariance_of(unknowns: int) -> AfterValidator:
-    """Of a `Matrix`: refuse what cannot be the covariance of so many unknowns."""
+    """Validate a `Matrix`: refuse what cannot be the covariance of so many unknowns."""
 
     def checked(rows: list[list[float]]) -> list[list[float]]:
         if [len(row) for row in rows] != [unknowns] * unknowns:

@@ -40,7 +40,7 @@ _FORMAT_PATTERN = re.compile(
 
 
 def describe_other_format(name: str, text: str, wanted: str) -> str | None:
-    """What a file is that cannot be read as the format `wanted`; None: one of this with a fault, perhaps."""
+    """Describe a file that is not of the format `wanted`; None: one of this with a fault, perhaps."""
     if PurePath(name).suffix.lower() in _CAD_SUFFIXES:
         rest = f"`palpate objects import {name}` makes object models of it"
         return f"is a CAD file; {rest if wanted == _OBJECTS_FORMAT else f'needed here: {excerpt(wanted)}'}"
@@ -107,7 +107,7 @@ def read_json(path: str | os.PathLike[str]) -> Content:
 
 
 def source_name(source: Source) -> str:
-    """What messages call the file: its path as the user gave it."""
+    """Name of the file in messages: its path as the user gave it."""
     return os.fspath(source) if isinstance(source, str | os.PathLike) else source.name
 
 

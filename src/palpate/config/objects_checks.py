@@ -107,7 +107,7 @@ def _overlapping(sections: Sequence[SectionText]) -> Iterator[tuple[int, int]]:
 
 
 def _heights_problems(state: StateText, place: Place) -> Iterator[Finding]:
-    """Whether a state's height, the heights at which it is known, and its sections go together."""
+    """Find where a state's height, the heights at which it is known, and its sections disagree."""
     if state.height is None:
         if state.heights is not None:
             yield place, 'has "heights" but no "height": how high the part is must be known then'
@@ -181,7 +181,7 @@ def _outline_problems(outline: Outline, place: Place) -> Iterator[Finding]:
 
 def _polygon_ring(outline: Outline) -> Floats:
     """The polygon that an outline is, or one that stands for its curves finely."""
-    return flat_curve(outline, _STRAY_MM, facets_for([outline], _STRAY_MM)).ring
+    return flat_curve(outline, _STRAY_MM, facets_for([outline], _STRAY_MM))[0]
 
 
 _MAX_BEND_MM = 1e-7
@@ -258,7 +258,7 @@ def _reduce_outline(outline: Outline) -> tuple[Outline, int, int]:
 
 
 def _collinear(points: Floats, bent: Bools) -> Bools:
-    """Which points (n, 2) lie between their neighbours; `bent` (n,): an arc runs to the next point."""
+    """Mark points (n, 2) that lie between their neighbours; `bent` (n,): an arc runs to the next point."""
     before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
     across = before + after
     aside = np.abs(across[:, 0] * before[:, 1] - across[:, 1] * before[:, 0])

@@ -195,7 +195,7 @@ def _read_objects(source: Source) -> ObjectsFile:
 
 
 def _read_large(source: str | os.PathLike[str]) -> ObjectsFile:
-    """What was kept of a file of the same content, or else what a process with limits reads of it."""
+    """Read what was kept of a file of the same content, or let a process with limits read it."""
     content, cache = read_json(source), user_cache()
     kind = f"objects-{code_digest('palpate.config', 'palpate.base.geometry')}-{_LIBRARY}"
     key = hashlib.sha256(content.data).hexdigest()
@@ -256,8 +256,10 @@ def _state(state: StateText, stray_mm: float) -> State:
         for outline in (polygon.outer, *polygon.holes)
     ]
     facets = facets_for(outlines, stray_mm)
-    flat = [flat_curve(outline, stray_mm, facets) for outline in outlines]
-    rings = iter(item.ring for item in flat)
+    found, off_mm, turn_rad = zip(
+        *(flat_curve(outline, stray_mm, facets) for outline in outlines), strict=True
+    )
+    rings = iter(found)
     sections = tuple(
         Section(section.z, tuple(_polygon(polygon, rings) for polygon in section.polygons))
         for section in state.sections
@@ -271,8 +273,8 @@ def _state(state: StateText, stray_mm: float) -> State:
         state.height,
         heights,
         state.normal_bound,
-        max(item.off_mm for item in flat),
-        max(item.turn_rad for item in flat),
+        max(off_mm),
+        max(turn_rad),
         tuple(np.array(ring, dtype=np.float64) for ring in state.side or () if len(ring) > 2),
     )
 

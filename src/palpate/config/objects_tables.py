@@ -15,7 +15,7 @@ from pydantic import Discriminator, Field, Tag
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Circle, Curve, Floats
-from palpate.base.geometry.object_model import FacetedCurve, arcs_polygon, circle_facets, circle_polygon
+from palpate.base.geometry.object_model import Faceted, arcs_polygon, circle_facets, circle_polygon
 from palpate.config.fields import (
     Bounded,
     Coordinate,
@@ -104,34 +104,34 @@ def curve_of(outline: Outline) -> Curve | None:
 
 
 def outline_edges(outline: Outline) -> int:
-    """How many edges an outline has; a circle is one."""
+    """Number of edges of an outline; a circle is one."""
     return 1 if isinstance(outline, CircleText) else len(outline)
 
 
 def stray_for_mm(tolerance_mm: float) -> float:
-    """How far facets may stray from curves of an object with some tolerance."""
+    """Distance that facets may stray from curves of an object with some tolerance."""
     return float(np.clip(_STRAY_SHARE * tolerance_mm, _MIN_STRAY_MM, _MAX_STRAY_MM))
 
 
 def facets_for(outlines: Iterable[Outline], stray_mm: float) -> int:
-    """How many facets the largest circle among outlines needs; all of a state have as many. 0: no circle."""
+    """Number of facets that the largest of a state's circles needs: all have as many. 0: no circle."""
     circles = [curve for curve in map(curve_of, outlines) if isinstance(curve, Circle)]
     return max((circle_facets(circle.radius_mm, stray_mm) for circle in circles), default=0)
 
 
-def flat_curve(outline: Outline, stray_mm: float, facets: int) -> FacetedCurve:
+def flat_curve(outline: Outline, stray_mm: float, facets: int) -> Faceted:
     """The polygon that stands for an outline; circles get so many `facets`."""
     curve = curve_of(outline)
     if curve is None:
         assert not isinstance(outline, CircleText), "has a curve"
-        return FacetedCurve(_array(outline, 2), 0.0, 0.0)
+        return _array(outline, 2), 0.0, 0.0
     flat = circle_polygon(curve, facets) if isinstance(curve, Circle) else arcs_polygon(curve, stray_mm)
-    flat.ring.setflags(write=False)
+    flat[0].setflags(write=False)
     return flat
 
 
 def outline_text(ring: Floats, curve: Curve | None) -> object:
-    """What stands in the file for a ring (n, 2), or for the curve that it stands for."""
+    """Text in the file for a ring (n, 2), or for the curve that it stands for."""
     if curve is None:
         return [(x, y) for x, y in ring.tolist()]
     if isinstance(curve, Circle):
@@ -271,7 +271,7 @@ def _layout(value: Any, indent: int) -> str:
 
 
 def _fill_lines(parts: list[str], width: int) -> list[str]:
-    """As many parts to a line as fit; those of several lines begin one of their own."""
+    """Join as many parts to a line as fit; those of several lines begin one of their own."""
     lines = parts[:1]
     for part in parts[1:]:
         if len(lines[-1]) + len(part) + 2 <= width and "\n" not in lines[-1] + part:

@@ -67,7 +67,7 @@ def polygons_problem(
 
 
 def _earlier(tree: shapely.STRtree, shape: shapely.Polygon, number: int) -> list[int]:
-    """Which of the shapes before this one it intersects, in their order."""
+    """Numbers of the shapes before this one that it intersects, in their order."""
     met = tree.query(shape, predicate="intersects")
     return sorted(met[met < number].tolist())
 

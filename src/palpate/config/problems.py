@@ -25,7 +25,7 @@ TAG = "type="
 
 
 def child(value: object, step: str | int) -> object:
-    """What is below a key, or at an index, of a value from a file; None if there is nothing."""
+    """Return what is below a key, or at an index, of a value from a file; None if there is nothing."""
     if isinstance(step, str):
         return value.get(step) if isinstance(value, dict) else None
     return value[step] if isinstance(value, list | tuple) and step < len(value) else None
@@ -76,7 +76,7 @@ def _union_members(kind: Any) -> dict[str, Any]:
 
 
 def is_tag(step: str | int) -> bool:
-    """Whether a step of an error's place is a tag."""
+    """True if a step of an error's place is a tag."""
     return isinstance(step, str) and step.startswith(TAG)
 
 
@@ -169,7 +169,7 @@ def problem(message: str, *place: str | int) -> PydanticCustomError:
 
 
 def refuse(source: str, problems: Sequence[Problem]) -> InputError:
-    """What to raise for a file: the first problem, and a note, which is a line, for each of the others.
+    """Make the error of a file: the first problem, and a note, which is a line, for each of the others.
 
     The same problem in several places is one. Beyond ten a line says how many more there are; of a hundred
     places, that there may be still more.
@@ -255,7 +255,7 @@ def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
 def problems_of(
     error: ValidationError, model: type[BaseModel], data: object, nouns: Mapping[str, str]
 ) -> list[Problem]:
-    """What `error` found in `data`: unknown keys first, since they may be the cause of the others.
+    """List what `error` found in `data`: unknown keys first, since they may be the cause of the others.
 
     A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
     """

@@ -380,7 +380,7 @@ class RigFile(FileModel):
 
     @property
     def emulated(self) -> bool:
-        """Whether the devices are emulated rather than real."""
+        """True if the devices are emulated rather than real."""
         return self.emulation is not None
 
 

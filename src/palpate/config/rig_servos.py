@@ -204,7 +204,7 @@ class SlideConfig(ServoConfig):
         return self.mm_per_turn / (2 * math.pi)
 
     def off_mm(self, distance_mm: float) -> float:
-        """How far zero and travel per turn may put the tip off, where it should be at a distance."""
+        """Distance by which zero and travel per turn may put the tip off at some distance."""
         return self.zero_bound_mm + self.mm_per_turn_spread * abs(distance_mm - self.zero_mm)
 
     def _turn(self, distance_mm: float) -> float:

@@ -14,7 +14,7 @@ _MAX_BALL_BOUND_SHARE = 0.1
 
 
 def _half_of_width(data: dict[str, Any]) -> float:
-    """What a pad's radius is if a file does not say; others must."""
+    """Radius of a pad if a file does not give it; others must."""
     return (data.get("width_mm") or 0.0) / 2
 
 
@@ -90,12 +90,12 @@ class TipConfig(FileModel):
 
     @property
     def is_ball(self) -> bool:
-        """Whether it is a ball."""
+        """True if it is a ball."""
         return self.shape == "ball"
 
     @property
     def is_pad(self) -> bool:
-        """Whether it is a flat pad."""
+        """True if it is a flat pad."""
         return self.shape == "pad"
 
     @property
@@ -111,10 +111,10 @@ class TipConfig(FileModel):
 
     @property
     def half_length_mm(self) -> float:
-        """From a cylinder's middle to either end; 0 for one that is taken to be as thin as a disc."""
+        """Distance from a cylinder's middle to either end; 0 for one that is as thin as a disc."""
         return (self.length_mm or 0.0) / 2
 
     @property
     def half_height_mm(self) -> float:
-        """From the tip's middle to its highest and lowest point."""
+        """Distance from the tip's middle to its highest and lowest point."""
         return self.radius_mm if self.is_ball else self.half_length_mm

@@ -35,33 +35,25 @@ The bulge is the tangent of a quarter of an arc's angle, positive for one that t
 """
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FacetedCurve:
-    """The polygon `ring` (n, 2) that stands for a curve, mm.
-
-    Points of one are within `off_mm` of the other, and normals there within `turn_rad`.
-    """
-
-    ring: Floats
-    off_mm: float
-    turn_rad: float
+Faceted = tuple[Floats, float, float]
+"""Polygon (n, 2) mm that stands for a curve, by how much points of either are off, and normals there, rad."""
 
 
 def circle_facets(radius_mm: float, stray_mm: float) -> int:
-    """How many facets keep the sagitta of a circle at `stray_mm` or below: a multiple of 48, up to 720."""
+    """Number of facets that keep a circle's sagitta at `stray_mm` or below: a multiple of 48, up to 720."""
     half = math.acos(max(1.0 - stray_mm / radius_mm, -1.0))
     return min(math.ceil(math.pi / half / _LEAST_FACETS) * _LEAST_FACETS, _MOST_FACETS)
 
 
-def circle_polygon(circle: Circle, facets: int) -> FacetedCurve:
+def circle_polygon(circle: Circle, facets: int) -> Faceted:
     """A regular polygon with its vertices on the circle, counter-clockwise."""
     angle = 2 * np.pi * np.arange(facets) / facets
     ring = np.array(circle.centre_mm) + circle.radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
     half = math.pi / facets
-    return FacetedCurve(ring, circle.radius_mm * (1.0 - math.cos(half)), half)
+    return ring, circle.radius_mm * (1.0 - math.cos(half)), half
 
 
-def arcs_polygon(points: Floats, stray_mm: float) -> FacetedCurve:
+def arcs_polygon(points: Floats, stray_mm: float) -> Faceted:
     """Points (n, 3) with bulges as a polygon; its facets' sagittas are `stray_mm` at most."""
     parts, off, turn = [], 0.0, 0.0
     for (x, y, bulge), (end_x, end_y, _) in zip(points, np.roll(points, -1, axis=0), strict=True):
@@ -82,7 +74,7 @@ def arcs_polygon(points: Floats, stray_mm: float) -> FacetedCurve:
         half = abs(angle) / count / 2
         off, turn = max(off, radius * (1.0 - math.cos(half))), max(turn, half)
     ring = np.concatenate(parts)
-    return FacetedCurve(np.column_stack([ring.real, ring.imag]), off, turn)
+    return np.column_stack([ring.real, ring.imag]), off, turn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +144,7 @@ class State(ShortRepr):
 
     @property
     def is_round(self) -> bool:
-        """Whether it looks the same however it is turned: all outlines are circles about one centre."""
+        """True if it looks the same however it is turned: all outlines are circles about one centre."""
         curves = [
             curve
             for section in self.sections
@@ -170,11 +162,11 @@ class State(ShortRepr):
         return max(part.z_mm[1] for part in self.sections) if self.height_mm is None else self.height_mm
 
     def known_at(self, height_mm: float) -> bool:
-        """Whether the section at a height is known; above the part it is: there is none."""
+        """True if the section at a height is known; above the part it is: there is none."""
         return self.known_within((height_mm, height_mm))
 
     def known_within(self, span_mm: tuple[float, float]) -> bool:
-        """Whether the sections are known at all heights of a span (from, to)."""
+        """True if the sections are known at all heights of a span (from, to)."""
         at, end = span_mm
         if self.heights_mm is None or at > self.top_mm:
             return True

@@ -53,7 +53,7 @@ def orient_ring(ring: Floats, sign: float) -> Floats:
 
 
 def points_in_polygon(points: Floats, rings: Iterable[Floats]) -> Bools:
-    """Which points (n, 2) the rings, each (m, 2), enclose by the even-odd rule.
+    """Mark points (n, 2) that the rings, each (m, 2), enclose by the even-odd rule.
 
     A ray to +x from an enclosed point crosses an odd number of edges.
     """
@@ -109,7 +109,7 @@ def distance_range(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, 
 def capsule_interval(
     origin: Floats, heading: Floats, start: Floats, direction: Floats, length: Floats, radius: Floats
 ) -> tuple[Floats, Floats]:
-    """Where the lines origin + τ·heading are within `radius` of segments; shapes broadcast, vectors (…, 2).
+    """Interval of τ in which lines origin + τ·heading are within `radius` of segments; vectors (…, 2).
 
     A capsule is convex, so it is one interval [enter, leave] of τ; enter > leave where the line misses.
     """
