@@ -27,6 +27,7 @@ from palpate.config import (
     shipped_objects,
     shipped_rig,
 )
+from palpate.config.emulation import ConfigurationText
 from palpate.config.recognition_results import (
     HypothesisOut,
     InterpretationOut,
@@ -126,8 +127,9 @@ def test_a_scene_finds_its_objects_beside_itself(tmp_path: Path) -> None:
         "objects": "other.json",
     }
     scene = load_scene(write(tmp_path, content))
-    assert (scene.x_mm, scene.y_mm, scene.theta_rad, scene.state) == (1.0, -2.5, 0.3, None)
-    assert scene.objects == tmp_path / "other.json"
+    assert scene.configuration == ConfigurationText(x=1.0, y=-2.5, theta=0.3)
+    assert scene.state is None
+    assert scene.objects == str(tmp_path / "other.json")
     with pytest.raises(InputError, match=r"configuration.theta: is nan; it must be a finite number"):
         load_scene(write(tmp_path, content | {"configuration": {"x": 0, "y": 0, "theta": math.nan}}))
 
@@ -195,9 +197,12 @@ def part_on_the_table() -> shapely.Polygon:
     (model,) = [m for m in load_objects(shipped_objects()).objects if m.name == scene.object]
     (state,) = [s for s in model.states if s.name == scene.state]
     turned = affinity.rotate(
-        shapely.Polygon(state.sections[0].polygons[0].outer), scene.theta_rad, origin=(0, 0), use_radians=True
+        shapely.Polygon(state.sections[0].polygons[0].outer),
+        scene.configuration.theta,
+        origin=(0, 0),
+        use_radians=True,
     )
-    return affinity.translate(turned, scene.x_mm, scene.y_mm)
+    return affinity.translate(turned, scene.configuration.x, scene.configuration.y)
 
 
 @pytest.mark.parametrize("contact", [c for c in CONTACTS if c.touched])

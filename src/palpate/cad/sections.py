@@ -155,6 +155,90 @@ class _Trial:
 _Slab = tuple[tuple[float, float], _Trial]
 
 
+@dataclass(frozen=True, eq=False)
+class _SlabSearch:
+    """Search for slabs below a height `high` of a surface, within a `budget` (mm) of deviation.
+
+    `peaks` (k,): heights at which some part of the surface begins or ends.
+    """
+
+    surface: RestingSurface
+    high: float
+    peaks: Floats
+    budget: float
+
+    def begin_lower(
+        self, last: _Slab, here: tuple[float, _Trial]
+    ) -> tuple[_Slab, tuple[float, float], _Trial]:
+        """The slab before and the one that follows it, if none is found that begins where that one ends.
+
+        What is proven of a slab is proven of a part of it: the next one may begin in it, and get over a
+        height at which none can begin. `here`: end and trial of the one that failed, which comes back if no
+        other does.
+        """
+        (begin, end), proven = last
+        for share in _SOONER_SHARES:
+            at = begin + share * (end - begin)
+            to, trial = self.highest_slab(at, 2 * (end - at))
+            if not trial.problem and to > end + _LEAST_SLAB_MM:
+                return ((begin, at), proven), (at, to), trial
+        return last, (end, here[0]), here[1]
+
+    def highest_slab(self, at: float, height: float) -> tuple[float, _Trial]:
+        """The end of the highest slab from `at` that is found in a few tries, up to `high`.
+
+        The first guess is `height`. How far an outline is off tells by how much to change it;
+        where that says nothing, because something begins or ends in the slab, it may have to end at a peak.
+        """
+        good: tuple[float, _Trial] | None = None
+        bad = np.inf
+        to = min(self.high, at + height)
+        if self.high - to < 0.2 * height:
+            to = self.high
+        tries = 0
+        while True:
+            trial = _try_outline(self.surface, at, to, self.budget)
+            tries += 1
+            if not trial.problem:
+                good = (to, trial)
+                if to == self.high or trial.drift_mm >= _ENOUGH_SHARE * self.budget or tries >= _MAX_TRIES:
+                    return good
+            else:
+                bad = to
+            if good is not None and (tries >= _MAX_TRIES or bad - good[0] < 0.04 * (good[0] - at)):
+                return good
+            if good is None and bad - at < _LEAST_SLAB_MM:
+                return bad, trial
+            to = self._next_end(at, good, bad, trial, tries)
+
+    def _next_end(
+        self, at: float, good: tuple[float, _Trial] | None, bad: float, trial: _Trial, tries: int
+    ) -> float:
+        """The end to be tried next, between one that is good, if any, and one that is bad, if any.
+
+        What an outline is off need not shrink with the slab: after a second bad try it is lowered by more.
+        """
+        least = at if good is None else good[0]
+        tried = bad if trial.problem else least
+        if 0 < trial.drift_mm < np.inf:
+            ratio = _AIM_SHARE * self.budget / trial.drift_mm
+            power = min(tries, 2) if good is None else 1
+            guess = at + (tried - at) * min(max(ratio**power, 0.1), _MAX_GROWTH)
+        else:
+            between = (
+                self.peaks[(self.peaks > least) & (self.peaks < bad)] if bad < np.inf else self.peaks[:0]
+            )
+            guess = float(between[len(between) // 2]) if len(between) else np.inf
+        if bad == np.inf:
+            return self.high if self.high - guess < 0.2 * (guess - at) else min(guess, self.high)
+        margin = 0.02 * (bad - least)
+        if good is None and self.budget < trial.drift_mm < np.inf:
+            guess = min(guess, bad - 2 * margin)
+        if least + margin < guess < bad - margin:
+            return guess
+        return (least + bad) / 2 if good is not None else at + (bad - at) / 4
+
+
 def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> Iterator[_Slab]:
     """Slabs that tile a range, each as high as can be; those with a problem have no outline.
 
@@ -164,13 +248,14 @@ def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> 
     breaks = breaks[(breaks > begin + SAME_HEIGHT_MM) & (breaks < end - SAME_HEIGHT_MM)]
     peaks = surface.peaks()
     for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
+        search = _SlabSearch(surface, high, peaks, budget)
         at, height, skip, thin, likely = low, high - low, _THIN_SLAB_MM, 0, 2 * _AIM_SHARE * budget
         last: _Slab | None = None  # it may yet have to end sooner
         while at < high:
             height = max(_foreseen_height(surface, at, at + height, likely), _THIN_SLAB_MM)
-            to, trial = _highest_slab(surface, at, high, height, peaks, budget)
+            to, trial = search.highest_slab(at, height)
             if trial.problem and last is not None and not last[1].problem:
-                last, (at, to), trial = _begin_lower(surface, last, (to, trial), high, peaks, budget)
+                last, (at, to), trial = search.begin_lower(last, (to, trial))
             likely = _likely_drift(surface, at, to, trial, budget)
             thin = thin + 1 if to - at < _THIN_SLAB_MM and to < high else 0
             if trial.problem or thin > _MOST_THIN_SLABS:
@@ -185,28 +270,6 @@ def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> 
             at, height = to, _MAX_GROWTH * max(to - at, _THIN_SLAB_MM)
         if last is not None:
             yield last
-
-
-def _begin_lower(
-    surface: RestingSurface,
-    last: _Slab,
-    here: tuple[float, _Trial],
-    high: float,
-    peaks: Floats,
-    budget: float,
-) -> tuple[_Slab, tuple[float, float], _Trial]:
-    """The slab before and the one that follows it, if none is found that begins where that one ends.
-
-    What is proven of a slab is proven of a part of it: the next one may begin in it, and get over a height
-    at which none can begin. `here`: end and trial of the one that failed, which comes back if no other does.
-    """
-    (begin, end), proven = last
-    for share in _SOONER_SHARES:
-        at = begin + share * (end - begin)
-        to, trial = _highest_slab(surface, at, high, 2 * (end - at), peaks, budget)
-        if not trial.problem and to > end + _LEAST_SLAB_MM:
-            return ((begin, at), proven), (at, to), trial
-    return last, (end, here[0]), here[1]
 
 
 def _foreseen_height(surface: RestingSurface, at: float, high: float, likely_mm: float) -> float:
@@ -238,69 +301,6 @@ def _breaks(surface: RestingSurface, budget: float) -> Floats:
     gap = np.flatnonzero(low[1:] > high[:-1] + SAME_HEIGHT_MM)
     bounds = np.concatenate([low[:1], high[gap], low[gap + 1], high[-1:]])
     return np.unique(np.concatenate([faces, bounds]))
-
-
-def _highest_slab(
-    surface: RestingSurface, at: float, high: float, height: float, peaks: Floats, budget: float
-) -> tuple[float, _Trial]:
-    """The end of the highest slab from `at` that is found in a few tries, up to `high`.
-
-    The first guess is `height`. How far an outline is off tells by how much to change it;
-    where that says nothing, because something begins or ends in the slab, it may have to end at a peak.
-    """
-    good: tuple[float, _Trial] | None = None
-    bad = np.inf
-    to = min(high, at + height)
-    if high - to < 0.2 * height:
-        to = high
-    tries = 0
-    while True:
-        trial = _try_outline(surface, at, to, budget)
-        tries += 1
-        if not trial.problem:
-            good = (to, trial)
-            if to == high or trial.drift_mm >= _ENOUGH_SHARE * budget or tries >= _MAX_TRIES:
-                return good
-        else:
-            bad = to
-        if good is not None and (tries >= _MAX_TRIES or bad - good[0] < 0.04 * (good[0] - at)):
-            return good
-        if good is None and bad - at < _LEAST_SLAB_MM:
-            return bad, trial
-        to = _next_end(at, high, good, bad, trial, tries, peaks, budget)
-
-
-def _next_end(
-    at: float,
-    high: float,
-    good: tuple[float, _Trial] | None,
-    bad: float,
-    trial: _Trial,
-    tries: int,
-    peaks: Floats,
-    budget: float,
-) -> float:
-    """The end to be tried next, between one that is good, if any, and one that is bad, if any.
-
-    What an outline is off need not shrink with the slab: after a second bad try it is lowered by more.
-    """
-    least = at if good is None else good[0]
-    tried = bad if trial.problem else least
-    if 0 < trial.drift_mm < np.inf:
-        ratio = _AIM_SHARE * budget / trial.drift_mm
-        power = min(tries, 2) if good is None else 1
-        guess = at + (tried - at) * min(max(ratio**power, 0.1), _MAX_GROWTH)
-    else:
-        between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
-        guess = float(between[len(between) // 2]) if len(between) else np.inf
-    if bad == np.inf:
-        return high if high - guess < 0.2 * (guess - at) else min(guess, high)
-    margin = 0.02 * (bad - least)
-    if good is None and budget < trial.drift_mm < np.inf:
-        guess = min(guess, bad - 2 * margin)
-    if least + margin < guess < bad - margin:
-        return guess
-    return (least + bad) / 2 if good is not None else at + (bad - at) / 4
 
 
 def _try_outline(surface: RestingSurface, low: float, high: float, budget: float) -> _Trial:

@@ -65,7 +65,8 @@ def scene_files(scene: Path | None) -> dict[str, Path | None]:
     """The scene and the objects file that it names. Raises InputError for a scene that is wrong."""
     from palpate.config import load_scene
 
-    return {"--scene": scene, "the scene's objects": None if scene is None else load_scene(scene).objects}
+    objects = None if scene is None else load_scene(scene).objects
+    return {"--scene": scene, "the scene's objects": None if objects is None else Path(objects)}
 
 
 def session_files(session: Path | None) -> dict[str, Path | None]:

@@ -36,7 +36,7 @@ from palpate.config.problems import problem
 
 
 class FitQuality(FileModel):
-    """How well what was fitted agrees with its touches."""
+    """Agreement of what was fitted with its touches."""
 
     rms_mm: MeasuredLength = Field(description="Root mean square of fitted touches' residuals.")
     touches: Count = Field(description="Touches that were fitted.")
@@ -48,7 +48,7 @@ class FitQuality(FileModel):
 
 
 class StageCalibration(FitQuality):
-    """What was found of the turning stage, and how well touches at its angles agree with that."""
+    """Calibration of the turning stage, and how well touches at its angles agree with it."""
 
     centre_mm: tuple[Measured, Measured] = Field(description="[x, y] of the ring's axis in the hand frame.")
     centre_sigma_mm: tuple[UpLength, UpLength] = Field(description="Standard deviations of centre_mm.")
@@ -90,7 +90,7 @@ class TouchResidual(FileModel):
 
 
 class Residuals(FitQuality):
-    """How well all fingers' places agree with the touches."""
+    """Agreement of all fingers' places with the touches."""
 
     largest_mm: MeasuredLength = Field(description="Largest residual of fitted touches, without its sign.")
     held_out: Count = Field(description="Touches that were only predicted.")
@@ -100,7 +100,7 @@ class Residuals(FitQuality):
 
 
 class CalibrationFile(FileModel):
-    """What calibration found of a rig, `palpate/calibration@1`."""
+    """Calibration of a rig, `palpate/calibration@1`."""
 
     format: Literal["palpate/calibration@1"] = "palpate/calibration@1"
     rig: Name = Field(description="Name of the rig.")

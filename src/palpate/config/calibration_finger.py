@@ -40,7 +40,7 @@ class UnusableTaxel(FileModel):
 
 
 class TactileCalibration(FileModel):
-    """What was found of a finger's array and of the skin under it."""
+    """Calibration of a finger's array and of the skin under it."""
 
     gain: Items[Items[Gain]] = Field(
         description="Relative gain of every taxel, row by row from the tip's lower end up; 1 where unknown."
@@ -91,7 +91,7 @@ class TactileCalibration(FileModel):
 
 
 class Overshoot(FileModel):
-    """How far a slide went on after a contact, at one speed."""
+    """Distance that a slide went on after a contact, at one speed."""
 
     speed_mm_s: MeasuredPositive = Field(description="Speed at the contact.")
     largest_mm: MeasuredLength = Field(description="The farthest that was seen.")
@@ -99,7 +99,7 @@ class Overshoot(FileModel):
 
 
 class StopsCalibration(FileModel):
-    """How a finger comes to stand at a contact."""
+    """Time and distance in which a finger comes to stand at a contact."""
 
     latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
     latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
@@ -110,7 +110,7 @@ class StopsCalibration(FileModel):
 
 
 class SlideCalibration(FileModel):
-    """What was found of a slide."""
+    """Calibration of a slide."""
 
     direction_confirmed: Flag = Field(description="It was seen to move the way the rig file says.")
     mm_per_turn: TravelPerTurn = Field(description="Travel per servo turn; as described if not homed.")
@@ -138,7 +138,7 @@ class SlideCalibration(FileModel):
 
 
 class RotaryCalibration(FileModel):
-    """What was found of a servo that turns a finger: an aim, or a joint of an arm."""
+    """Calibration of a servo that turns a finger: an aim, or a joint of an arm."""
 
     direction_confirmed: Flag = Field(description="It was seen to turn the way the rig file says.")
     backlash_deg: MeasuredLength = Field(description="Play, either way.")
@@ -147,14 +147,14 @@ class RotaryCalibration(FileModel):
 
 
 class ActuatorsCalibration(FileModel):
-    """What was found of the servos of an aim and slide finger and what they drive."""
+    """Calibration of the servos of an aim and slide finger and what they drive."""
 
     slide: SlideCalibration = Field(description="The slide.")
     aim: RotaryCalibration = Field(description="The aim.")
 
 
 class ArmActuatorsCalibration(FileModel):
-    """What was found of the servos of an arm."""
+    """Calibration of the servos of an arm."""
 
     shoulder: RotaryCalibration = Field(description="The shoulder.")
     elbow: RotaryCalibration = Field(description="The elbow.")
@@ -162,7 +162,7 @@ class ArmActuatorsCalibration(FileModel):
 
 
 class PlaceInHandFrame(FileModel):
-    """Where a finger of any type stands in the hand frame W."""
+    """Place of a finger of any type in the hand frame W."""
 
     base_mm: tuple[Measured, Measured] = Field(description="[x, y] of the aim's or shoulder's axis.")
     base_sigma_mm: tuple[UpLength, UpLength] = Field(description="Standard deviations of base_mm.")
@@ -180,7 +180,7 @@ class PlaceInHandFrame(FileModel):
 
 
 class PlaceCalibration(PlaceInHandFrame):
-    """Where an aim and slide finger stands, with what belongs to it in the same fit."""
+    """Place of an aim and slide finger, with what belongs to it in the same fit."""
 
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
@@ -194,7 +194,7 @@ class PlaceCalibration(PlaceInHandFrame):
 
 
 class ArmPlaceCalibration(PlaceInHandFrame):
-    """Where an arm stands, with what belongs to it in the same fit."""
+    """Place of an arm, with what belongs to it in the same fit."""
 
     upper_mm: MeasuredPositive = Field(description="From the shoulder's axis to the elbow's.")
     upper_sigma_mm: UpLength = Field(description="Standard deviation of upper_mm.")
@@ -235,7 +235,7 @@ FingerPlace = Annotated[
 
 
 class PositionParts(FileModel):
-    """What the bound on the tip centre's place is made of, mm."""
+    """Parts of the bound on the tip centre's place, mm."""
 
     fit: UpLength = Field(description="Place, heading, radius and zero, as well as the fit knows them.")
     repeatability: UpLength = Field(description="What touches of the same place differ by.")
@@ -245,7 +245,7 @@ class PositionParts(FileModel):
 
 
 class DirectionParts(FileModel):
-    """What the bound on the direction that carries the array is made of, degrees."""
+    """Parts of the bound on the direction that carries the array, degrees."""
 
     fit: UpLength = Field(description="The finger's and the array's headings, as the fits know them.")
     repeatability: UpLength = Field(description="What touches of the same place differ by.")
@@ -254,7 +254,7 @@ class DirectionParts(FileModel):
 
 
 class ContactBounds(FileModel):
-    """How far off a contact of this finger may be, at the file's coverage."""
+    """Bounds on a contact of this finger, at the file's coverage."""
 
     position_mm: UpPositive = Field(description="Bound on the tip centre's place anywhere in the workspace.")
     direction_deg: Annotated[UpPositive, Field(le=45)] = Field(

@@ -10,7 +10,7 @@ from palpate.config.result_model import Interval, Out, Rounded
 
 
 class FrameOut(Out):
-    """Where the model lies in the file: its point p is rotation · (point of the file, mm) + offset."""
+    """Place of the model in the file: its point p is rotation · (point of the file, mm) + offset."""
 
     rotation: tuple[tuple[Rounded, Rounded, Rounded], ...]
     offset: tuple[Rounded, Rounded, Rounded]
@@ -79,7 +79,7 @@ class ImportedFileOut(Out):
 
 
 class ImportOut(Out):
-    """What was read, what was made of it, and the objects file that it is in now.
+    """Files that were read, what was made of them, and the objects file that it is in now.
 
     `files`: of several files, what became of each; `objects` are those that were made anew.
     """
@@ -112,7 +112,7 @@ class RigHeightOut(Out):
 
 
 class RigHeightsOut(Out):
-    """What of a rig decides which states it can tell apart.
+    """Properties of a rig that decide which states it can tell apart.
 
     `contact_bound_mm`: how far off a contact may be at most, about the middle of the table.
     """
@@ -208,7 +208,7 @@ class ObjectsListingOut(Out):
 
 
 class ObjectsCheckOut(Out):
-    """What a rig's fingers cannot, or may not, tell apart. `pairs_compared`: of states, all with each other.
+    """States that a rig's fingers cannot, or may not, tell apart. `pairs_compared`: all with each other.
 
     `told_apart`: so many of them are told apart for certain, wherever the fingers can reach.
     """

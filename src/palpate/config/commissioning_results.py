@@ -7,7 +7,7 @@ from palpate.config.result_model import Out, Rounded
 
 
 class ScannedServoOut(Out):
-    """What answers to an id at a baud rate.
+    """Device that answers to an id at a baud rate.
 
     `model` is null for a model number that nobody knows, `model_number` and `firmware` also where every
     answer came broken. `crowded`: two servos or more seem to share the id. `owner`: what the rig file calls
@@ -58,7 +58,7 @@ class SerialPortsOut(Out):
 
 
 class SetupOutcome(StrEnum):
-    """How it ended for a servo."""
+    """End of a servo's set-up."""
 
     RIGHT = "right already"
     WRITTEN = "written"
@@ -68,7 +68,7 @@ class SetupOutcome(StrEnum):
 
 
 class FoundServoOut(Out):
-    """Where a servo answered, and its firmware."""
+    """Id and baud rate at which a servo answered, and its firmware."""
 
     id: int
     baudrate_bps: int
@@ -116,7 +116,7 @@ class StoppedServoOut(Out):
 
 
 class StopOut(Out):
-    """What was told, and what confirmed it.
+    """Devices that were told to stop, and what confirmed it.
 
     `told`: how often everybody was told to switch torque off. `taken`: another program had the port all the
     time, so that nobody could be asked; `servos` is empty then.

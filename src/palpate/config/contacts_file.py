@@ -27,7 +27,7 @@ def _normal_range(pair: tuple[float, float]) -> tuple[float, float]:
 
 
 class ApproachEntry(FileModel):
-    """How a finger came: a straight line of the tip's centre."""
+    """Way of a finger: a straight line of the tip's centre."""
 
     direction: Number = Field(description="Direction of travel, rad, counter-clockwise from +x of W.")
     start: Point = Field(description="Tip centre at the start, mm; nothing was touched there.")
@@ -67,20 +67,7 @@ class ContactEntry(FileModel):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
-        if self.tip_shape == "ball" and self.tip_length:
-            raise problem("is for cylinders; a ball has a radius only", "tip_length")
-        if self.tip_shape == "ball" and self.tip_radius > self.height:
-            raise problem(
-                f"is {self.tip_radius:g}, more than height ({self.height:g}), "
-                "so the ball would reach below the support plane",
-                "tip_radius",
-            )
-        if self.tip_length > 2 * self.height:
-            raise problem(
-                f"is {self.tip_length:g}: half of that is more than height ({self.height:g}), "
-                "so the tip would reach below the support plane",
-                "tip_length",
-            )
+        self._check_tip()
         if self.path_bound is not None and self.path_bound < self.position_bound:
             raise problem(
                 f"is {self.path_bound:g}, less than position_bound ({self.position_bound:g})", "path_bound"
@@ -101,6 +88,23 @@ class ContactEntry(FileModel):
             raise problem('a finger that touched nothing needs the key "end"', "approach")
         self._check_travel(self.approach.end, "approach", "end")
         return self
+
+    def _check_tip(self) -> None:
+        """Refuse a tip that would reach below the support plane, and a ball with a length."""
+        if self.tip_shape == "ball" and self.tip_length:
+            raise problem("is for cylinders; a ball has a radius only", "tip_length")
+        if self.tip_shape == "ball" and self.tip_radius > self.height:
+            raise problem(
+                f"is {self.tip_radius:g}, more than height ({self.height:g}), "
+                "so the ball would reach below the support plane",
+                "tip_radius",
+            )
+        if self.tip_length > 2 * self.height:
+            raise problem(
+                f"is {self.tip_length:g}: half of that is more than height ({self.height:g}), "
+                "so the tip would reach below the support plane",
+                "tip_length",
+            )
 
     def _check_travel(self, end: tuple[float, float], *place: str) -> None:
         """Refuse an end behind the start: direction and points contradict each other."""

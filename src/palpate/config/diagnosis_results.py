@@ -81,7 +81,7 @@ class BusLoopOut(Out):
 
 
 class BusCountsOut(Out):
-    """What the bus has been through during the check."""
+    """Faults of the bus during the check, counted."""
 
     instructions: int
     silent: int
@@ -164,7 +164,7 @@ class FingerHoldOut(Out):
 
 
 class HoldCheckOut(Out):
-    """What a part held when fingers pushed it, one at a time.
+    """Forces that a part held when fingers pushed it, one at a time.
 
     `part_holds_n`: the greatest force that a finger certainly pressed with, in two digits, rounded down. A
     part that slides by friction which is the same in all directions bears it through its middle. `least_n`:
@@ -205,7 +205,7 @@ class CheckOut(Out):
 
 
 class Cause(StrEnum):
-    """What is wrong with a set-up. Values stay as they are: programs may compare them."""
+    """Cause of a fault in a set-up. Values stay as they are: programs may compare them."""
 
     PORT_MISSING = "port-missing"
     PORT_FORBIDDEN = "port-forbidden"
@@ -279,14 +279,14 @@ DEVICE_CAUSES = frozenset(
 
 
 class Severity(StrEnum):
-    """How bad a finding is: with a warning a rig can be worked with."""
+    """Severity of a finding: with a warning a rig can be worked with."""
 
     WRONG = "wrong"
     WARNING = "warning"
 
 
 class Outcome(StrEnum):
-    """How a step ended: as its worst finding, or it was not carried out."""
+    """Outcome of a step: that of its worst finding, or it was not carried out."""
 
     WELL = "well"
     WARNING = "warning"

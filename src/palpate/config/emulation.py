@@ -5,7 +5,6 @@ the table. Only emulators see any of it. Ranges [lo, hi] are drawn from by the s
 """
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -20,7 +19,7 @@ Span = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 
 
 class AdapterConfig(FileModel):
-    """What USB adapters do to the bytes that pass, and when they go away. Ranges are drawn by the seed."""
+    """Delays and failures of USB adapters. Ranges are drawn by the seed."""
 
     latency_ms: Annotated[float, Field(strict=True, allow_inf_nan=False, ge=1, le=255)] = Field(
         default=1.0,
@@ -119,7 +118,7 @@ def _check_feet(count: int) -> int:
 
 
 class EmulatedPartConfig(FileModel):
-    """What moves the emulated part. A number, or [lo, hi] from which the seed draws."""
+    """Mechanics of the emulated part. A number, or [lo, hi] from which the seed draws."""
 
     engine: Literal["still", "quasi-static", "mujoco"] = Field(
         description="still: nothing moves it; quasi-static: it slides without inertia; mujoco: a rigid body "
@@ -138,7 +137,7 @@ class EmulatedPartConfig(FileModel):
 
 
 class ConfigurationText(FileModel):
-    """Where the object frame lies in the support-plane frame W."""
+    """Place of the object frame in the support-plane frame W."""
 
     x: Number = Field(description="mm")
     y: Number = Field(description="mm")
@@ -146,21 +145,21 @@ class ConfigurationText(FileModel):
 
 
 class PartProperties(FileModel):
-    """What is known of the part where `[emulation.part]` of the rig file would have it drawn."""
+    """Properties of the part that `[emulation.part]` of the rig file would have drawn."""
 
     mass_kg: Mass | None = Field(default=None, description="kg")
     friction: Friction | None = Field(default=None, description="Friction between part and table.")
 
 
-class SceneFile(FileModel):
-    """The file as it stands; source of the exported JSON Schema."""
+class Scene(FileModel):
+    """One object on the table, `palpate/scene@1`; `load_scene` seeks its `objects` beside the scene file."""
 
     format: Literal["palpate/scene@1"]
     object: Name = Field(description="Name of the object on the table.")
+    configuration: ConfigurationText
     state: Name | None = Field(
         default=None, description="Stable state; may be left out if there is one only."
     )
-    configuration: ConfigurationText
     objects: Text | None = Field(
         default=None, description="File the object comes from, beside this one; else the run's catalogue."
     )
@@ -170,23 +169,6 @@ class SceneFile(FileModel):
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """One object on the table: `state` None means its only one, `objects` None the run's catalogue.
-
-    `mass_kg` and `friction` (part on table): None as the rig file has them.
-    """
-
-    object: str
-    state: str | None
-    x_mm: float
-    y_mm: float
-    theta_rad: float
-    objects: Path | None
-    mass_kg: float | None = None
-    friction: float | None = None
-
-
 def load_scene(source: Source) -> Scene:
     """Read and check the scene in `source`; its `objects` path is taken from the scene file's folder.
 
@@ -194,15 +176,7 @@ def load_scene(source: Source) -> Scene:
         InputError: unreadable, wrong keys or values; one line.
 
     """
-    text = load_json(source, SceneFile, {})
-    folder = Path(source).parent if isinstance(source, str | os.PathLike) else Path()
-    return Scene(
-        object=text.object,
-        state=text.state,
-        x_mm=text.configuration.x,
-        y_mm=text.configuration.y,
-        theta_rad=text.configuration.theta,
-        objects=None if text.objects is None else folder / text.objects,
-        mass_kg=text.part.mass_kg,
-        friction=text.part.friction,
-    )
+    scene = load_json(source, Scene, {})
+    if scene.objects is None or not isinstance(source, str | os.PathLike):
+        return scene
+    return scene.model_copy(update={"objects": str(Path(source).parent / scene.objects)})

@@ -8,7 +8,7 @@ from palpate.config.result_model import BoundsOut, ConfigurationOut, Out, Rounde
 
 
 class Relation(StrEnum):
-    """How an alternative relates to the answer: another object or state, or the same state elsewhere."""
+    """Relation of an alternative to the answer: another object or state, or the same state elsewhere."""
 
     TWIN = "twin"
     SYMMETRY = "symmetry"
@@ -32,7 +32,7 @@ class AlternativeOut(Out):
 
 
 class TruthOut(Out):
-    """What the emulator had put on the table; written after the run, unknown to everything in it.
+    """Truth that the emulator had put on the table; written after the run, unknown to all within it.
 
     Of the configurations that the state's symmetry makes equal, the one nearest to the answer is given.
     `named`: object and state are among the answers; then the errors (mm, rad) are those of that answer and

@@ -38,7 +38,7 @@ _STRAY_SHARE, _MIN_STRAY_MM, _MAX_STRAY_MM = (
 
 
 class CircleSize(FileModel):
-    """Where a circle is, mm."""
+    """Centre and radius of a circle, mm."""
 
     centre: Point
     radius: Annotated[Positive, Field(le=1e6)]
@@ -192,7 +192,7 @@ class StateText(FileModel):
 
 
 class SourceText(FileModel):
-    """What an object was made from, so that it is made anew only when that has changed."""
+    """Origin of an imported object, so that it is made anew only when that has changed."""
 
     file: Text = Field(description="Seen from the folder of the objects file.")
     sha256: Annotated[str, Field(strict=True, pattern=r"^[0-9a-f]{64}$")] = Field(description="Of the file.")

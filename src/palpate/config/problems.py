@@ -298,11 +298,8 @@ def _plurals(nouns: Mapping[str, str]) -> list[str]:
     return [key for key, noun in nouns.items() if key == f"{noun}s"]
 
 
-def _sentence(  # noqa: PLR0911 - a table with logic
-    detail: ErrorDetails, model: type[BaseModel], data: object
-) -> str:
-    kind, place, value = detail["type"], detail["loc"], detail["input"]
-    context = detail.get("ctx", {})
+def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str:
+    kind, place, context = detail["type"], detail["loc"], detail.get("ctx", {})
     if kind == _OWN_TYPE:
         return str(context["text"])
     if kind == "extra_forbidden":
@@ -311,6 +308,15 @@ def _sentence(  # noqa: PLR0911 - a table with logic
         if isinstance(place[-1], int):
             return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
         return f'the key "{place[-1]}" is missing'
+    return _wrong_value(kind, detail["input"], context) or (
+        f"is {excerpt(detail['input'])}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
+    )
+
+
+def _wrong_value(  # noqa: PLR0911 - a table with logic
+    kind: str, value: object, context: Mapping[str, Any]
+) -> str | None:
+    """Say what a value of a wrong kind or beyond a limit must be; None for other errors."""
     if kind in _KINDS:
         return f"is {excerpt(value)}; it must be {_KINDS[kind]}"
     if kind in _LIMITS:
@@ -331,7 +337,7 @@ def _sentence(  # noqa: PLR0911 - a table with logic
         return f"is {len(str(value))} characters long; at most {context['max_length']} are allowed"
     if kind == "string_pattern_mismatch":
         return f"is {excerpt(value)}; a name is one line without blanks around it"
-    return f"is {excerpt(value)}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
+    return None
 
 
 def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:

@@ -7,7 +7,7 @@ from palpate.config.result_model import BoundsOut, ConfigurationOut, Interval, O
 
 
 class InterpretationOut(Out):
-    """What each contact in turn is paired with, counted from 0 as in the objects file.
+    """Edges that the contacts in turn are paired with, counted from 0 as in the objects file.
 
     `edges`: the edge; for a tip on a corner, the edge that begins there. `features` says which: "edge 3",
     "vertex 5". Both are null for a contact that is taken as spurious or is
@@ -60,7 +60,7 @@ class MemoOut(Out):
 
 
 class StatisticsOut(Out):
-    """What the search did; `memo` is what the memo's own algorithm would have had to do."""
+    """Work of the search; `memo` is what the memo's own algorithm would have had to do."""
 
     levels: tuple[LevelOut, ...]
     model_tests: int
@@ -69,7 +69,7 @@ class StatisticsOut(Out):
 
 
 class ContactReferenceOut(Out):
-    """Which contact or miss is meant; `grip` is its index in the contacts file, from 0."""
+    """Reference to a contact or miss; `grip` is its index in the contacts file, from 0."""
 
     grip: int
     finger: str
@@ -77,7 +77,7 @@ class ContactReferenceOut(Out):
 
 
 class ExplanationOut(Out):
-    """What may be the matter when nothing fits.
+    """Possible reasons why nothing fits.
 
     `moved_after_grip`: how many of the first grips fit together, if each grip fits alone but not all do; the
     object may have moved after them. `spurious`: contacts that leave something that fits when they are left
@@ -89,7 +89,7 @@ class ExplanationOut(Out):
 
 
 class EliminationStepOut(Out):
-    """How many interpretations of one object are left after a test of some contacts."""
+    """Number of interpretations of one object that are left after a test of some contacts."""
 
     reason: str
     contacts: tuple[ContactReferenceOut, ...]
@@ -97,7 +97,7 @@ class EliminationStepOut(Out):
 
 
 class ObjectExplanationOut(Out):
-    """Whether and why one object (`state` null: in any of its states) was ruled out.
+    """Reason why one object (`state` null: in any of its states) was ruled out, if it was.
 
     The last of `steps` ruled it out if it leaves nothing. Then the contacts of `conflict` cannot all be true
     of the object, and none of them can be left out. Else its `hypotheses` are given. No contact counts as
@@ -140,7 +140,7 @@ class PossibleHypothesisOut(Out):
 
 
 class PredictionOut(Out):
-    """What an approach will meet if a hypothesis is true, over the whole of its bounds.
+    """Prediction of what an approach meets if a hypothesis is true, over the whole of its bounds.
 
     `hypothesis`: index among the grip's hypotheses. `stop`: [lo, hi] of the travel (mm) after which the
     finger is stopped; null if nothing can stop it. `may_miss`: perhaps nothing stops it. `normal`: [lo, hi]
@@ -169,7 +169,7 @@ class ApproachOut(Out):
 
 
 class AssumptionsOut(Out):
-    """What `decisive` takes for granted of the touches, beside each approach's `position_bound`.
+    """Assumptions of `decisive` on the touches, beside each approach's `position_bound`.
 
     `normal_half_range`: a touch tells the surface's normal to within this, rad, either way.
     """

@@ -79,7 +79,7 @@ class BoundsOut(Out):
 
 
 class UnfinishedOut(Out):
-    """What the work budget, in units, did not suffice for. What is said holds, with wider bounds.
+    """Work that the budget, in units, did not suffice for. What is said holds, with wider bounds.
 
     `unpaired`: fingers of those touches that interpretations pair with no edge; configurations satisfy them.
     `coarse`: cells of orientations were wider than they would be with a larger budget.

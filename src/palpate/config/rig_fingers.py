@@ -43,7 +43,7 @@ def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple
 
 
 class TaxelsConfig(FileModel):
-    """What calibration found of an array's taxels, row by row from the tip's lower end up."""
+    """Calibration of an array's taxels, row by row from the tip's lower end up."""
 
     gain: Items[Items[Positive]] = Field(description="Relative gain of every taxel, 1 where unknown.")
     gain_bound: Items[Items[Share]] = Field(
@@ -164,7 +164,7 @@ def _model_of(protocol: str) -> type[ArrayConfig]:
 
 
 class BoundsConfig(FileModel):
-    """How well the finger's place is known."""
+    """Bounds on the finger's place."""
 
     base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
     heading_deg: Annotated[Length, Field(le=45)] = Field(
@@ -190,7 +190,7 @@ class BoundsConfig(FileModel):
 
 
 class _MountedFinger(FileModel):
-    """What fingers of both types have."""
+    """Tables that fingers of both types have."""
 
     name: Name = Field(description="How reports and messages call it.")
     base_mm: Point = Field(description="[x, y] of the aim's or shoulder's axis in the support-plane frame W.")

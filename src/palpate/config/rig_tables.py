@@ -43,7 +43,7 @@ class BusConfig(FileModel):
 
 
 class WorkspaceConfig(FileModel):
-    """Where parts may lie."""
+    """Region in which parts may lie."""
 
     radius_mm: Positive = Field(
         description="Parts lie inside this circle round W's origin; fingers wait outside."
@@ -51,7 +51,7 @@ class WorkspaceConfig(FileModel):
 
 
 class ClosingConfig(FileModel):
-    """How fingers close on a part."""
+    """Closing of the fingers on a part."""
 
     approach_speed_mm_s: Annotated[Positive, Field(le=1000)] = Field(description="Speed through free space.")
     search_speed_mm_s: Annotated[Positive, Field(le=1000)] | None = Field(
@@ -102,7 +102,7 @@ _RENAMED_KEYS = {
 
 
 class SearchConfig(FileModel):
-    """When to stop asking."""
+    """Goals and limits of an identification."""
 
     @model_validator(mode="before")
     @classmethod
@@ -174,7 +174,7 @@ WireShare = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.
 
 
 class EmulationConfig(FileModel):
-    """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
+    """Errors of the emulated devices against this description. What they draw stays hidden from the host."""
 
     noise_counts: Length = Field(default=0.0, description="Standard deviation of a taxel's noise.")
     offset_counts: Length = Field(default=0.0, description="Every taxel at rest reads this.")

@@ -23,7 +23,7 @@ from palpate.config.commissioning_results import (
 )
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.diagnosis_results import CheckOut, DoctorOut
-from palpate.config.emulation import SceneFile
+from palpate.config.emulation import Scene
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.recognition_results import GripOut, RecognitionOut
@@ -51,7 +51,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "replay": ReplayOut,
     "rig": RigFile,
     "scan": ScanOut,
-    "scene": SceneFile,
+    "scene": Scene,
     "serial-ports": SerialPortsOut,
     "session-info": SessionInfoOut,
     "sessions": SessionsOut,

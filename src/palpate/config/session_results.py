@@ -8,14 +8,14 @@ from palpate.config.result_model import Out, Rounded
 
 
 class DifferenceOut(Out):
-    """Where a replay first differs: the line of the log, counted from 1, and what is different."""
+    """Place where a replay first differs: the line of the log, from 1, and what is different."""
 
     line: int
     message: str
 
 
 class EndOut(Out):
-    """How the recorded run ended: `how` is "done" or the kind of error, `message` its text."""
+    """End of the recorded run: `how` is "done" or the kind of error, `message` its text."""
 
     how: str
     message: str | None
@@ -80,7 +80,7 @@ class PortOfSessionOut(Out):
 
 
 class VersionsOut(Out):
-    """What a session was recorded with; null if the log does not say."""
+    """Versions that a session was recorded with; null if the log does not say."""
 
     palpate: str | None
 
@@ -119,7 +119,7 @@ class ExportedOut(Out):
 
 
 class ExportOut(Out):
-    """What was written of a session."""
+    """Files that were written of a session."""
 
     format: Literal["palpate/export@1"] = "palpate/export@1"
     session: str

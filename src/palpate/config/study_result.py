@@ -46,7 +46,7 @@ class StudyRunOut(Out):
 
 
 class AccuracyOut(Out):
-    """What answers guarantee: half widths (mm, rad) of the bounds of `runs` identified ones.
+    """Accuracy that answers guarantee: half widths (mm, rad) of the bounds of `runs` identified ones.
 
     `position`, `orientation`: median, 90th percentile and largest. `within_goal`: runs whose bounds are both
     as narrow as the rig file's goals ask.
@@ -69,7 +69,7 @@ class TwinsOut(Out):
 
 
 class StateStudiedOut(Out):
-    """How runs ended in which a state lay on the table. `touches`: median and 90th percentile.
+    """Ends of runs in which a state lay on the table. `touches`: median and 90th percentile.
 
     `position_error` (mm): median, of those that were identified. `drawn`: share of runs that draw it, on
     average, None if that is not known.
@@ -105,7 +105,7 @@ class PairStudiedOut(Out):
 
 
 class VerdictCountOut(Out):
-    """How many runs ended with a verdict."""
+    """Number of runs that ended with a verdict."""
 
     verdict: IdentificationVerdict
     runs: int
@@ -162,7 +162,7 @@ class ComparedOut(Out):
 
 
 class NoiseCostOut(ComparedOut):
-    """What an error costs: the same runs with half of it, with half the reach, or with the part held."""
+    """Cost of an error: the same runs with half of it, with half the reach, or with the part held."""
 
     source: ErrorSource
 
@@ -180,7 +180,7 @@ class HeightOut(Out):
 
 
 class BestHeightsOut(Out):
-    """Where fingers should be (mm, in turn), and how many pairs of states are alike there and as it is.
+    """Best heights of fingers (mm, in turn), and pairs of states that are alike there and as it is.
 
     `compared`: runs as they are beside the same ones with fingers there; None where that is the same.
     """
@@ -192,7 +192,7 @@ class BestHeightsOut(Out):
 
 
 class StudyOut(Out):
-    """What a study found. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
+    """Findings of a study. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
 
     `lost`: runs that do not end with the truth still possible. `sticking_out`: runs whose part stuck out
     of the workspace; some of both may be among them. `seconds`: taken now, without runs that were kept

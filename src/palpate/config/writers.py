@@ -94,11 +94,7 @@ def _objects(value: ObjectsFile) -> str:
 
 @file_text.register
 def _scene(value: Scene) -> str:
-    configuration = {"x": value.x_mm, "y": value.y_mm, "theta": value.theta_rad}
-    tables = {"format": "palpate/scene@1", "object": value.object, "configuration": configuration}
-    part = _drop_nulls({"mass_kg": value.mass_kg, "friction": value.friction}) or None
-    optional = {"state": value.state, "objects": value.objects and str(value.objects), "part": part}
-    return json.dumps(tables | _drop_nulls(optional), indent=1) + "\n"
+    return json.dumps(value.model_dump(mode="json", exclude_defaults=True), indent=1) + "\n"
 
 
 @file_text.register

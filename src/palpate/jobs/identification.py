@@ -16,6 +16,7 @@ from palpate.base.errors import PalpateError
 from palpate.base.file_io import write_text
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, Scene
+from palpate.config.emulation import ConfigurationText
 from palpate.config.result_model import to_json
 from palpate.config.writers import file_text
 from palpate.jobs.answers import Answer
@@ -86,7 +87,10 @@ def identify_on(
     lies = choose_placement(on_bench.described, objects, scene, seed)
     if run and scene is None and lies is not None:
         lies = _draw_part(on_bench, objects, seed, run)
-        scene = Scene(lies.model.name, lies.state.name, lies.x_mm, lies.y_mm, lies.theta_rad, None)
+        at = ConfigurationText(x=lies.x_mm, y=lies.y_mm, theta=lies.theta_rad)
+        scene = Scene(
+            format="palpate/scene@1", object=lies.model.name, configuration=at, state=lies.state.name
+        )
     for line in finding_lines(on_bench.rig, objects.objects, name):
         warn(line)
     for line in scene_lines(on_bench.described, lies) if scene is not None and lies is not None else ():

@@ -144,8 +144,8 @@ def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
     if name not in states:
         what = f'no state "{scene.state}"' if scene.state else "give the state"
         raise InputError(f'scene: object "{scene.object}": {what}; there are {_name_list(states)}')
-    at = scene.x_mm, scene.y_mm, scene.theta_rad
-    return Placement(model, states[name], *at, scene.mass_kg, scene.friction)
+    at, part = scene.configuration, scene.part
+    return Placement(model, states[name], at.x, at.y, at.theta, part.mass_kg, part.friction)
 
 
 def draw_placement(

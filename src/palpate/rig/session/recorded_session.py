@@ -7,7 +7,7 @@ command. Samples are what its bytes say of servos and taxels, beside its events,
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -56,7 +56,7 @@ def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene:
     write_text(folder / _OBJECTS, file_text(objects))
     if scene is not None and scene.objects is not None:
         write_text(folder / _SCENE_OBJECTS, file_text(load_objects(scene.objects)))
-        scene = replace(scene, objects=Path(_SCENE_OBJECTS))
+        scene = scene.model_copy(update={"objects": _SCENE_OBJECTS})
     if scene is not None:
         write_text(folder / _SCENE, file_text(scene))
 
