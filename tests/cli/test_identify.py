@@ -6,13 +6,13 @@ import re
 import signal
 import subprocess
 import time
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from palpate.config import load_objects
+from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from support.benches.rigs import firm_rig, quick_bench
@@ -24,8 +24,7 @@ WALL = re.compile(r'"wall_seconds": [0-9.e-]+')
 
 
 def schema(name: str) -> dict[str, Any]:
-    text = (files("palpate.config") / "schemas" / f"{name}.schema.json").read_text(encoding="utf-8")
-    loaded = json.loads(text)
+    loaded = json.loads(schema_text(name))
     assert isinstance(loaded, dict)
     return loaded
 

@@ -3,6 +3,7 @@
 import copy
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -13,7 +14,9 @@ import pytest
 import tomlkit
 
 from palpate.base.errors import InputError
+from palpate.base.extensions import TACTILE_ARRAYS
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
+from palpate.config.rig_fingers import PALPATE_PROTOCOL, SHIPPED_PROTOCOLS
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.dynamixel.models import SPECIFICATIONS
@@ -396,12 +399,29 @@ def test_what_does_not_go_together_is_named(tmp_path: Path, text: str, message: 
     assert refusal(tmp_path, text).startswith(message)
 
 
+def test_the_schema_that_rig_files_point_to_is_up_to_date() -> None:
+    shipped = files("palpate.config").joinpath("schemas", "rig.schema.json")
+    remedy = "run: palpate schema rig --out src/palpate/config/schemas/rig.schema.json"
+    assert shipped.read_text(encoding="utf-8") == schema_text("rig"), remedy
+
+
 @pytest.mark.parametrize("name", FORMATS)
-def test_the_shipped_schemas_are_up_to_date(name: str) -> None:
-    shipped = files("palpate.config").joinpath("schemas", f"{name}.schema.json").read_text(encoding="utf-8")
-    assert shipped == schema_text(name), "run: python -m palpate.config.schema"
-    assert "$ref" not in shipped
-    assert json.loads(shipped)["additionalProperties"] is False
+def test_schemas_are_closed_and_without_references(name: str) -> None:
+    text = schema_text(name)
+    assert "$ref" not in text
+    assert json.loads(text)["additionalProperties"] is False
+
+
+def test_the_schema_shows_the_protocols_of_the_plug_ins_in_this_repository() -> None:
+    registered: set[str] = set()
+    for path in ROOT.glob("plugins/*/pyproject.toml"):
+        points = tomllib.loads(path.read_text(encoding="utf-8"))["project"]["entry-points"]
+        registered |= set(points.get(TACTILE_ARRAYS, {}))
+    assert registered == set(SHIPPED_PROTOCOLS)
+    array = json.loads(schema_text("rig"))["properties"]["fingers"]["items"]["oneOf"][0]["properties"][
+        "array"
+    ]
+    assert array["properties"]["protocol"]["examples"] == [PALPATE_PROTOCOL, *SHIPPED_PROTOCOLS]
 
 
 def test_every_key_of_a_rig_is_described() -> None:

@@ -159,6 +159,13 @@ def test_shipped_files_are_found_from_the_wheel(clean: Path) -> None:
     assert run(clean / "bin" / "python", "-c", program, cwd=clean).split() == ["bench", "6"]
 
 
+def test_the_schema_of_rig_files_needs_no_plug_in(clean: Path) -> None:
+    schema = json.loads(run(clean / "bin" / "palpate", "schema", "rig", cwd=clean))
+    array = schema["properties"]["fingers"]["items"]["oneOf"][0]["properties"]["array"]
+    assert array["properties"]["protocol"]["examples"] == ["palpate"]
+    assert "counts_per_n" not in array["properties"]
+
+
 def test_console_script_is_installed_and_helps(clean: Path) -> None:
     script = clean / "bin" / "palpate"
     assert script.is_file()

@@ -4,6 +4,7 @@ A finger is of one of two types: "slide", an aim that turns a slide, or "two-lin
 and an elbow. The values keep the file's units: mm, degrees, N.
 """
 
+from contextlib import suppress
 from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import (
@@ -16,9 +17,9 @@ from pydantic import (
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error
+from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, registered_names
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
 from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
@@ -28,7 +29,7 @@ PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
 
 SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
-"""Protocols of the plug-ins that come with palpate; the rig file's JSON Schema shows their keys."""
+"""Protocols of the plug-ins in `plugins/`; the rig file's JSON Schema shows the keys of those installed."""
 
 _COVERAGE_DEG = 270.0
 
@@ -121,13 +122,13 @@ class ArrayConfig(FileModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Keys of the plug-ins that come with palpate are shown; those of others cannot be known here."""
+        """Return the schema with the keys of shipped plug-ins that are installed; those of others vary."""
         schema = handler.resolve_ref_schema(handler(core))
         if cls is ArrayConfig:
-            shipped = [_model_of(name).model_json_schema()["properties"] for name in SHIPPED_PROTOCOLS]
-            for properties in shipped:
-                schema["properties"] = properties | schema["properties"]
-            schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *SHIPPED_PROTOCOLS]
+            models = _installed_models()
+            for model in models.values():
+                schema["properties"] = model.model_json_schema()["properties"] | schema["properties"]
+            schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *models]
             schema["additionalProperties"] = True
         return schema
 
@@ -161,6 +162,19 @@ def _model_of(protocol: str) -> type[ArrayConfig]:
         reason = "its config is no subclass of ArrayConfig"
         raise problem(str(broken_plugin_error(TACTILE_ARRAYS, protocol, reason)), "protocol")
     return model
+
+
+def _installed_models() -> dict[str, type[ArrayConfig]]:
+    """Models of the shipped protocols that are installed and can be imported.
+
+    One that cannot be is said where a rig file names it.
+    """
+    models = {}
+    for name in SHIPPED_PROTOCOLS:
+        if name in registered_names(TACTILE_ARRAYS):
+            with suppress(PydanticCustomError):
+                models[name] = _model_of(name)
+    return models
 
 
 class BoundsConfig(FileModel):

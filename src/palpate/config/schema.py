@@ -1,12 +1,13 @@
 """JSON Schemas of all file formats, for editors and for programs that read or write the files.
 
-The schemas ship in `config/schemas/`; `python -m palpate.config.schema` writes them anew after a format
-changed. References are inlined: the TOML language servers do not all follow `$defs`.
+`palpate schema NAME` prints them. That of rig files is also under version control, in `schemas/`, because the
+first line of shipped rig files points there: after a change write it anew, `palpate schema rig --out
+src/palpate/config/schemas/rig.schema.json`. References are inlined: the TOML language servers do not all
+follow `$defs`.
 """
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -75,13 +76,6 @@ def schema_text(name: str) -> str:
     return json.dumps(full, indent=2, ensure_ascii=False) + "\n"
 
 
-def write_schemas(folder: Path) -> None:
-    """Write `<name>.schema.json` for every format into `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in FORMATS:
-        (folder / f"{name}.schema.json").write_text(schema_text(name), encoding="utf-8")
-
-
 def _inline_references(node: Any, definitions: Mapping[str, Any]) -> Any:
     """Replace every reference by what it refers to; the formats are trees, so this ends."""
     if isinstance(node, list):
@@ -92,7 +86,3 @@ def _inline_references(node: Any, definitions: Mapping[str, Any]) -> Any:
     if "$ref" not in node:
         return rest
     return _inline_references(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest
-
-
-if __name__ == "__main__":
-    write_schemas(Path(__file__).parent / "schemas")
