@@ -2,7 +2,6 @@
 
     python benchmarks/bench_doctor.py                 # all faults
     python benchmarks/bench_doctor.py --only array    # those with a word in their name
-    python benchmarks/bench_doctor.py --page          # writes docs/doctor.md's table anew
 
 Emulated devices in virtual time, and a stand-in for the system that opens ports. Prints a row for each fault;
 exit code 1 if a cause is not named, a wrong one is, or a set-up without a fault has a finding.
@@ -19,8 +18,6 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.config.diagnosis_results import FindingOut
 from support.benches.doctor import FAULTS, WELL, Fault, examined
 
-PAGE = Path(__file__).parents[1] / "docs" / "doctor.md"
-BEGIN, END = "<!-- table: python benchmarks/bench_doctor.py --page -->", "<!-- end of table -->"
 WANTED = 28 / 30
 
 
@@ -40,34 +37,14 @@ def wrong_ones(fault: Fault, found: Sequence[FindingOut]) -> list[FindingOut]:
     return [item for item in found if item.cause not in fault.causes]
 
 
-def row(fault: Fault, found: Sequence[FindingOut]) -> str:
-    """A row of the page's table."""
-    named = next((item for item in found if item.cause in fault.causes), None)
-    if named is None:
-        return f"| {fault.name} | – | – | – |"
-    cells = (fault.name, f"`{named.cause}`", f"{named.device}: {named.saw}", named.next)
-    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
-
-
-def write_page(rows: Sequence[str], verdict: str) -> None:
-    """Put the table between its marks."""
-    text = PAGE.read_text(encoding="utf-8")
-    head, rest = text.split(BEGIN)
-    _, tail = rest.split(END)
-    table = "\n".join(("| planted | cause | what it saw | next thing to do |", "|---|---|---|---|", *rows))
-    PAGE.write_text(f"{head}{BEGIN}\n{table}\n\n{verdict}\n{END}{tail}", encoding="utf-8")
-
-
 def main() -> int:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--only", default="", help="words of a fault's name")
     parser.add_argument("--seed", type=int, default=3)
-    parser.add_argument("--page", action="store_true")
     asked = parser.parse_args()
     begin = time.perf_counter()
     named = wrong = false = 0
-    rows = []
     chosen = [fault for fault in (*WELL, *FAULTS) if asked.only in fault.name]
     for fault in chosen:
         found = findings_of(fault, asked.seed)
@@ -75,7 +52,6 @@ def main() -> int:
         if fault.causes:
             named += is_named(fault, found)
             wrong += bool(others)
-            rows.append(row(fault, found))
         else:
             false += bool(found)
         right = (is_named(fault, found) or not fault.causes) and not others
@@ -92,8 +68,6 @@ def main() -> int:
         f"{false} of {well} set-ups without a fault had a finding."
     )
     print(f"\n{verdict} {time.perf_counter() - begin:.0f} s")
-    if asked.page:
-        write_page(rows, verdict)
     return 1 if wrong or false or named < WANTED * planted else 0
 
 

@@ -3,10 +3,13 @@
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
+import sys
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
 SHOWN = [shown for page in PAGES for shown in shown_on(page)]
 SESSION = "identify --seed 7"
+README = ROOT / "README.md"
 
 
 def plain_plate(**changes: object) -> dict[str, object]:
@@ -98,7 +102,7 @@ def a_run(folder: Path) -> None:
 
 
 def files_of_the_source(folder: Path) -> None:
-    for name in ("examples", "config"):
+    for name in ("examples", "src"):
         (folder / name).symlink_to(ROOT / name)
 
 
@@ -150,7 +154,7 @@ def is_free(port: int) -> bool:
     "name",
     sample(
         sorted({shown.page.name for shown in SHOWN}),
-        ["benches.md", "emulation.md", "live-view.md", "planning.md", "study.md"],
+        ["benches.md", "emulation.md", "planning.md", "study.md", "watching.md"],
     ),
 )
 def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path: Path) -> None:
@@ -166,15 +170,61 @@ def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.campaign
-def test_the_demo_prints_what_the_readme_says(tmp_path: Path) -> None:
-    readme = ROOT / "README.md"
-    lines = readme.read_text(encoding="utf-8").splitlines()
-    begin = next(k for k, line in enumerate(lines) if line.endswith("`make demo` ends with:"))
-    block = [line.removeprefix("    ") for line in lines[begin + 2 : lines.index("and draws this:") - 1]]
-    words = ("identify", "--seed", "7", "--picture", "demo.svg")
-    shown = Shown(readme, begin + 3, words, tuple(block))
-    assert differences(shown, ran(*words, cwd=tmp_path)) == []
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Folder in which the demo was run, and what it printed."""
+    folder = tmp_path_factory.mktemp("demo")
+    return folder, ran("identify", "--seed", "7", "--picture", "demo.svg", cwd=folder)
+
+
+def indented_after(text: str, mark: str) -> list[str]:
+    """Lines of the first indented block behind `mark`."""
+    lines = iter(text[text.index(mark) :].splitlines()[1:])
+    first = next(line for line in lines if line.startswith("    "))
+    return [line.removeprefix("    ") for line in (first, *takewhile(lambda item: item.strip(), lines))]
+
+
+def test_the_demo_prints_what_the_readme_says(demo: tuple[Path, str]) -> None:
+    block = indented_after(README.read_text(encoding="utf-8"), "`make demo` ends with:")
+    assert len(block) > 5
+    shown = Shown(README, 0, ("identify", "--seed", "7"), ("…", *block))
+    assert differences(shown, demo[1]) == []
+
+
+def test_the_readmes_program_prints_what_stands_beneath(tmp_path: Path) -> None:
+    text = README.read_text(encoding="utf-8")
+    (program,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=200, check=True
+    )
+    assert done.stdout.splitlines() == indented_after(text, "print(answer)\n```")
+
+
+def test_the_moving_picture_is_of_the_demos_session(demo: tuple[Path, str], tmp_path: Path) -> None:
+    (session,) = (demo[0] / "palpate-sessions").iterdir()
+    drawn = tmp_path / "run.svg"
+    subprocess.run(
+        [sys.executable, ROOT / "docs/images/draw_run.py", session, drawn], check=True, timeout=200
+    )
+    shown = (ROOT / "docs/images/run.svg").read_text(encoding="utf-8")
+    assert numbers_of(drawn.read_text(encoding="utf-8")) == pytest.approx(numbers_of(shown), abs=0.02)
+
+
+def numbers_of(picture: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", picture)]
+
+
+def test_files_that_are_named_exist() -> None:
+    """Every path of the repository between back quotes, and every test or benchmark by its name."""
+    folders = "benchmarks|docs|examples|firmware|plugins|src|tests"
+    wrong = []
+    for page in [*PAGES, *ROOT.glob("docs/adr/*.md"), ROOT / "CONTRIBUTING.md"]:
+        text = page.read_text(encoding="utf-8")
+        for name in re.findall(rf"`((?:{folders})/[\w./-]*\w)`", text):
+            wrong += [] if (ROOT / name).exists() else [f"{page.name}: {name}"]
+        for name in re.findall(r"`((?:test|bench)_\w+\.py)`", text):
+            wrong += [] if any(ROOT.glob(f"*/**/{name}")) else [f"{page.name}: {name}"]
+    assert wrong == []
 
 
 def test_a_shell_completes_commands(tmp_path: Path) -> None:

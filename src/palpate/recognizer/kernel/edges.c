@@ -1,5 +1,5 @@
 /* Edges: look-up by normal, and the closed-form tests of two and three contacts (docs/recogniser.md). The same
-   as `two_contact_test`, `three_contact_test` and `sinusoid_bounds` do with whole arrays. */
+   as `model_test.py` does with whole arrays. */
 
 #include "edges.h"
 #include "calls.h"
