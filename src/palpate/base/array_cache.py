@@ -260,19 +260,6 @@ def user_cache() -> Cache:
 
 
 @cache
-def code_digest(*packages: str) -> str:
-    """16 hexadecimal digits that change with every line of some packages, with libraries and the machine."""
-    digest = hashlib.sha256()
-    versions = (numpy.__version__, scipy.__version__, shapely.__version__, shapely.geos_version_string)
-    digest.update(repr((*versions, sys.version, platform.machine())).encode())
-    for package in packages:
-        for file in sorted(files(package).iterdir(), key=lambda item: item.name):
-            if file.name.endswith(".py"):
-                digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
-
-
-@cache
 def source_digest(*packages: str, compiled: bool) -> str:
     """16 hexadecimal digits that change with every line of packages and those within them, nothing else.
 
@@ -293,3 +280,13 @@ def _source_files(folder: Traversable, place: str) -> Iterator[tuple[str, Traver
             yield from _source_files(item, inside)
         else:
             yield inside, item
+
+
+@cache
+def code_digest(*packages: str) -> str:
+    """16 hexadecimal digits that change with every line of some packages, with libraries and the machine."""
+    versions = (numpy.__version__, scipy.__version__, shapely.__version__, shapely.geos_version_string)
+    source = source_digest(*packages, compiled=False)
+    return hashlib.sha256(repr((*versions, sys.version, platform.machine(), source)).encode()).hexdigest()[
+        :16
+    ]

@@ -23,6 +23,7 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import turn_between
 
 MAX_CHORD_TURN_RAD = math.radians(10.0)
 """By so much a curve may turn within a chord, unless that is shorter than the tolerance."""
@@ -137,7 +138,7 @@ def _arc_chords(arc: Arc, curve_mm: float) -> tuple[Floats, float]:
     while True:
         points = arc.centre + np.cos(at)[:, None] * arc.axes[0] + np.sin(at)[:, None] * arc.axes[1]
         along = np.cos(at)[:, None] * arc.axes[1] - np.sin(at)[:, None] * arc.axes[0]
-        turn = np.abs(_angles(along[:-1], along[1:]))
+        turn = np.abs(turn_between(along[:-1], along[1:]))
         long = np.hypot(*np.diff(points, axis=0).T) > curve_mm
         sharp = np.flatnonzero((turn > MAX_CHORD_TURN_RAD * (1 + 1e-9)) & long)
         if not len(sharp):
@@ -181,7 +182,7 @@ def _bounds(pieces: Floats, even: bool) -> tuple[Floats, Floats, Floats]:
     off = np.hypot(away[..., 0], away[..., 1]).max(axis=1) * (1 - 0.5 ** (degree - 1) if even else 1.0)
     legs = np.diff(points, axis=1)
     lengths = np.hypot(legs[..., 0], legs[..., 1])
-    angles = _angles(np.broadcast_to(chord, legs.shape), legs)
+    angles = turn_between(np.broadcast_to(chord, legs.shape), legs)
     most = np.abs(angles).max(axis=1)
     sine = np.where((most < math.pi / 2) & (square[:, 0] > 0), np.sin(most), 1.0)
     off = np.maximum(off, np.sqrt(square[:, 0]) / 4 * sine)
@@ -197,13 +198,6 @@ def _halves(pieces: Floats) -> tuple[Floats, Floats]:
         right.append(rows[:, -1])
         rows = (rows[:, :-1] + rows[:, 1:]) / 2
     return np.stack(left, axis=1), np.stack(right[::-1], axis=1)
-
-
-def _angles(one: Floats, other: Floats) -> Floats:
-    """Signed angles from vectors to vectors (…, 2); 0 where one of them has no length."""
-    cross = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    angles: Floats = np.arctan2(cross, np.sum(one * other, axis=-1))
-    return angles
 
 
 def chords_of_chain(curves: Sequence[DrawnCurve], curve_mm: float) -> tuple[Floats, float, float]:

@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints, Polygon
-from palpate.base.geometry.plane import orient_ring, signed_area
+from palpate.base.geometry.outlines import EdgeRings
+from palpate.base.geometry.plane import cross, orient_ring, signed_area
 from palpate.cad.curves import DrawnCurve, chords_of_chain, control_hull
 from palpate.cad.mesh_topology import component_of
 from palpate.cad.parts import MAX_SIZE_MM, Drawing, size_problem
@@ -282,7 +283,7 @@ def _without_straight(loop: Loop, within_mm: float) -> Loop:
     points = whole[index]
     before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
     across = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    aside = np.abs(across[:, 0] * before[:, 1] - across[:, 1] * before[:, 0])
+    aside = np.abs(cross(across, before))
     straight = (aside <= within_mm * np.hypot(*across.T)) & (np.sum(before * after, axis=1) > 0)
     kept = index[~straight]
     if len(kept) < 3:
@@ -297,13 +298,9 @@ def _without_straight(loop: Loop, within_mm: float) -> Loop:
 
 def _check_crossings(rings: Sequence[Loop], sheet: Sheet) -> None:
     """No two edges may meet, but neighbours in their common point."""
-    starts = np.concatenate([ring.points for ring in rings])
-    ends = np.concatenate([np.roll(ring.points, -1, axis=0) for ring in rings])
-    counts = np.array([len(ring.points) for ring in rings])
-    owner = np.repeat(np.arange(len(rings)), counts)
-    following = np.arange(len(starts)) + 1
-    following[np.cumsum(counts) - 1] = np.cumsum(counts) - counts
-    edges = shapely.linestrings(np.stack([starts, ends], axis=1))
+    outline = EdgeRings.of([ring.points for ring in rings])
+    owner, following = outline.ring, outline.following
+    edges = shapely.linestrings(np.stack([outline.start, outline.end], axis=1))
     one, other = shapely.STRtree(edges).query(edges, predicate="intersects")
     once = one < other
     one, other = one[once], other[once]

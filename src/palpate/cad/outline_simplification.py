@@ -9,6 +9,7 @@ because its riser cannot pass for the wall.
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry.plane import cross
 
 _STRAIGHT_SINE = 1e-7
 """Sine of the turn between facets of one plane, or next to it."""
@@ -21,7 +22,7 @@ _REACH_FRACTION = 32
 
 def normal_mismatch(normal: Floats, other: Floats) -> Floats:
     """4δ/L that lets an edge's normal (n, 2) turn to another: the sine of the angle, or 1 beyond 90°."""
-    across = np.abs(normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0])
+    across = np.abs(cross(normal, other))
     return np.where(normal[:, 0] * other[:, 0] + normal[:, 1] * other[:, 1] > 0, across, 1.0)
 
 
@@ -112,7 +113,7 @@ def _chord_costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: I
     unit = (chord / np.maximum(length, 1e-300)[:, None])[owner]
     along = away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]
     beyond = along - np.clip(along, 0.0, length[owner])
-    distance = np.hypot(away[:, 0] * unit[:, 1] - away[:, 1] * unit[:, 0], beyond)
+    distance = np.hypot(cross(away, unit), beyond)
     turn = normal_mismatch(normal[edge], np.stack([unit[:, 1], -unit[:, 0]], axis=1))
     cost = np.maximum(distance, np.where(bare[edge], 0.0, length[owner] / 4 * turn))
     result: Floats = np.maximum.reduceat(cost, first)

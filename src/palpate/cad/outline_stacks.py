@@ -24,6 +24,8 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.outlines import EdgeRings, rings_of
+from palpate.base.geometry.plane import segment_distance, turn_between
 
 _GAP_SHARE = 1e-6
 _ROUNDING_MM = 1e-9
@@ -31,37 +33,23 @@ _ROUNDING_MM = 1e-9
 _MAX_HALVINGS = 48
 
 
-class OutlineTree:
-    """All rings of a shapely geometry as edges from `starts_mm` (n, 2) to `ends_mm` (n, 2).
+class OutlineTree(EdgeRings):
+    """All rings of a shapely geometry; edges without length are left out."""
 
-    `ring` (n,): the ring that each edge is of; edges without length are left out.
-    """
-
-    def __init__(self, geometry: Any) -> None:
-        rings = shapely.get_rings(shapely.get_parts(geometry))
-        points, ring = shapely.get_coordinates(rings, return_index=True)
-        same = (ring[1:] == ring[:-1]) & (points[1:] != points[:-1]).any(axis=1)
-        self.starts_mm: Floats = points[:-1][same]
-        self.ends_mm: Floats = points[1:][same]
-        self.ring: Ints = ring[1:][same]
+    @classmethod
+    def of_region(cls, region: Any) -> "OutlineTree":
+        """Make them of a polygonal shapely geometry."""
+        rings = rings_of(region)
+        return cls.of([ring[(ring != np.roll(ring, 1, axis=0)).any(axis=1)] for ring in rings])
 
     @cached_property
     def _tree(self) -> Any:
-        return shapely.STRtree(shapely.linestrings(np.stack([self.starts_mm, self.ends_mm], axis=1)))
+        return shapely.STRtree(shapely.linestrings(np.stack([self.start, self.end], axis=1)))
 
     def nearest(self, points_mm: Floats) -> tuple[Floats, Ints]:
         """Distance (p,) of points (p, 2) from the outline, and the edge (p,) that is nearest."""
         edge: Ints = self._tree.query_nearest(shapely.points(points_mm), all_matches=False)[1]
-        return distance_to_edges(points_mm, self.starts_mm[edge], self.ends_mm[edge]), edge
-
-
-def distance_to_edges(points_mm: Floats, starts_mm: Floats, ends_mm: Floats) -> Floats:
-    """Distance (n,) of each point (n, 2) from the edge with the same number."""
-    along = ends_mm - starts_mm
-    share = ((points_mm - starts_mm) * along).sum(axis=1) / (along**2).sum(axis=1)
-    off = points_mm - starts_mm - np.clip(share, 0.0, 1.0)[:, None] * along
-    result: Floats = np.hypot(off[:, 0], off[:, 1])
-    return result
+        return segment_distance(points_mm, self.start[edge], self.end[edge]), edge
 
 
 def furthest_distance_mm(starts_mm: Floats, ends_mm: Floats, other: OutlineTree) -> float:
@@ -73,7 +61,7 @@ def furthest_distance_mm(starts_mm: Floats, ends_mm: Floats, other: OutlineTree)
     """
 
     def at(points: Floats, edges: Ints) -> Floats:
-        return distance_to_edges(points, other.starts_mm[edges], other.ends_mm[edges])
+        return segment_distance(points, other.start[edges], other.end[edges])
 
     p, q = starts_mm, ends_mm
     (at_p, edge_p), (at_q, edge_q) = other.nearest(p), other.nearest(q)
@@ -123,11 +111,11 @@ def stack_of(sections: Sequence[Any]) -> Stack:
     """A stack of polygonal shapely geometries; at least one is not empty."""
     full = tuple(not item.is_empty for item in sections)
     regions = tuple(item for item in sections if not item.is_empty)
-    outlines = tuple(OutlineTree(item) for item in regions)
+    outlines = tuple(OutlineTree.of_region(item) for item in regions)
     hulls = shapely.convex_hull(np.array(regions, dtype=object))
     steiner = np.array([_steiner_point(item) for item in hulls])
     centre = steiner.mean(axis=0)
-    reach = max(float(np.hypot(*(item.starts_mm - centre).T).max()) for item in outlines)
+    reach = max(float(np.hypot(*(item.start - centre).T).max()) for item in outlines)
     return Stack(
         full,
         regions,
@@ -189,8 +177,7 @@ def _steiner_point(hull: Any) -> Floats:
     ring = shapely.get_coordinates(hull)[:-1]
     after = np.roll(ring, -1, axis=0) - ring
     before = np.roll(after, 1, axis=0)
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    turn = np.abs(np.arctan2(cross, (before * after).sum(axis=1)))
+    turn = np.abs(turn_between(before, after))
     # Weighed from a corner, not from a far origin.
     point: Floats = ring[0] + turn @ (ring - ring[0]) / turn.sum()
     return point
@@ -202,14 +189,11 @@ def _separation_mm(points: Floats, k: int, m: int) -> float:
 
 def _radii(outline: OutlineTree, centre: Floats) -> Floats | None:
     """Least and largest radius (r, 2) of every ring, inner rings first; None if one does not go round."""
-    p, q = outline.starts_mm - centre, outline.ends_mm - centre
-    _, first = np.unique(outline.ring, return_index=True)
-    swept = np.arctan2(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0], (p * q).sum(axis=1))
-    if (np.abs(np.add.reduceat(swept, first)) < math.pi).any():
+    p, q = outline.start - centre, outline.end - centre
+    first = outline.first
+    if (np.abs(np.add.reduceat(turn_between(p, q), first)) < math.pi).any():
         return None
-    along = q - p
-    share = np.clip(-(p * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-    nearest = np.hypot(*(p + share[:, None] * along).T)
+    nearest = segment_distance(np.zeros(2), p, q)
     radii = np.stack(
         [np.minimum.reduceat(nearest, first), np.maximum.reduceat(np.hypot(*p.T), first)], axis=1
     )

@@ -24,6 +24,7 @@ from scipy.optimize import linprog
 from shapely import affinity
 
 from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry.plane import cross
 from palpate.cad.outline_stacks import (
     STEINER_FACTOR,
     OutlineTree,
@@ -88,8 +89,8 @@ def largest_distance_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
     """Hausdorff distance of the outlines of all sections, rounded up (see `furthest_mm`)."""
     worst = 0.0
     for mine, its in zip(a.outlines, b.outlines, strict=True):
-        p, q = _to_second(mine.starts_mm, a, pose), _to_second(mine.ends_mm, a, pose)
-        r, s = _to_first(its.starts_mm, a, pose), _to_first(its.ends_mm, a, pose)
+        p, q = _to_second(mine.start, a, pose), _to_second(mine.end, a, pose)
+        r, s = _to_first(its.start, a, pose), _to_first(its.end, a, pose)
         worst = max(worst, furthest_distance_mm(p, q, its), furthest_distance_mm(r, s, mine))
     return worst
 
@@ -109,8 +110,8 @@ def _step_pose(pose: PlanarPose, step: Floats, reach: float) -> PlanarPose:
 def _worst_corner_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
     return max(
         max(
-            float(its.nearest(_to_second(mine.starts_mm, a, pose))[0].max()),
-            float(mine.nearest(_to_first(its.starts_mm, a, pose))[0].max()),
+            float(its.nearest(_to_second(mine.start, a, pose))[0].max()),
+            float(mine.nearest(_to_first(its.start, a, pose))[0].max()),
         )
         for mine, its in zip(a.outlines, b.outlines, strict=True)
     )
@@ -123,11 +124,11 @@ def _linearise(a: Stack, b: Stack, pose: PlanarPose) -> tuple[Floats, Floats]:
     """
     off, rows = [], []
     for mine, its in zip(a.outlines, b.outlines, strict=True):
-        here = _to_second(mine.starts_mm, a, pose)
+        here = _to_second(mine.start, a, pose)
         foot, normal = _foot_points(here, its)
         off.append(((here - foot) * normal).sum(axis=1))
         rows.append(_row(here - pose.centre_mm, normal, a.reach_mm))
-        corner = its.starts_mm
+        corner = its.start
         foot, normal = _foot_points(_to_first(corner, a, pose), mine)
         foot, normal = _to_second(foot, a, pose), rotate_points(normal, pose.turn_rad)
         off.append(((foot - corner) * normal).sum(axis=1))
@@ -136,15 +137,15 @@ def _linearise(a: Stack, b: Stack, pose: PlanarPose) -> tuple[Floats, Floats]:
 
 
 def _row(arm: Floats, normal: Floats, reach: float) -> Floats:
-    turn = (arm[:, 0] * normal[:, 1] - arm[:, 1] * normal[:, 0]) / reach
+    turn = cross(arm, normal) / reach
     return np.column_stack([normal, turn])
 
 
 def _foot_points(points: Floats, outline: OutlineTree) -> tuple[Floats, Floats]:
     """Nearest points (n, 2) of an outline, and unit normals there: of the edge, or away from its end."""
     _, edge = outline.nearest(points)
-    start = outline.starts_mm[edge]
-    along = outline.ends_mm[edge] - start
+    start = outline.start[edge]
+    along = outline.end[edge] - start
     length = np.hypot(*along.T)
     share = ((points - start) * along).sum(axis=1) / length**2
     foot = start + np.clip(share, 0.0, 1.0)[:, None] * along
@@ -289,8 +290,8 @@ def _rule_out(a: Stack, b: Stack, turn: Floats, half: float, limit: float, most:
     worst = np.zeros(len(turn))
     for mine, its in zip(a.outlines, b.outlines, strict=True):
         for points, outline, sign, here, there in (
-            (mine.starts_mm, its, 1.0, a.centre_mm, b.centre_mm),
-            (its.starts_mm, mine, -1.0, b.centre_mm, a.centre_mm),
+            (mine.start, its, 1.0, a.centre_mm, b.centre_mm),
+            (its.start, mine, -1.0, b.centre_mm, a.centre_mm),
         ):
             own = points[:: -(-len(points) // most)] - here
             off = _distances(own, outline, sign * turn[kept], there)

@@ -18,8 +18,8 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints, Polygon
+from palpate.base.geometry.outlines import rings_of
 from palpate.base.geometry.plane import signed_area
-from palpate.base.geometry.regions import rings_of
 from palpate.cad.parts import Solid, StableState
 
 ROUNDING_SHARE = 2e-7

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Ints
-from palpate.base.geometry.regions import oriented_rings_of
+from palpate.base.geometry.outlines import oriented_rings_of
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import RotationalSymmetry, Solid, StableState
 from palpate.cad.resting_surface import resting_surface_of, slice_surface

@@ -24,6 +24,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints, Polygon
+from palpate.base.geometry.outlines import EdgeRings
+from palpate.base.geometry.plane import cross, turn_between
 from palpate.cad.outline_simplification import normal_mismatch
 from palpate.cad.resting_surface import SAME_HEIGHT_MM, RestingSurface
 
@@ -32,21 +34,6 @@ _PIECES_AT_ONCE = 20_000
 _FIRST_PIECES = 200
 _SEARCH_RATIO = 3.0
 """Edges are looked for so many times further than they may be, to tell how much a slab is too high."""
-
-
-@dataclass(frozen=True, eq=False)
-class OutlineEdges:
-    """The n edges of an outline's rings, and the vertices that they start from.
-
-    `start` (n, 2) mm; `along`, `normal` (n, 2): unit vectors, the normal outwards; `length` (n,) mm;
-    `before` (n,): the edge before.
-    """
-
-    start: Floats
-    along: Floats
-    normal: Floats
-    length: Floats
-    before: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,22 +84,6 @@ class FacetPieces:
         )
 
 
-def outline_edges(rings: list[Floats]) -> OutlineEdges:
-    """Edges of rings (n, 2) with the solid on their left."""
-    start = np.concatenate(rings) if rings else np.zeros((0, 2))
-    counts = [len(ring) for ring in rings]
-    first = np.cumsum([0, *counts])[:-1]
-    before = np.concatenate(
-        [np.roll(np.arange(k, k + n), 1) for k, n in zip(first, counts, strict=True)]
-        or [np.zeros(0, dtype=np.int64)]
-    )
-    leg = np.zeros_like(start)
-    leg[before] = start - start[before]
-    length = np.hypot(*leg.T)
-    along = leg / length[:, None]
-    return OutlineEdges(start, along, np.stack([along[:, 1], -along[:, 0]], axis=1), length, before)
-
-
 def clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
     """Projected corners (k, 6, 2), in order, of facets clipped to a range of heights; some are repeated."""
     corners = surface.vertices_mm[surface.faces[facets]]
@@ -144,7 +115,7 @@ def corner_pieces(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: 
     rises = ends[:, 1, 2] > ends[:, 0, 2]
     left, right = np.where(rises, one, other), np.where(rises, other, one)
     before, after = surface.normal[left], surface.normal[right]
-    bend = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    bend = cross(before, after)
     low, high = ends[:, :, 2].min(axis=1), ends[:, :, 2].max(axis=1)
     inside = (high > from_mm) & (low < to_mm) & (low < high)
     convex = (bend > 0) & inside & ~surface.bare[left] & ~surface.bare[right]
@@ -174,7 +145,7 @@ def _clip_segments(begin: Floats, end: Floats, from_mm: float, to_mm: float) -> 
 
 
 def distance_bound(
-    pieces: FacetPieces, outline: OutlineEdges, near: cKDTree, owner: Ints, target_mm: float, floor_mm: float
+    pieces: FacetPieces, outline: EdgeRings, near: cKDTree, owner: Ints, target_mm: float, floor_mm: float
 ) -> tuple[float, bool]:
     """(How far the pieces are from the outline, whether that is within the target).
 
@@ -192,7 +163,7 @@ def distance_bound(
     left = left[np.argsort(-wanted[left])]
     tree = shapely.STRtree(
         shapely.linestrings(
-            np.stack([outline.start, outline.start + outline.length[:, None] * outline.along], axis=1)
+            np.stack([outline.start, outline.start + outline.length[:, None] * outline.direction], axis=1)
         )
     )
     # The worst ones first: a slab that is too high shows at once.
@@ -208,7 +179,7 @@ def distance_bound(
 
 
 def _search_bound(
-    pieces: FacetPieces, outline: OutlineEdges, tree: shapely.STRtree, target_mm: float
+    pieces: FacetPieces, outline: EdgeRings, tree: shapely.STRtree, target_mm: float
 ) -> tuple[float, bool]:
     """Bound as that of `distance_bound`, with all edges nearby."""
     most = 0.0
@@ -233,10 +204,10 @@ def _search_bound(
     return float(each.max()), False
 
 
-def _edge_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
+def _edge_cost(pieces: FacetPieces, outline: EdgeRings, edge: Ints) -> Floats:
     """Cost of each point (k, p) of each piece at one edge each."""
     away = pieces.points - outline.start[edge][:, None]
-    length, unit = outline.length[edge], outline.along[edge]
+    length, unit = outline.length[edge], outline.direction[edge]
     along = away[:, :, 0] * unit[:, None, 0] + away[:, :, 1] * unit[:, None, 1]
     across = away[:, :, 0] * unit[:, None, 1] - away[:, :, 1] * unit[:, None, 0]
     beyond = along - np.minimum(np.maximum(along, 0.0), length[:, None])
@@ -249,25 +220,18 @@ def _edge_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats
     return result
 
 
-def _vertex_cost(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
+def _vertex_cost(pieces: FacetPieces, outline: EdgeRings, edge: Ints) -> Floats:
     """Cost of each point (k, p) of each piece at the vertex that one edge each starts from."""
     distance = np.hypot(*np.moveaxis(pieces.points - outline.start[edge][:, None], -1, 0))
     previous = outline.before[edge]
-    begin = _left_turn(outline.normal[previous], pieces.first)
-    width = _left_turn(pieces.first, pieces.last)
-    end = begin + width - _left_turn(outline.normal[previous], outline.normal[edge])
+    begin = turn_between(outline.normal[previous], pieces.first)
+    width = turn_between(pieces.first, pieces.last)
+    end = begin + width - turn_between(outline.normal[previous], outline.normal[edge])
     tilt = np.maximum(
         outline.length[previous] * np.sin(np.clip(-begin, 0.0, np.pi / 2)),
         outline.length[edge] * np.sin(np.clip(end, 0.0, np.pi / 2)),
     )
     result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt / 4)[:, None])
-    return result
-
-
-def _left_turn(normal: Floats, other: Floats) -> Floats:
-    """Angles from one unit vector (n, 2) to another, in [−π, π]."""
-    across = normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0]
-    result: Floats = np.arctan2(across, np.sum(normal * other, axis=1))
     return result
 
 

@@ -17,6 +17,8 @@ from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints, Polygon
+from palpate.base.geometry.outlines import EdgeRings
+from palpate.base.geometry.plane import segment_distance
 from palpate.cad.outline_simplification import simplify_ring
 from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
@@ -29,12 +31,10 @@ from palpate.cad.resting_surface import (
     slice_surface,
 )
 from palpate.cad.section_bounds import (
-    OutlineEdges,
     corner_pieces,
     distance_bound,
     facet_pieces,
     material_bound_mm,
-    outline_edges,
 )
 
 _SIMPLIFY_SHARE = 0.18
@@ -349,7 +349,7 @@ def _prove(
         rings.append(ring.points[own])
         owners.append(count + place)
         count += len(own)
-    outline = outline_edges(rings)
+    outline = EdgeRings.of(rings)
     off, good = _outline_bound(surface, facets, slab, raw, outline, owners, budget)
     if not good:
         return _Trial((), off, off, _LEVEL_PROBLEM)
@@ -370,7 +370,7 @@ def _outline_bound(
     facets: Ints,
     slab: tuple[float, float],
     raw: list[SectionRing],
-    outline: OutlineEdges,
+    outline: EdgeRings,
     owners: list[Ints],
     budget: float,
 ) -> tuple[float, bool]:
@@ -389,10 +389,8 @@ def _outline_bound(
 
 def _stray_mm(points: Floats, chosen: Floats, place: Ints) -> float:
     """Largest distance of points (n, 2) from chords between `chosen` ones; `place` (n,): whose chord."""
-    leg = (np.roll(chosen, -1, axis=0) - chosen)[place]
-    away = points - chosen[place]
-    share = np.clip(np.sum(away * leg, axis=1) / np.sum(leg**2, axis=1), 0.0, 1.0)
-    return float(np.hypot(*(away - share[:, None] * leg).T).max())
+    ends = np.roll(chosen, -1, axis=0)
+    return float(segment_distance(points, chosen[place], ends[place]).max())
 
 
 def _clean(ring: SectionRing) -> SectionRing:

@@ -24,7 +24,7 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Circle, Floats, Polygon, Section
-from palpate.base.geometry.regions import polygons_of
+from palpate.base.geometry.outlines import polygons_of
 from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState

@@ -21,8 +21,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Circle, Floats, Ints, Section
+from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import cross, rotation_matrix
-from palpate.base.geometry.regions import region_of
 from palpate.recognizer.ball_obstacle import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet

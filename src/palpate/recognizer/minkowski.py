@@ -15,8 +15,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Floats, Ints, Section
+from palpate.base.geometry.outlines import oriented_rings_of, region_of
 from palpate.base.geometry.plane import cross, signed_area, wrap_angle
-from palpate.base.geometry.regions import oriented_rings_of, region_of
 from palpate.recognizer.offset_curves import BoundaryEdges, faceted_rings, visible_parts
 from palpate.recognizer.tables import Table, expand_ranges
 

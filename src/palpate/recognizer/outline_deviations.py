@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import erf, ndtr
 
 from palpate.base.geometry import Floats, Ints, Polygon
+from palpate.base.geometry.outlines import EdgeRings
 from palpate.base.geometry.plane import orient_ring, rotate
 from palpate.recognizer.catalogue import Catalogue
 
@@ -51,18 +52,6 @@ class OutlinePlaces:
         return OutlinePlaces(*(change(getattr(self, item.name)) for item in fields(self)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Boundary:
-    """n segments of a state's rings, the solid on their left; see `OutlinePlaces`."""
-
-    start: Floats
-    direction: Floats
-    length: Floats
-    along: Floats
-    ring: Ints
-    perimeter: Floats
-
-
 def places_on_outlines(
     catalogue: Catalogue, states: Ints, spans_mm: Sequence[Span], points: Floats
 ) -> OutlinePlaces:
@@ -72,8 +61,11 @@ def places_on_outlines(
     """
     rows = []
     for state, own in zip(states.tolist(), points, strict=True):
-        found = [_nearest(_boundary(catalogue, state, span), own, [each == span for each in spans_mm])
-                 for span in dict.fromkeys(spans_mm)]  # fmt: skip
+        origin = catalogue.states[state].origin_mm
+        found = [
+            _nearest(_edges(catalogue, state, span), origin, own, [each == span for each in spans_mm])
+            for span in dict.fromkeys(spans_mm)
+        ]
         row = [np.zeros((len(spans_mm), *part.shape[1:]), part.dtype) for part in found[0][1]]
         for columns, parts in found:
             for whole, part in zip(row, parts, strict=True):
@@ -82,54 +74,50 @@ def places_on_outlines(
     return OutlinePlaces(*(np.stack(column) for column in zip(*rows, strict=True)))
 
 
-def _nearest(boundary: _Boundary, points: Floats, chosen: Sequence[bool]) -> tuple[Ints, list[Floats]]:
+def _nearest(
+    edges: EdgeRings, origin_mm: Floats, points: Floats, chosen: Sequence[bool]
+) -> tuple[Ints, list[Floats]]:
     """Which points (columns) are chosen, and the fields of `OutlinePlaces` for these."""
     columns = np.flatnonzero(chosen)
-    rel = points[columns][:, None] - boundary.start
-    at = np.clip(np.sum(rel * boundary.direction, axis=2), 0.0, boundary.length)
-    away = rel - at[..., None] * boundary.direction
+    rel = points[columns][:, None] - (edges.start - origin_mm)
+    at = np.clip(np.sum(rel * edges.direction, axis=2), 0.0, edges.length)
+    away = rel - at[..., None] * edges.direction
     distance = np.hypot(away[..., 0], away[..., 1])
     best = np.argmin(distance, axis=1)
     pick = np.arange(len(columns)), best
-    u, v = boundary.direction[best].T
-    outward = np.column_stack([v, -u])
     gap = distance[pick]
     aside = away[pick] / np.maximum(gap, _NEAR_MM)[:, None]
+    outward = edges.normal[best]
     outside = (np.sum(aside * outward, axis=1) > 0) & (gap > _NEAR_MM)
+    lengths = np.split(edges.length, edges.first[1:])
+    along = np.concatenate([np.cumsum(part) - part for part in lengths])
+    perimeter = np.concatenate([np.full(len(part), part.sum()) for part in lengths])
     return columns, [
         points[columns] - away[pick],
         np.where(outside[:, None], aside, outward),
-        boundary.along[best] + at[pick],
-        boundary.ring[best],
-        boundary.perimeter[best],
+        along[best] + at[pick],
+        edges.ring[best],
+        perimeter[best],
         gap,
     ]
 
 
-def _boundary(catalogue: Catalogue, state: int, span_mm: Span) -> _Boundary:
-    """The rings of a state in a span of heights; of all its sections, if it has none there.
+def _edges(catalogue: Catalogue, state: int, span_mm: Span) -> EdgeRings:
+    """Edges of a state in a span of heights, the solid on their left; of all sections, if none is there.
 
     Some may be inside of others: no point outside is nearest to these.
     """
-    item = catalogue.states[state]
-    sections = item.state.sections_within(span_mm) or item.state.sections
+    item = catalogue.states[state].state
+    sections = item.sections_within(span_mm) or item.sections
     rings = [
-        ring for section in sections for polygon in section.polygons for ring in _oriented_rings(polygon)
+        ring[(ring != np.roll(ring, -1, axis=0)).any(axis=1)]
+        for section in sections
+        for polygon in section.polygons
+        for ring in _oriented_rings(polygon)
     ]
-    start = np.concatenate(rings) - item.origin_mm
-    step = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
-    length = np.hypot(*step.T)
-    count = [len(ring) for ring in rings]
-    parts = np.split(length, np.cumsum(count)[:-1])
-    along = np.concatenate([np.cumsum(part) - part for part in parts])
-    perimeter = np.array([part.sum() for part in parts])
-    first = min(item.state.sections.index(section) for section in sections)
-    kept = length > 0
-    direction = step[kept] / length[kept, None]
-    ring = np.repeat(np.arange(len(rings)), count)
-    return _Boundary(
-        start[kept], direction, length[kept], along[kept], 1000 * first + ring[kept], perimeter[ring][kept]
-    )
+    first = min(item.sections.index(section) for section in sections)
+    edges = EdgeRings.of(rings)
+    return EdgeRings(edges.start, 1000 * first + edges.ring)
 
 
 def _oriented_rings(polygon: Polygon) -> list[Floats]:

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Complexes, Floats, Ints, Polygon, Section, State
-from palpate.base.geometry.regions import oriented_rings_of, region_of
+from palpate.base.geometry.outlines import EdgeRings, oriented_rings_of, region_of
 
 _STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
 _ROUNDING_MM = 1e-11
@@ -121,14 +121,10 @@ class _Boundary:
     def of(cls, section: Section, about: Floats) -> "_Boundary":
         whole = region_of(section.polygons)
         region = whole.simplify(_STRAIGHT_MM)
-        rings = [ring - about for ring in oriented_rings_of(region)]
-        sizes = [len(ring) for ring in rings]
-        following = np.concatenate(
-            [first + np.roll(np.arange(size), -1) for first, size in zip(_begins(sizes), sizes, strict=True)]
-        )
-        points = np.vstack(rings)
+        edges = EdgeRings.of([ring - about for ring in oriented_rings_of(region)])
+        points = edges.start
         stray_mm, stray_rad = _stray(whole, region)
-        return cls(points[:, 0] + 1j * points[:, 1], following, cKDTree(points), stray_mm, stray_rad)
+        return cls(points[:, 0] + 1j * points[:, 1], edges.following, cKDTree(points), stray_mm, stray_rad)
 
     def orbits(self, order: int, tolerance_mm: float) -> Ints | None:
         """The vertices, (order, N / order): turned by 2π/order, each row comes to lie on the next.
@@ -174,10 +170,6 @@ class _Boundary:
         off = widest / math.cos(math.pi / (2 * _WIDTH_DIRECTIONS))
         lean = float(np.ptp(np.angle(leg / leg[0]), axis=0).max())
         return off + 2 * self.stray_mm, min(lean + 2 * self.stray_rad, math.pi)
-
-
-def _begins(sizes: list[int]) -> Ints:
-    return np.cumsum([0, *sizes[:-1]])
 
 
 def _stray(whole: shapely.Geometry, region: shapely.Geometry) -> tuple[float, float]:

@@ -25,8 +25,8 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
+from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.regions import region_of
 from palpate.recognizer.minkowski import (
     GrownSection,
     OrientedRing,

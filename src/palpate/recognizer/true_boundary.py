@@ -20,8 +20,8 @@ import shapely
 from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
+from palpate.base.geometry.outlines import oriented_rings_of
 from palpate.base.geometry.plane import wrap_angle
-from palpate.base.geometry.regions import oriented_rings_of
 from palpate.recognizer.boundary_pieces import Pieces, Sides, block_circles, segment_circles, uncovered_pieces
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger

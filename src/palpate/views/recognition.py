@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from palpate.base.geometry import Floats
+from palpate.base.geometry.outlines import rings_of
 from palpate.base.geometry.plane import rotation_matrix
-from palpate.base.geometry.regions import rings_of
 from palpate.config import RigFile
 from palpate.config.recognition_results import HypothesisOut, InterpretationOut, RecognitionOut, StatisticsOut
 from palpate.recognizer import Contact, Hypothesis, MemoCounts, Recognition

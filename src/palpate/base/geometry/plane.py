@@ -73,6 +73,21 @@ def cross(a: Floats, b: Floats) -> Floats:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
+def turn_between(one: Floats, other: Floats) -> Floats:
+    """Signed angles (…), in [−π, π], from vectors to vectors (…, 2); 0 where one has no length."""
+    turn: Floats = np.arctan2(cross(one, other), np.sum(one * other, axis=-1))
+    return turn
+
+
+def segment_distance(points: Floats, starts: Floats, ends: Floats) -> Floats:
+    """Distance (n,) of each point (n, 2) from the segment with the same number."""
+    leg = ends - starts
+    square = np.maximum((leg**2).sum(axis=1), 1e-300)
+    share = np.clip(((points - starts) * leg).sum(axis=1) / square, 0.0, 1.0)
+    distance: Floats = np.hypot(*(points - starts - share[:, None] * leg).T)
+    return distance
+
+
 def point_segment_distance(point: Floats, start: Floats, direction: Floats, length: Floats) -> Floats:
     """Distance from points (…, 2) to segments: start (…, 2), unit direction (…, 2), length (…)."""
     rel = point - start

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
-from palpate.base.geometry.regions import region_of
+from palpate.base.geometry.outlines import region_of
 from palpate.cad.parts import Drawing, DrawingFile, Solid
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler_file_advice
 from palpate.cad.revolution import solid_of_revolution

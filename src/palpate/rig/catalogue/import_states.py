@@ -15,7 +15,7 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Polygon
-from palpate.base.geometry.regions import region_of
+from palpate.base.geometry.outlines import region_of
 from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     RestingSurface,

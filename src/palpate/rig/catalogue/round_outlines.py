@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats
-from palpate.base.geometry.plane import signed_area
+from palpate.base.geometry.plane import segment_distance, signed_area
 from palpate.cad.parts import CrossSection, Drawing, Solid, StableState
 from palpate.config.objects_tables import CircleText, PolygonText, SectionText
 from palpate.config.result_model import DECIMALS
@@ -79,9 +79,7 @@ def _centre(ring: Floats) -> Floats:
 
 def _distances_mm(ring: Floats) -> tuple[float, float]:
     """Least and largest distance of a closed polygon from the origin."""
-    leg = np.roll(ring, -1, axis=0) - ring
-    share = np.clip(-np.sum(ring * leg, axis=1) / np.sum(leg * leg, axis=1), 0.0, 1.0)
-    nearest = np.hypot(*(ring + share[:, None] * leg).T)
+    nearest = segment_distance(np.zeros(2), ring, np.roll(ring, -1, axis=0))
     return float(nearest.min()), float(np.hypot(*ring.T).max())
 
 
@@ -246,7 +244,7 @@ class _Walls:
         most = np.where(known, np.hypot(points[..., 0], points[..., 1]), -np.inf).max(axis=1)
         least = most.copy()
         for one, other in combinations(range(points.shape[1]), 2):
-            least = np.fmin(least, _nearest_mm(points[:, one], points[:, other]))
+            least = np.fmin(least, segment_distance(np.zeros(2), points[:, one], points[:, other]))
         return _join_intervals(np.column_stack([least, most]))
 
 
@@ -265,15 +263,6 @@ def _cut(corner: Floats, height: float) -> Floats:
         share = (height - corner[..., 2]) / rise
         at = corner[..., :2] + share[..., None] * (other - corner)[..., :2]
     result: Floats = np.where(((share >= 0) & (share <= 1))[..., None], at, np.nan)
-    return result
-
-
-def _nearest_mm(one: Floats, other: Floats) -> Floats:
-    """Least distance of segments (m, 2) from the origin; NaN where an end is unknown."""
-    leg = other - one
-    square = np.maximum(np.sum(leg * leg, axis=1), 1e-300)
-    share = np.clip(-np.sum(one * leg, axis=1) / square, 0.0, 1.0)
-    result: Floats = np.hypot(*(one + share[:, None] * leg).T)
     return result
 
 

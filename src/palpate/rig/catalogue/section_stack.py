@@ -10,7 +10,7 @@ from functools import cached_property
 import shapely
 
 from palpate.base.geometry import Floats, Section, State
-from palpate.base.geometry.regions import polygons_of, region_of
+from palpate.base.geometry.outlines import polygons_of, region_of
 from palpate.config import ObjectsFile
 from palpate.recognizer import SYMMETRY_TOLERANCE_MM, centroid, rotational_symmetry
 

@@ -10,6 +10,7 @@ where asked, never exactly, as by a person with a disc in the hand who tells nob
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -17,7 +18,7 @@ from shapely import affinity
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Section, State
-from palpate.base.geometry.regions import region_of, rings_of
+from palpate.base.geometry.outlines import EdgeRings, region_of, rings_of
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators import Bench, Displacement, PartSection
@@ -58,8 +59,8 @@ def outline_beside_ball(
     grown = [_dilate(item.shape, item.circle_mm - least) for item in beside]
     rings = rings_of(shapely.union_all(grown))
     rings = [ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _MIN_RADIUS_MM] for ring in rings]
-    start = np.vstack(rings)
-    end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
+    edges = EdgeRings.of(rings)
+    start, end = edges.start, edges.end
     owner = _owners(grown, (start + end) / 2)
     upright = np.array([item.circle_mm / radius_mm for item in beside])[owner]
     return PartSection(
@@ -130,6 +131,18 @@ class Placement:
     def configuration(self) -> Configuration:
         """Where the object frame is."""
         return Configuration(self.x_mm, self.y_mm, self.theta_rad)
+
+    @cached_property
+    def _regions(self) -> dict[tuple[float, float], shapely.Geometry]:
+        return {}
+
+    def region_within(self, span_mm: tuple[float, float]) -> shapely.Geometry:
+        """Return all of it between two heights (mm) in W, prepared for distances."""
+        if span_mm not in self._regions:
+            region = shapely.union_all([shape_of(self, item) for item in self.state.sections_within(span_mm)])
+            shapely.prepare(region)
+            self._regions[span_mm] = region
+        return self._regions[span_mm]
 
 
 def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
@@ -214,9 +227,8 @@ def outline_at(
     for section in placement.state.sections:
         if section.z_mm[0] <= height_mm <= section.z_mm[1]:
             rings = rings_of(shape_of(placement, section))
-            start = np.vstack(rings)
-            end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
-            return PartSection(start, end, placement.state.top_mm)
+            edges = EdgeRings.of(rings)
+            return PartSection(edges.start, edges.end, placement.state.top_mm)
     return None
 
 
@@ -226,13 +238,12 @@ def _outline_along(placement: Placement, low_mm: float, high_mm: float) -> PartS
     if not met:
         return None
     shapes = [shape_of(placement, item) for item in met]
-    start, end = [], []
-    for ring in rings_of(shapely.union_all(shapes)):
-        points = ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _SAME_PLACE_MM]
-        if len(points) >= 3:
-            start.append(points)
-            end.append(np.roll(points, -1, axis=0))
-    starts, ends = np.vstack(start), np.vstack(end)
+    rings = (
+        ring[np.hypot(*(ring - np.roll(ring, 1, axis=0)).T) > _SAME_PLACE_MM]
+        for ring in rings_of(shapely.union_all(shapes))
+    )
+    edges = EdgeRings.of([ring for ring in rings if len(ring) >= 3])
+    starts, ends = edges.start, edges.end
     middle = shapely.points((starts + ends) / 2)
     on = np.array([shapely.distance(shape.boundary, middle) < _ON_EDGE_MM for shape in shapes])
     own = np.array([[max(z[0], low_mm), min(z[1], high_mm)] for z in (item.z_mm for item in met)])

@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Section, State
-from palpate.base.geometry.regions import region_of
+from palpate.base.geometry.outlines import region_of
 from palpate.recognizer import (
     Approach,
     Catalogue,

@@ -17,8 +17,8 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Bools, Floats, Ints, Section, State
+from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import signed_area
-from palpate.base.geometry.regions import region_of
 from palpate.base.vocabulary import PushResponse
 from palpate.config.rig_tables import SearchConfig
 from palpate.recognizer import Catalogue, CatalogueState, Table

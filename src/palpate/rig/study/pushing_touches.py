@@ -30,7 +30,7 @@ from palpate.rig.motion.load_meter import (
     tip_friction,
 )
 from palpate.rig.motion.touch import Touch
-from palpate.rig.study.simulated_touches import FingerErrors, Mismeasurement, PlacedShapes
+from palpate.rig.study.simulated_touches import FingerErrors, Mismeasurement
 
 _STOP_S = 2e-3  # from the frame that shows a contact to the servo's braking: wire, host, bus, and its loop
 TURN_S = 0.09
@@ -223,7 +223,6 @@ class PushingTouches:
         """`part`: as placed; `noise`: of each finger's array. Tips and gains are drawn in their bounds."""
         self.seconds = 0.0  # rig time in grips; turning to the next aims is not in it
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
-        self._shapes = PlacedShapes(placement)
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
         spans = {
             item.span_mm: (
@@ -286,7 +285,7 @@ class PushingTouches:
         """As the part lies now; a way was free as far as nothing was noticed on it."""
         approach = finger.approach
         if finger.touched:
-            shape = self._shapes.within(approach.finger.span_mm)
+            shape = self._put.region_within(approach.finger.span_mm)
             contact = finger.error.contact(approach, shape, self._part.displacement, finger.travel_mm)
             if contact is not None:
                 return contact

@@ -12,7 +12,7 @@ than real ones do: what all contacts allow would be cut from all sides.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -20,7 +20,7 @@ import shapely
 from palpate.base.geometry import Floats
 from palpate.drivers.emulators import IN_PLACE, Displacement
 from palpate.recognizer import Contact, FingerApproach, NormalRange, Resolution
-from palpate.rig.emulated.scene import Placement, shape_of
+from palpate.rig.emulated.scene import Placement
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 
@@ -138,23 +138,6 @@ def _outward_rad(shape: shapely.Geometry, centre: Floats) -> float:
     return math.atan2(y, x)
 
 
-@dataclass(eq=False)
-class PlacedShapes:
-    """Shape of a part in W, as it was put, beside every tip that is asked for."""
-
-    placement: Placement
-    _found: dict[tuple[float, float], shapely.Geometry] = field(default_factory=dict)
-
-    def within(self, span_mm: tuple[float, float]) -> shapely.Geometry:
-        """Between a tip's ends at some heights (mm), prepared for distances."""
-        if span_mm not in self._found:
-            sections = self.placement.state.sections_within(span_mm)
-            shape = shapely.union_all([shape_of(self.placement, item) for item in sections])
-            shapely.prepare(shape)
-            self._found[span_mm] = shape
-        return self._found[span_mm]
-
-
 class SimulatedTouches:
     """Carries out grips on a part, as `search` has them carried out.
 
@@ -164,7 +147,7 @@ class SimulatedTouches:
     def __init__(self, placement: Placement, resolution: Resolution, rng: np.random.Generator) -> None:
         self.placement = placement
         self.seconds: float | None = None  # no time passes
-        self._shapes, self._errors = PlacedShapes(placement), FingerErrors(resolution, rng)
+        self._errors = FingerErrors(resolution, rng)
 
     def __call__(
         self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
@@ -175,6 +158,6 @@ class SimulatedTouches:
 
     def _touch(self, approach: FingerApproach) -> Touch:
         error = self._errors.draw(approach)
-        shape, far = self._shapes.within(approach.finger.span_mm), approach.travel_mm
+        shape, far = self.placement.region_within(approach.finger.span_mm), approach.travel_mm
         contact = error.contact(approach, shape, IN_PLACE, far) or error.miss(approach, far)
         return Touch(approach.finger_index, contact, None, (math.nan, math.nan))

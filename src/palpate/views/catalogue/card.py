@@ -10,7 +10,7 @@ from shapely import affinity
 
 from palpate.base.errors import quantity
 from palpate.base.geometry import Floats, State
-from palpate.base.geometry.regions import rings_of
+from palpate.base.geometry.outlines import rings_of
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range, SectionSymmetry, symmetry_of_region
 from palpate.rig.catalogue.twins import unreached_region

@@ -8,7 +8,7 @@ import shapely
 from shapely import affinity
 
 from palpate.base.geometry import ObjectModel, State
-from palpate.base.geometry.regions import region_of, rings_of
+from palpate.base.geometry.outlines import region_of, rings_of
 from palpate.config.study_result import PairStudiedOut
 from palpate.views.svg import element, number, path_data, shorten_middle, text
 
