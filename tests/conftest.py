@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import settings
 
+PROCESSOR_S = 600.0
+
 os.environ["PALPATE_CACHE"] = "off"  # also of commands under test: what was kept must not decide a test
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
@@ -33,5 +35,19 @@ def no_thread_is_left_behind() -> Iterator[None]:
     yield
     left = [thread for thread in threading.enumerate() if thread not in before]
     for thread in left:
-        thread.join(timeout=2.0)
+        thread.join(timeout=60.0)
     assert [thread.name for thread in left if thread.is_alive()] == []
+
+
+@pytest.fixture(autouse=True)
+def processor_time_is_bounded() -> Iterator[None]:
+    """End a test that computes without end, however busy the computer is; one that waits has `timeout`."""
+
+    def give_up(*_: object) -> None:
+        pytest.fail(f"{PROCESSOR_S:.0f} s of processor time")
+
+    before = signal.signal(signal.SIGPROF, give_up)
+    signal.setitimer(signal.ITIMER_PROF, PROCESSOR_S)
+    yield
+    signal.setitimer(signal.ITIMER_PROF, 0.0)
+    signal.signal(signal.SIGPROF, before)

@@ -28,7 +28,17 @@ from palpate.drivers.transport.ports import PortTaken
 from palpate.jobs.session import open_session
 from palpate.rig.array_monitor import ArrayPorts, find_array_ports, stream_arrays
 from support.benches.rigs import firm_rig, small, small_parts
-from support.commands.command import PALPATE, Ended, log_events, log_lines, run, run_here, write_log
+from support.commands.command import (
+    PALPATE,
+    PATIENCE_S,
+    Ended,
+    log_events,
+    log_lines,
+    run,
+    run_here,
+    started,
+    write_log,
+)
 from support.commands.json_schema import violations
 from support.devices.ports import Listener
 
@@ -275,44 +285,23 @@ def test_the_first_port_is_closed_again_if_the_second_is_taken() -> None:
 
 
 def test_it_ends_when_nobody_reads_any_more(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [str(PALPATE), "watch", "--finger", "f1", "--json", "--for", "30"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    with started("watch", "--finger", "f1", "--json", "--for", "30", cwd=tmp_path) as command:
+        process = command.process
         assert process.stdout is not None
         assert process.stderr is not None
-        process.stdout.readline()
+        command.line()
         process.stdout.close()
-        assert process.wait(timeout=30) == 0
+        assert process.wait(timeout=PATIENCE_S) == 0
         assert [line for line in process.stderr.read().splitlines() if "emulated" not in line][1:] == []
-        process.stderr.close()
-    finally:
-        process.kill()
-        process.wait()
+        process.stdout = None
 
 
 def test_a_signal_ends_it_as_other_commands(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [str(PALPATE), "watch", "--finger", "f1"],
-        cwd=tmp_path,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        assert " f1  " in process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=30)
-    finally:
-        process.kill()
-    assert process.returncode == 130
-    assert err.splitlines()[-2:] == ["interrupted", "nothing was moved"]
+    with started("watch", "--finger", "f1", cwd=tmp_path) as command:
+        assert " f1  " in command.line()
+        done = command.ended(signal.SIGINT)
+    assert done.code == 130
+    assert done.err.splitlines()[-2:] == ["interrupted", "nothing was moved"]
 
 
 @pytest.mark.parametrize(
@@ -351,7 +340,7 @@ def test_keys_on_a_terminal(tmp_path: Path) -> None:
         assert termios.tcgetattr(inside) != before
         os.write(outside, b"trq")
         read_until(outside, rb"f3: \d+ frames?, lost 0")
-        assert process.wait(timeout=30) == 0
+        assert process.wait(timeout=PATIENCE_S) == 0
         assert termios.tcgetattr(inside) == before
     finally:
         process.kill()
@@ -362,7 +351,7 @@ def test_keys_on_a_terminal(tmp_path: Path) -> None:
 
 def read_until(fd: int, pattern: bytes) -> None:
     """Wait until `pattern` has come."""
-    data, end = b"", time.monotonic() + 30
+    data, end = b"", time.monotonic() + PATIENCE_S
     while time.monotonic() < end:
         if select.select([fd], [], [], 1.0)[0]:
             data += os.read(fd, 65536)

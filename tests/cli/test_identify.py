@@ -4,7 +4,6 @@ import base64
 import json
 import re
 import signal
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
-from support.benches.rigs import firm_rig, quick_bench
-from support.commands.command import PALPATE, log_bytes, log_events, run, torque_writes
+from support.benches.rigs import firm_rig, quick_bench, slow_rig
+from support.commands.command import log_bytes, log_events, run, started, torque_writes
 from support.commands.json_schema import violations
 
 IDS = (11, 12, 21, 22, 31, 32)
@@ -246,31 +245,13 @@ def real_rig(folder: Path, bus: str) -> Path:
 def test_a_signal_in_the_middle_of_a_closing(
     tmp_path: Path, number: signal.Signals, code: int, name: str
 ) -> None:
-    """Fingers creep, so that the signal is sure to come while they close."""
-    text = firm_rig().read_text(encoding="utf-8")
-    slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
-    (tmp_path / "slow.toml").write_text(slow)
-    process = subprocess.Popen(
-        [PALPATE, "identify", "--rig", "slow.toml", "--json"],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        wait_for(tmp_path, b'"stage":"closing"')
+    with started("identify", "--rig", slow_rig(tmp_path), "--json", cwd=tmp_path) as command:
+        log = command.until_logged(b'"stage":"closing"')
         time.sleep(0.1)
-        process.send_signal(number)
-        process.send_signal(number)  # an impatient second one must not keep torque on
-        out, err = process.communicate(timeout=30)
-    finally:
-        process.kill()
-        process.wait()
-    assert process.returncode == code, err
-    assert out == ""
-    assert err.splitlines()[-2:] == ["interrupted", "torque is off"]
-    assert "Traceback" not in err
-    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
+        done = command.ended(number, number)  # an impatient second one must not keep torque on
+    assert (done.code, done.out) == (code, ""), done.err
+    assert done.err.splitlines()[-2:] == ["interrupted", "torque is off"]
+    assert "Traceback" not in done.err
     events = log_events(log)
     assert [event["stage"] for event in events if event["event"] == "stage"] == ["aiming", "closing"]
     assert (events[-1]["event"], events[-1]["how"]) == ("end", name)
@@ -279,27 +260,9 @@ def test_a_signal_in_the_middle_of_a_closing(
     assert moved == []
 
 
-def wait_for(folder: Path, what: bytes) -> None:
-    """Wait until the only session log holds `what`."""
-    end = time.monotonic() + 30
-    while time.monotonic() < end:
-        for log in folder.glob("palpate-sessions/*/session.jsonl.zst"):
-            if what in log_bytes(log):
-                return
-        time.sleep(0.02)
-    raise AssertionError(f"{what!r} never came")
-
-
 def test_a_killed_session_leaves_a_log_that_can_be_read(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [PALPATE, "identify", "--json"], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        wait_for(tmp_path, b'"stage":"closing"')
-    finally:
-        process.kill()
-        process.wait()
-    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
+    with started("identify", "--json", cwd=tmp_path) as command:
+        log = command.until_logged(b'"stage":"closing"')
     lines = log_bytes(log).decode().split("\n")
     for line in lines[:-1]:
         json.loads(line)

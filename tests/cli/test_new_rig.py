@@ -2,11 +2,8 @@
 
 import io
 import json
-import signal
-import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.resources import as_file
 from pathlib import Path
 from typing import Any
@@ -25,9 +22,10 @@ from palpate.config.commissioning_results import HomeOut
 from palpate.config.loading import SHIPPED_RIGS
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.testing import served
 from support.benches.rigs import firm_rig
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE, Ended, run, run_here
+from support.commands.command import Ended, run, run_here
 from support.commands.json_schema import violations
 from support.commands.repository import EXAMPLES
 from support.devices.servo_wire import MotorWire, Person
@@ -305,28 +303,11 @@ def test_what_people_get_wrong_is_one_line(
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-@contextmanager
-def served(folder: Path) -> Iterator[dict[str, str]]:
-    """Ports of the shipped bench, served by another process, by their names in its rig file."""
-    process = subprocess.Popen(
-        [PALPATE, "emulate", "--rig", firm_rig(), "--seed", "7"],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        said: dict[str, Any] = json.loads(process.stdout.readline())
-        yield said["ports"]
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=10)
-
-
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
-    with served(tmp_path) as ports:
+    with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
+        ports = told["ports"]
         bus, *arrays = ports.values()
         words = [word for place in arrays for word in ("--array", place)]
         asked = ("init", "--port", bus, "--baud", 1000000, "--max-id", 40, *words, "--out", "mine.toml")
@@ -353,7 +334,8 @@ def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_an_array_that_is_silent_is_named_and_marked(tmp_path: Path) -> None:
-    with served(tmp_path) as ports:
+    with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
+        ports = told["ports"]
         bus = next(iter(ports.values()))
         words = ("--port", bus, "--baud", 1000000, "--max-id", 40, "--array", tmp_path / "nowhere")
         ended = run("init", *words, cwd=tmp_path)
@@ -368,7 +350,8 @@ def test_an_array_that_is_silent_is_named_and_marked(tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_a_bus_without_servos_is_refused(tmp_path: Path) -> None:
-    with served(tmp_path) as ports:
+    with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
+        ports = told["ports"]
         bus = next(iter(ports.values()))
         ended = run("init", "--port", bus, "--baud", 1000000, "--max-id", 5, cwd=tmp_path)
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)

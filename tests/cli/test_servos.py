@@ -5,7 +5,6 @@ import os
 import pty
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, scan
 from palpate.testing import served
 from palpate.views.ports_table import show_unplugged
 from support.benches.rigs import firm_rig
-from support.commands.command import PALPATE, Ended, log_bytes, missing, run_here
+from support.commands.command import PALPATE, PATIENCE_S, Ended, missing, run_here, started
 from support.commands.json_schema import violations
 from support.devices.servo_wire import MotorWire, served_servos
 
@@ -303,7 +302,7 @@ def test_on_a_terminal_it_asks(typed: str, code: int, said: str) -> None:
                 process.send_signal(signal.SIGINT)
             else:
                 os.write(controller, typed.encode())
-            out, err = process.communicate(timeout=30)
+            out, err = process.communicate(timeout=PATIENCE_S)
         finally:
             process.kill()
             os.close(terminal)
@@ -429,35 +428,18 @@ def test_a_port_that_another_program_keeps(here: Here) -> None:
 
 @pytest.mark.slow
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_beside_a_run_that_moves(tmp_path: Path, here: Here) -> None:
     """The run ends with an error, and every servo has its torque off."""
     with served(tmp_path, "--pty", "--seed", 7, "--rig-out", "real.toml") as (_, told):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")
         patient = text.replace("latency_ms = 100", "latency_ms = 500", 1)
         (tmp_path / "real.toml").write_text(patient)
-        run = subprocess.Popen(
-            [str(PALPATE), "identify", "--rig", "real.toml"],
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        try:
-            log = _session_log(tmp_path, run)
-            while b'"stage":"closing"' not in log_bytes(log):
-                assert run.poll() is None, run.communicate()
-                time.sleep(0.05)
-            begin = time.monotonic()
+        with started("identify", "--rig", "real.toml", cwd=tmp_path) as run:
+            run.until_logged(b'"stage":"closing"')
             done = here("stop", "--rig", "real.toml", "--json")
-            _, err = run.communicate(timeout=20)
-            took_s = time.monotonic() - begin
-        finally:
-            run.kill()
-            run.wait()
-        assert run.returncode == 4, err
-        assert "has its torque off, and this run did not switch it off" in err
-        assert took_s < 12
+            ended = run.ended()
+        assert ended.code == 4, ended.err
+        assert "has its torque off, and this run did not switch it off" in ended.err
         assert done.json["told"] >= 10
         bus = Bus(
             open_port(told["ports"]["mock://bus"], 1_000_000), MonotonicClock(), 1_000_000, latency_s=0.5
@@ -467,12 +449,3 @@ def test_beside_a_run_that_moves(tmp_path: Path, here: Here) -> None:
         finally:
             bus.close()
     assert state == dict.fromkeys(state, 0)
-
-
-def _session_log(folder: Path, run: subprocess.Popen[str]) -> Path:
-    while True:
-        found = list(folder.glob("palpate-sessions/*/session.jsonl.zst"))
-        if found:
-            return found[0]
-        assert run.poll() is None, run.communicate()
-        time.sleep(0.05)

@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -14,7 +13,7 @@ from palpate.config import shipped_rig
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.rig.session.log import SessionLog
-from support.commands.command import Ended, log_bytes, run_here
+from support.commands.command import Ended, log_bytes, run_here, until
 from support.commands.json_schema import violations
 
 # ----------------------------------------------------------------------------------------------------
@@ -59,8 +58,7 @@ def killed(name: str, days: float = 0.0) -> Path:
 
 
 def until_flushed(log: SessionLog) -> None:
-    while not log_bytes(log.path):
-        time.sleep(0.01)
+    until(lambda: log_bytes(log.path))
 
 
 @pytest.fixture

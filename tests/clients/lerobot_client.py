@@ -67,7 +67,7 @@ def positions(bus: DynamixelMotorsBus) -> dict[str, int]:
 def watched(bus: DynamixelMotorsBus) -> list[dict[str, int]]:
     """Positions seen until the goals are reached."""
     seen = []
-    end = time.monotonic() + 20
+    end = time.monotonic() + 600
     while time.monotonic() < end:
         seen.append(positions(bus))
         if all(abs(seen[-1][name] - goal) <= 3 for name, goal in GOALS.items()):

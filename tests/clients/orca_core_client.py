@@ -44,7 +44,7 @@ def basics(path: str) -> dict[str, Any]:
 def watched(client: DynamixelClient) -> list[list[int]]:
     """Positions seen until the goals are reached."""
     seen: list[list[int]] = []
-    end = time.monotonic() + 20
+    end = time.monotonic() + 600
     while time.monotonic() < end:
         state = client.read_position_velocity_current()
         seen.append([round(value / TICK_RAD) for value in np.asarray(state[0]).tolist()])

@@ -48,7 +48,7 @@ def basics(path: str) -> dict[str, Any]:
 def watched(servos: rustypot.Xl430PyController, goals: list[int]) -> list[list[int]]:
     """Positions seen until the goals are reached."""
     seen = []
-    end = time.monotonic() + 20
+    end = time.monotonic() + 600
     while time.monotonic() < end:
         seen.append(servos.sync_read_present_position(IDS))
         if all(abs(position - goal) <= 3 for position, goal in zip(seen[-1], goals, strict=True)):

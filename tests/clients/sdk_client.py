@@ -86,7 +86,7 @@ class Client:
         """Positions seen on the way to goals that `write` sets."""
         write()
         seen = []
-        end = time.monotonic() + 20
+        end = time.monotonic() + 600
         while time.monotonic() < end:
             seen.append(self.sync_read(PRESENT_POSITION, 4))
             if all(abs(seen[-1][dxl_id] - goal) <= 3 for dxl_id, goal in goals.items()):

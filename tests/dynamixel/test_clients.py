@@ -23,6 +23,7 @@ from palpate.drivers.dynamixel.models import model_by_name
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.ports import open_port
 from palpate.testing import served
+from support.commands.command import PATIENCE_S
 from support.commands.repository import EXAMPLES, ROOT
 from support.devices.servo_wire import BAUD, Served, served_servos
 from support.devices.vendor_device import compiled_device, vendor_device
@@ -62,7 +63,7 @@ class Foreign:
             [sys.executable, str(CLIENTS / self.program), path, task],
             capture_output=True,
             text=True,
-            timeout=100,
+            timeout=PATIENCE_S,
             check=False,
             env=environment,
         )
@@ -106,7 +107,6 @@ def torque_is_off(served: Served) -> bool:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(240)
 @each_sdk
 def test_unmodified_sdk(sdk: Foreign) -> None:
     with served_servos([5, 6, 7]) as served:
@@ -134,7 +134,6 @@ def test_unmodified_sdk(sdk: Foreign) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_unmodified_rustypot() -> None:
     with served_servos([5, 6, 7]) as served:
         told = RUSTYPOT.run(served.path, "basics")
@@ -157,7 +156,6 @@ def test_unmodified_rustypot() -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_unmodified_lerobot() -> None:
     with served_servos([5, 6, 7]) as served:
         told = LEROBOT.run(served.path, "basics")
@@ -173,7 +171,6 @@ def test_unmodified_lerobot() -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_unmodified_orca_core() -> None:
     with served_servos([5, 6, 7]) as served:
         told = ORCA.run(served.path, "basics")
@@ -187,7 +184,6 @@ def test_unmodified_orca_core() -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(240)
 def test_clients_come_and_go() -> None:
     """Different ones, one after the other on the same port, which each sets up in its own way."""
     with served_servos([5]) as served:
@@ -196,7 +192,6 @@ def test_clients_come_and_go() -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 @each_sdk
 def test_fast_reads_of_the_unmodified_sdk(sdk: Foreign) -> None:
     with served_servos([5, 6, 7]) as served:
@@ -206,14 +201,12 @@ def test_fast_reads_of_the_unmodified_sdk(sdk: Foreign) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_fast_read_of_unmodified_rustypot() -> None:
     with served_servos([5, 6, 7]) as served:
         assert RUSTYPOT.run(served.path, "fast")["sync"] == dict.fromkeys(IDS, 2048)
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(30)
 def test_a_port_that_goes_away_is_reported_by_name() -> None:
     with served_servos([5]) as served:
         path = served.path
@@ -262,7 +255,6 @@ def value_of(rng: random.Random, item: Item) -> int:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_it_is_found_and_known(bus: Bus) -> None:
     assert (bus.ping(7).model_number, bus.ping(7).firmware) == (MODEL.number, 46)
     Servo(bus, 7).check()
@@ -271,7 +263,6 @@ def test_it_is_found_and_known(bus: Bus) -> None:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 def test_whatever_is_written_is_read_back(bus: Bus) -> None:
     rng = random.Random(1)
     held: dict[Item, int] = dict.fromkeys(ITEMS, 0)
@@ -313,7 +304,7 @@ def test_it_moves_one_servo_within_its_range_and_switches_torque_off(tmp_path: P
     with served(tmp_path, "--pty", "--seed", 7) as (_, printed):
         port = printed["ports"]["mock://bus"]
         process = drive(port, "--id", "11", "--by", "0.2")
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, err) == (0, "")
         assert [int(dxl_id) for dxl_id in re.findall(r"servo (\d+), XM430-W350", out)] == list(RIG_IDS)
         moved = re.search(r"servo 11: reached at (\S+) rad, from (\S+) rad", out)
@@ -322,7 +313,7 @@ def test_it_moves_one_servo_within_its_range_and_switches_torque_off(tmp_path: P
         assert torque(port) == [0] * 6
 
         process = drive(port, "--id", "11", "--by", "0.6")
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 1
         assert "outside its range" in err
         assert torque(port) == [0] * 6
@@ -339,7 +330,7 @@ def test_interrupted_on_the_way_it_switches_torque_off(tmp_path: Path, number: s
             assert process.stdout.readline()
         time.sleep(0.4)  # half a second of a move that takes one
         process.send_signal(number)
-        out, _ = process.communicate(timeout=60)
+        out, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode != 0
         assert "reached" not in out
         assert torque(port) == [0] * 6

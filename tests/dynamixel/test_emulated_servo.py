@@ -1,7 +1,6 @@
 """The emulated XM430-W350 against the e-Manual's rules, instruction by instruction, without a wire."""
 
 import math
-from time import perf_counter
 
 import pytest
 from hypothesis import given, settings
@@ -258,19 +257,6 @@ def test_torque_off_gives_way_to_a_load_beyond_friction() -> None:
     assert console.servo.shaft_rad == 0.0
     console.run(0.2, load_nm=0.3)
     assert console.servo.shaft_rad > 0.01
-
-
-def test_a_step_is_cheap() -> None:
-    console = Console()
-    console.start(CURRENT_BASED, velocity=100, acceleration=10)
-    console.write(116, 500_000, 4)
-    best = math.inf
-    for _ in range(5):
-        start = perf_counter()
-        for _ in range(2000):
-            console.servo.step(5e-4, 0.01)
-        best = min(best, (perf_counter() - start) / 2000)
-    assert best < 20e-6  # about 1 µs on an idle machine
 
 
 # -- several on one wire ----------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from support.commands.command import PATIENCE_S
 from support.devices.firmware import FIRMWARE, build_firmware
 
 # ----------------------------------------------------------------------------------------------------
@@ -44,7 +45,11 @@ def test_the_portable_part_calls_the_port_and_hardly_any_library(built: Path, tm
 def test_random_and_mutated_bytes(built: Path, seed: int) -> None:
     """The fuzzer checks what goes out and that a HELLO is heard; sanitizers watch it."""
     ended = subprocess.run(
-        [str(built / "fuzz"), str(seed), "200000"], capture_output=True, text=True, check=False, timeout=60
+        [str(built / "fuzz"), str(seed), "200000"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE_S,
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
     told = json.loads(ended.stdout)

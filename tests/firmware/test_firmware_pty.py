@@ -19,6 +19,7 @@ from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.messages import BadTaxel, SelfTestResult, TaxelFault
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.ports import open_port
+from support.commands.command import PATIENCE_S
 from support.devices.firmware import (
     ArrayHost,
     Sips,
@@ -300,7 +301,7 @@ def test_options_that_cannot_be_are_refused(checked: Path, options: tuple[str, .
         capture_output=True,
         text=True,
         check=False,
-        timeout=20,
+        timeout=PATIENCE_S,
     )
     assert ended.returncode == 2
     assert ended.stdout == ""
@@ -328,7 +329,6 @@ def test_the_largest_frames_fit_the_decoder(built: Path) -> None:
 ROWS, COLS, DEPTH = 4, 5, 12
 LARGEST = (1 << DEPTH) - 1
 SIZE = ("--rows", ROWS, "--cols", COLS, "--depth", DEPTH)
-PATIENCE_S = 5.0
 
 
 @contextmanager

@@ -276,7 +276,7 @@ def test_check_watch_and_identify(tmp_path: Path) -> None:
         real = write_real_rig(rig, bench.paths, tmp_path / "real.toml")
         checked = run("check", "--rig", real, "--json", cwd=tmp_path)
         watched = run("watch", "--rig", real, "--for", 3, "--json", cwd=tmp_path)
-        done = run("identify", "--rig", real, "--objects", parts, "--json", cwd=tmp_path, timeout_s=200)
+        done = run("identify", "--rig", real, "--objects", parts, "--json", cwd=tmp_path)
         accounts = {name: board.account() for name, board in bench.boards.items()}
     assert checked.code == 0, checked.err
     assert [found["firmware"] for found in checked.json["arrays"]] == ["mps2 1"] * 3

@@ -18,7 +18,7 @@ from palpate.rig.identification.observers import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
 from support.benches.rigs import firm_rig, quick_bench
 from support.campaign.sampling import sample
-from support.commands.command import log_events, run, torque_writes
+from support.commands.command import PATIENCE_S, log_events, run, torque_writes
 from support.commands.repository import EXAMPLES, ROOT
 
 CONTACTS = EXAMPLES / "contacts.json"
@@ -265,7 +265,6 @@ def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("number", sample([2, 10], [2]))
 def test_ten_parts_in_a_row(bench: tuple[Path, Path], tmp_path: Path, number: int) -> None:
     done = subprocess.run(
@@ -292,7 +291,7 @@ def test_the_notebook_runs_from_the_first_cell_to_the_last(tmp_path: Path) -> No
     from nbclient import NotebookClient
 
     notebook = nbformat.read(EXAMPLES / "identify.ipynb", as_version=4)
-    NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    NotebookClient(notebook, timeout=PATIENCE_S, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/svg+xml" in output.get("data", {}) for output in outputs)
     assert not any(output["output_type"] == "error" for output in outputs)

@@ -20,11 +20,11 @@ import typer.main
 from palpate.cli.main import app
 from support.benches.parts import ELL, mesh_file, prism
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE
+from support.commands.command import PALPATE, PATIENCE_S
 from support.commands.pages import PAGES, Shown, differences, mentioned, shown_on
 from support.commands.repository import ROOT
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.slow]
 
 SHOWN = [shown for page in PAGES for shown in shown_on(page)]
 SESSION = "identify --seed 7"
@@ -124,7 +124,7 @@ def ran(*words: str, cwd: Path) -> str:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=200,
+        timeout=PATIENCE_S,
         check=False,
         env=os.environ | {"COLUMNS": "96"},
     )
@@ -140,7 +140,7 @@ def first_line(*words: str, cwd: Path) -> str:
         line = process.stdout.readline()
         process.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.communicate(timeout=30)
+            process.communicate(timeout=PATIENCE_S)
         process.kill()
     return line
 

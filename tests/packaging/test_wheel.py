@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 from support.benches.rigs import small, small_parts
+from support.commands.command import PATIENCE_S
 from support.commands.repository import EXAMPLES, ROOT
 
 pytestmark = pytest.mark.slow
@@ -48,7 +49,7 @@ def run(*command: str | Path, cwd: Path, stdin: str | None = None) -> str:
         input=stdin,
         capture_output=True,
         text=True,
-        timeout=240,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert done.returncode == 0, f"{command} failed:\n{done.stdout}\n{done.stderr}"

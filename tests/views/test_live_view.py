@@ -7,7 +7,6 @@ import shutil
 import signal
 import socket
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -17,8 +16,16 @@ import dynamixel_sdk
 import pytest
 
 from palpate.testing import served
-from support.benches.rigs import firm_rig, quick_bench, two_grips
-from support.commands.command import PALPATE, log_events, log_lines, torque_writes, write_log
+from support.benches.rigs import firm_rig, quick_bench, slow_rig, two_grips
+from support.commands.command import (
+    PALPATE,
+    PATIENCE_S,
+    log_events,
+    log_lines,
+    torque_writes,
+    until,
+    write_log,
+)
 
 CHROMIUM = shutil.which("chromium")
 needs_chromium = pytest.mark.skipif(
@@ -39,7 +46,7 @@ class Page:
         self.port = port
 
     def ask(self, path: str, method: str = "GET", **headers: str) -> tuple[int, str, dict[str, str]]:
-        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)) as connection:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE_S)) as connection:
             named = {name.replace("_", "-"): value for name, value in headers.items()}
             connection.request(method, path, headers=named)
             answer = connection.getresponse()
@@ -58,16 +65,12 @@ class Page:
 
 
 def until_served(port: int, process: subprocess.Popen[bytes]) -> Page:
-    end = time.monotonic() + 60
-    while time.monotonic() < end:
+    def served() -> bool:
         assert process.poll() is None, "it ended by itself"
-        try:
-            socket.create_connection(("127.0.0.1", port), timeout=1).close()
-        except OSError:
-            time.sleep(0.05)
-            continue
-        return Page(port)
-    raise AssertionError("it never came")
+        return is_served(port)
+
+    until(served)
+    return Page(port)
 
 
 @contextmanager
@@ -76,10 +79,7 @@ def viewed(session: Path) -> Iterator[Page]:
     process = subprocess.Popen([PALPATE, "view", session, "--port", str(port)], stderr=subprocess.DEVNULL)
     try:
         page = until_served(port, process)
-        end = time.monotonic() + 60
-        while not page.json("/extent")["ended"]:
-            assert time.monotonic() < end
-            time.sleep(0.05)
+        until(lambda: page.json("/extent")["ended"])
         yield page
     finally:
         process.kill()
@@ -175,11 +175,11 @@ def test_it_listens_on_this_computer_only(page: Page) -> None:
 def test_what_cannot_be_served_or_read_is_one_line(session: Path, tmp_path: Path) -> None:
     with closing(socket.create_server(("127.0.0.1", 0))) as server:
         words = [PALPATE, "view", session, "--port", str(server.getsockname()[1])]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "cannot be served: Address already in use; choose another with --port" in done.stderr
     done = subprocess.run(
-        [PALPATE, "view", tmp_path], capture_output=True, text=True, timeout=60, check=False
+        [PALPATE, "view", tmp_path], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "is not a session" in done.stderr
@@ -201,10 +201,8 @@ def test_a_log_that_was_changed_is_shown_up_to_there_and_says_so(session: Path, 
 @contextmanager
 def running(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Page]]:
     """A run with its view, whose fingers creep."""
-    text = firm_rig().read_text(encoding="utf-8")
-    (folder / "slow.toml").write_text(text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0"))
     port = free_port()
-    words = [PALPATE, "identify", "--rig", "slow.toml", "--view", "--view-port", str(port)]
+    words = [PALPATE, "identify", "--rig", slow_rig(folder), "--view", "--view-port", str(port)]
     process = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
     try:
         yield process, until_served(port, process)
@@ -214,14 +212,11 @@ def running(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Page]]:
 
 
 def until_closing(page: Page) -> dict[str, Any]:
-    end = time.monotonic() + 60
-    while time.monotonic() < end:
-        frame = page.json("/frame?t=1e9")
-        if frame and frame["stage"] == "closing":
-            assert isinstance(frame, dict)
-            return frame
-        time.sleep(0.02)
-    raise AssertionError("it never closed")
+    def closing() -> dict[str, Any] | None:
+        frame: dict[str, Any] = page.json("/frame?t=1e9")
+        return frame if frame and frame["stage"] == "closing" else None
+
+    return until(closing, "it never closed")  # type: ignore[return-value]
 
 
 def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
@@ -230,7 +225,7 @@ def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
         assert any(frame["torque"].values())
         status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
         assert (status, json.loads(text)["stopped"]) == (200, True)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 130
         assert said.decode().splitlines()[-2:] == ["interrupted", "torque is off"]
     (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
@@ -284,7 +279,7 @@ def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_find
             frame = until_closing(page)
             assert any(frame["torque"].values())
             assert press(page) == "torque is off"
-            assert run.wait(30) in (3, 130)  # its port may have been taken from it first
+            assert run.wait(timeout=PATIENCE_S) in (3, 130)  # its port may have been taken from it first
         finally:
             run.kill()
             run.wait()
@@ -330,7 +325,7 @@ def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
             )
             assert folder.is_dir()
             assert pressed_by_request(page) == "stopped: the run switches torque off"
-            assert process.wait(30) == 130
+            assert process.wait(timeout=PATIENCE_S) == 130
         finally:
             process.kill()
     assert not folder.exists()
@@ -351,8 +346,8 @@ def test_what_arrays_feel_is_shown(tmp_path: Path) -> None:
             until(lambda: page.json("/frame?t=1e9")["frames"] > frame["frames"] + 100)
         finally:
             process.send_signal(signal.SIGINT)
-            assert process.wait(30) == 130
-    until(lambda: not is_served(port), 10)
+            assert process.wait(timeout=PATIENCE_S) == 130
+    until(lambda: not is_served(port))
 
 
 def is_served(port: int) -> bool:
@@ -368,24 +363,13 @@ def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
         for _ in range(40):
             silent = stack.enter_context(closing(socket.create_connection(("127.0.0.1", page.port))))
             silent.sendall(f"GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
-            silent.settimeout(10)
+            silent.settimeout(PATIENCE_S)
             answers.append(silent.recv(12))
         assert answers.count(b"HTTP/1.1 200") == 32
         assert answers.count(b"HTTP/1.1 503") == 8
         first = page.json("/extent")["last"]
-        begin = time.monotonic()
-        time.sleep(1.0)
-        asked = time.monotonic()
-        assert page.json("/extent")["last"] > first
-        assert time.monotonic() - asked < 2.0
-        assert process.poll() is None, time.monotonic() - begin
-
-
-def until(told: Callable[[], object], seconds: float = 30.0) -> None:
-    end = time.monotonic() + seconds
-    while not told():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+        until(lambda: page.json("/extent")["last"] > first, "nobody else is served meanwhile")
+        assert process.poll() is None
 
 
 @contextmanager
@@ -410,10 +394,7 @@ def test_the_page_in_chromium(session: Path, page: Page) -> None:
         browser.get(f"http://127.0.0.1:{page.port}/")
         browser.implicitly_wait(10)
         find = browser.find_element
-        end = time.monotonic() + 20
-        while find("id", "doing").text != "the run has ended":
-            assert time.monotonic() < end, find("id", "doing").text
-            time.sleep(0.1)
+        until(lambda: find("id", "doing").text == "the run has ended")
         events = log_events(session / "session.jsonl.zst")
         (result,) = [event["result"] for event in events if event["event"] == "result"]
         assert find("id", "title").text == f"{result['verdict']}: {result['object']}, {result['state']}"
@@ -425,10 +406,7 @@ def test_the_page_in_chromium(session: Path, page: Page) -> None:
                 event["t_s"] + 0.06,
             )
             words = f"grip {event['grip']}: {event['stage']}"
-            end = time.monotonic() + 10
-            while not find("id", "doing").text.startswith(words):
-                assert time.monotonic() < end, (words, find("id", "doing").text)
-                time.sleep(0.05)
+            until(lambda words=words: find("id", "doing").text.startswith(words), words)
         assert len(browser.find_elements("css selector", "#table .tip")) == 3
         assert len(browser.find_elements("css selector", "#arrays svg")) == 3
         said = [item for item in browser.get_log("browser") if item["level"] == "SEVERE"]

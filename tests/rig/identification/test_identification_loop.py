@@ -31,6 +31,7 @@ from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from support.benches.rigs import firm_rig
 from support.campaign.sampling import sample
+from support.commands.command import PATIENCE_S
 from support.commands.repository import EXAMPLES, SHARED_OUTLINES, needs_shared_outlines
 from support.oracles.plans import SimulatedTouches, as_predicted
 from support.oracles.shapely_touches import (
@@ -259,7 +260,7 @@ def test_an_observer_that_fails_at_the_end_leaves_the_answer() -> None:
 
     class Late:
         def __call__(self, _: Event) -> None:
-            over.wait(30.0)
+            over.wait(timeout=PATIENCE_S)
             raise OSError(28, "No space left on device")
 
     with Observers([Late()]) as observers:

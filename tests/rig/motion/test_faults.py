@@ -3,7 +3,6 @@
 import json
 import random
 import signal
-import subprocess
 import time
 import tomllib
 from collections.abc import Callable
@@ -36,7 +35,7 @@ from support.benches.fault_rows import FAULTS
 from support.benches.rigs import firm_rig, quick_bench, small, small_objects
 from support.benches.session import EmulatedSession, emulated_session, small_session
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE, log_bytes, log_events, run
+from support.commands.command import log_bytes, log_events, run, started
 
 # ----------------------------------------------------------------------------------------------------
 # Whatever fails or interrupts: it is named, all that can still hear is switched off, the log is whole.
@@ -623,7 +622,6 @@ FOUR_IDS = (11, 12, 21, 22)
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("number", sample([signal.SIGKILL, signal.SIGQUIT], [signal.SIGKILL]))
 def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, number: signal.Signals) -> None:
     small, parts = quick_bench(tmp_path, fingers=2)
@@ -632,19 +630,12 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         rig = tmp_path / "real.toml"
         slow = rig.read_text().replace("approach_speed_mm_s = 30.0", "approach_speed_mm_s = 5.0")
         rig.write_text(slow)  # fingers still close when the signal comes, on a busy computer, too
-        killed = subprocess.Popen(
-            [str(PALPATE), "identify", "--rig", "real.toml", "--objects", str(parts)],
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            log = _log_when_closing(tmp_path, killed)
+        words = ("identify", "--rig", "real.toml", "--objects", parts)
+        with started(*words, cwd=tmp_path) as killed:
+            log = killed.until_logged(b'"stage":"closing"')
             time.sleep(0.3)
-        finally:
-            killed.send_signal(number)
-            assert killed.wait() == -number, "nothing unwinds"
-        time.sleep(1.0)  # nothing may be heard on the bus: the watchdogs count 0.5 s
+            assert killed.ended(number).code == -number, "nothing unwinds"
+        time.sleep(5.0)  # nothing may be heard on the bus: the watchdogs count 0.5 s of the emulator's time
         clock = MonotonicClock()
         bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
         try:
@@ -670,15 +661,6 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         assert done.json["confirmed"] is True
         checked = run("check", "--rig", "real.toml", "--json", cwd=tmp_path)
         assert checked.code == 0, checked.err
-
-
-def _log_when_closing(folder: Path, process: subprocess.Popen[bytes]) -> Path:
-    while True:
-        for log in folder.glob("palpate-sessions/*/session.jsonl.zst"):
-            if b'"stage":"closing"' in log_bytes(log):
-                return log
-        assert process.poll() is None, "it ended by itself"
-        time.sleep(0.05)
 
 
 # ----------------------------------------------------------------------------------------------------

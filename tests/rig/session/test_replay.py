@@ -5,10 +5,8 @@ import json
 import math
 import re
 import signal
-import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +23,11 @@ from palpate.rig.motion.hand import Environment
 from palpate.rig.session.log import SessionEvents, line_checksum
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.replay import first_difference, replay_with
-from support.benches.rigs import firm_rig, quick_bench
+from palpate.testing import served
+from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.benches.session import small_session
 from support.campaign.sampling import sample
 from support.commands.command import (
-    PALPATE,
     Ended,
     log_bytes,
     log_events,
@@ -37,6 +35,7 @@ from support.commands.command import (
     missing,
     run,
     run_here,
+    started,
     write_log,
 )
 from support.commands.json_schema import violations
@@ -308,9 +307,9 @@ def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path) -> None:
     text = rig.read_text().replace("sample_rate_hz = 250.0", "sample_rate_hz = 125.0")
     rig.write_text(text.replace("radius_mm = 110.0", "radius_mm = 70.0"))
     args = ("--rig", rig, "--seed", 3, "--strategy", "random", "--json")
-    done = run("identify", *args, cwd=tmp_path, timeout_s=250)
+    done = run("identify", *args, cwd=tmp_path)
     assert done.code in (0, 1), done.err
-    again = run("replay", done.json["session"], "--json", cwd=tmp_path, timeout_s=250)
+    again = run("replay", done.json["session"], "--json", cwd=tmp_path)
     assert again.code == 0, again.out + again.err
     assert again.json["same"]
     assert (again.json["verdict"], again.json["object"]) == (done.json["verdict"], done.json["object"])
@@ -363,28 +362,6 @@ def test_values_are_compared_to_six_decimals(found: Any, recorded: Any, told: st
 # A session in real time, over pseudo-terminals with another process behind them, comes about again.
 
 
-@contextmanager
-def served(folder: Path) -> Iterator[subprocess.Popen[str]]:
-    """The emulator's process, of a small bench of two fingers, with `real.toml`; ended as by Ctrl-C."""
-    rig, parts = quick_bench(folder, fingers=2)
-    process = subprocess.Popen(
-        [PALPATE, "emulate", "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        assert json.loads(process.stdout.readline())["format"] == "palpate/ports@1"
-        yield process
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.communicate(timeout=10)
-        finally:
-            process.kill()
-
-
 def the_session(folder: Path) -> Path:
     (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
     return log.parent
@@ -392,14 +369,14 @@ def the_session(folder: Path) -> Path:
 
 @pytest.mark.realtime
 @pytest.mark.slow
-@pytest.mark.timeout(250)
 def test_a_run_of_one_grip(tmp_path: Path) -> None:
     """However it ended: a busy machine may make a device error of it, which must come about again, too."""
-    with served(tmp_path):
+    rig, parts = quick_bench(tmp_path, fingers=2)
+    with served(tmp_path, "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")
         (tmp_path / "real.toml").write_text(re.sub(r"max_grips = \d+", "max_grips = 1", text))
         words = ("--rig", "real.toml", "--objects", "small-parts.json", "--json")
-        done = run("identify", *words, cwd=tmp_path, timeout_s=200)
+        done = run("identify", *words, cwd=tmp_path)
     again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
     assert again.code == 0, again.out + again.err
     told = again.json
@@ -414,30 +391,14 @@ def test_a_run_of_one_grip(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 @pytest.mark.slow
-@pytest.mark.timeout(120)
 def test_a_run_that_ends_early(tmp_path: Path) -> None:
-    with served(tmp_path):
-        identify = subprocess.Popen(
-            [PALPATE, "identify", "--rig", "real.toml", "--objects", "small-parts.json"],
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            end = time.monotonic() + 60
-            while not any(
-                b'"stage":"closing"' in log_bytes(log)
-                for log in tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
-            ):
-                assert time.monotonic() < end
-                time.sleep(0.05)
+    rig, parts = quick_bench(tmp_path, fingers=2)
+    with served(tmp_path, "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"):
+        words = ("identify", "--rig", "real.toml", "--objects", "small-parts.json")
+        with started(*words, cwd=tmp_path) as identify:
+            identify.until_logged(b'"stage":"closing"')
             time.sleep(0.4)
-            identify.send_signal(signal.SIGINT)
-            code = identify.wait(timeout=30)
-        finally:
-            identify.kill()
-            identify.wait()
-    assert code == 130
+            assert identify.ended(signal.SIGINT).code == 130
     again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
     assert again.code == 0, again.out + again.err
     assert again.json["end"]["how"] == log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]["how"]
@@ -447,34 +408,12 @@ def test_a_run_that_ends_early(tmp_path: Path) -> None:
 # `palpate replay` of sessions that ended badly: by a signal, a fault, a hard press, a missing port.
 
 
-def slow_rig(folder: Path) -> str:
-    """Fingers creep, so that a signal is sure to come while they close."""
-    text = firm_rig().read_text(encoding="utf-8")
-    slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
-    (folder / "slow.toml").write_text(slow)
-    return "slow.toml"
-
-
 def signalled(folder: Path, number: signal.Signals, when: bytes, after_s: float) -> Path:
     """The session of an `identify` that got a signal some time after `when` was in its log."""
-    process = subprocess.Popen(
-        [PALPATE, "identify", "--rig", slow_rig(folder), "--json"],
-        cwd=folder,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        end = time.monotonic() + 60
-        while not any(when in log_bytes(log) for log in folder.glob("palpate-sessions/*/session.jsonl.zst")):
-            assert time.monotonic() < end, f"{when!r} never came"
-            time.sleep(0.01)
+    with started("identify", "--rig", slow_rig(folder), "--json", cwd=folder) as command:
+        log = command.until_logged(when)
         time.sleep(after_s)
-        process.send_signal(number)
-        process.wait(timeout=60)
-    finally:
-        process.kill()
-        process.wait()
-    (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
+        command.ended(number)
     return log.parent
 
 

@@ -26,7 +26,7 @@ from support.benches.parts import L_SHAPE, objects, section, stacked_part
 from support.benches.processes import Cluster, cluster
 from support.benches.rigs import small, small_parts
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE, run
+from support.commands.command import PALPATE, PATIENCE_S, run
 from support.commands.json_schema import violations
 from support.commands.pages import Page
 from support.commands.repository import EXAMPLES, ROOT
@@ -404,7 +404,6 @@ def killed_while_it_runs(process: subprocess.Popen[str], on: Cluster, rng: rando
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_workers_that_are_killed_lose_nothing_and_nothing_counts_twice(bench: Path) -> None:
     with cluster(bench, workers=2) as on:
         process = started(bench, on)
@@ -423,7 +422,6 @@ def test_workers_that_are_killed_lose_nothing_and_nothing_counts_twice(bench: Pa
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_study_that_was_begun_here_goes_on_on_a_cluster(bench: Path) -> None:
     words = (*WORDS[:-4], "--budget", 0, "--seed", 3, "--keep", "runs.jsonl", "--json")
     run(*words, "--runs", 3, cwd=bench)
@@ -434,14 +432,13 @@ def test_a_study_that_was_begun_here_goes_on_on_a_cluster(bench: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(bench: Path) -> None:
     with cluster(bench, workers=1) as on:
         process = started(bench, on)
         keep = bench / "runs.jsonl"
         wait_for_runs(process, keep, 3)
         on.scheduler.kill()
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 2
     words = (
         "the scheduler was lost; runs that were done are in runs.jsonl; the same command goes on from there"
@@ -451,7 +448,6 @@ def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(bench: P
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("address", "words"),
     [
@@ -470,7 +466,6 @@ def test_no_scheduler_is_one_line(address: str, words: str, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
 @pytest.mark.campaign
 def test_a_scheduler_without_workers_is_one_line(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as on:

@@ -17,6 +17,7 @@ from palpate.drivers.emulators.tip import PartSection
 from palpate.drivers.emulators.wire_faults import FaultRates, WireRates
 from palpate.rig.session.log import SessionLog
 from support.benches.session import EmulatedSession
+from support.commands.command import PATIENCE_S
 
 NOTICED_MM, SILENT_MM, UNHEARD_MM = 5.0, 7.0, 12.0
 """Bounds of docs/safety.md on the travel after a fault that the host notices, a silent array, or one that
@@ -388,7 +389,7 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault(
         "an observer, or the terminal, does not return",
-        lambda h: _observe(h, lambda: h.release.wait(20.0) and None),
+        lambda h: _observe(h, lambda: h.release.wait(timeout=PATIENCE_S) and None),
         "the run goes on without it",
         "nothing",
         only=IDENTIFY,

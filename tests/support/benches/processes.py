@@ -14,10 +14,10 @@ from pathlib import Path
 
 import psutil
 
+from support.commands.command import PATIENCE_S, until
+
 # ----------------------------------------------------------------------------------------------------
 # A dask scheduler with workers as processes of their own, which can be killed one by one.
-
-_STARTS_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,8 @@ def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
 
 
 def _address(file: Path) -> str:
-    end = time.monotonic() + _STARTS_S
-    while time.monotonic() < end:
-        if file.exists() and file.stat().st_size:
-            return str(json.loads(file.read_text(encoding="utf-8"))["address"])
-        time.sleep(0.1)
-    raise TimeoutError("the scheduler did not start")
+    until(lambda: file.exists() and file.stat().st_size, "the scheduler did not start")
+    return str(json.loads(file.read_text(encoding="utf-8"))["address"])
 
 
 def _end(started: list[psutil.Popen]) -> None:
@@ -93,7 +89,7 @@ def _end(started: list[psutil.Popen]) -> None:
         if process.is_running():
             process.kill()
     for process in started:
-        process.wait(timeout=10)
+        process.wait(timeout=PATIENCE_S)
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -15,6 +15,14 @@ from support.commands.repository import EXAMPLES
 # The rig of tests that are not about parts which slide: quick touches, and an emulated part that stands.
 
 
+def slow_rig(folder: Path) -> Path:
+    """The firm rig with fingers that creep, so that a signal is sure to come while they close."""
+    text = firm_rig().read_text(encoding="utf-8")
+    path = folder / "slow.toml"
+    path.write_text(text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0"))
+    return path
+
+
 def firm_rig() -> Path:
     """Its rig file."""
     return EXAMPLES / "firm-rig.toml"

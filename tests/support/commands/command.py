@@ -6,17 +6,32 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 import zstandard
 
 from palpate.cli.main import main
 
+_Found = TypeVar("_Found")
 PALPATE = Path(sys.executable).with_name("palpate")
+
+PATIENCE_S = 600.0
+"""Upper bound of every wait for another process: it ends a deadlock, not a test on a busy computer."""
+
+
+def until(holds: Callable[[], _Found], what: str = "", every_s: float = 0.02) -> _Found:
+    """Wait for something true and return it; AssertionError with `what` when patience is over."""
+    end = time.monotonic() + PATIENCE_S
+    while not (found := holds()):
+        assert time.monotonic() < end, what
+        time.sleep(every_s)
+    return found
 
 
 @dataclass(frozen=True)
@@ -36,17 +51,68 @@ class Ended:
         return found
 
 
-def run(*args: object, cwd: Path, timeout_s: float = 120.0) -> Ended:
+def run(*args: object, cwd: Path) -> Ended:
     """Run the installed command."""
     done = subprocess.run(
         [str(PALPATE), *map(str, args)],
         cwd=cwd,
         capture_output=True,
         text=True,
-        timeout=timeout_s,
+        timeout=PATIENCE_S,
         check=False,
     )
     return Ended(done.returncode, done.stdout, done.stderr)
+
+
+class Started:
+    """The installed command while it runs."""
+
+    def __init__(self, words: Sequence[object], folder: Path) -> None:
+        self.folder = folder
+        self.process = subprocess.Popen(
+            [str(PALPATE), *map(str, words)],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def until(self, holds: Callable[[], _Found], what: str = "") -> _Found:
+        """Wait for something true while it runs."""
+        return until(lambda: self._runs() and holds(), what)
+
+    def until_logged(self, what: bytes) -> Path:
+        """Wait until its session log holds some bytes."""
+        logs = lambda: self.folder.glob("palpate-sessions/*/session.jsonl.zst")  # noqa: E731
+        return self.until(lambda: next((log for log in logs() if what in log_bytes(log)), None), f"{what!r}")
+
+    def line(self) -> str:
+        """The next line of its standard output."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline()
+
+    def ended(self, *signals: signal.Signals) -> Ended:
+        """Send signals and wait for the end."""
+        for number in signals:
+            self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=PATIENCE_S)
+        return Ended(self.process.returncode, out, err)
+
+    def _runs(self) -> bool:
+        assert self.process.poll() is None, self.process.communicate()
+        return True
+
+
+@contextmanager
+def started(*words: object, cwd: Path) -> Iterator[Started]:
+    """Start the installed command; it is killed at the end if it still runs."""
+    command = Started(words, cwd)
+    try:
+        yield command
+    finally:
+        command.process.kill()
+        command.process.communicate()
 
 
 def run_here(

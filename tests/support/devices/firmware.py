@@ -19,6 +19,7 @@ from serial.serialutil import SerialBase
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile.codec import Decoder
 from palpate.drivers.tactile.messages import Ack, Describe, Frame, Message, MessageBody
+from support.commands.command import PATIENCE_S
 from support.commands.repository import ROOT
 from support.oracles.array_messages import HELLO, START, STOP, Said, request, said
 
@@ -35,7 +36,11 @@ def build_firmware(target: str = "all") -> Path:
     with (built / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         done = subprocess.run(
-            ["make", "-C", str(FIRMWARE), target], capture_output=True, text=True, timeout=300, check=False
+            ["make", "-C", str(FIRMWARE), target],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
         )
     assert done.returncode == 0, (
         f"the firmware does not build; is there a C compiler?\n{done.stdout}{done.stderr}"
@@ -195,8 +200,6 @@ class Bench:
 # ----------------------------------------------------------------------------------------------------
 # The firmware's host program (`firmware/host/`) in a process of its own, and what it must be sending.
 
-_PATIENCE_S = 20.0
-
 
 class ArrayHost:
     """A running host program: `path` is its pseudo-terminal. `told` has its own account once it has ended."""
@@ -216,7 +219,7 @@ class ArrayHost:
     def end(self) -> dict[str, int]:
         """Close its stdin, and return its account; fails if it did not end well."""
         if not self.told:
-            _, errors = self._process.communicate(timeout=_PATIENCE_S)
+            _, errors = self._process.communicate(timeout=PATIENCE_S)
             assert self._process.returncode == 0, errors
             self.told = json.loads(errors)
         return self.told
@@ -290,10 +293,10 @@ class Sips:
         self._left = self._size
 
 
-def read_until(descriptor: int, wanted: int, patience_s: float = _PATIENCE_S) -> bytes:
+def read_until(descriptor: int, wanted: int) -> bytes:
     """Read from a pseudo-terminal until so many delimiters have come, and what came with the last of them."""
     found = bytearray()
-    end = time.monotonic() + patience_s
+    end = time.monotonic() + PATIENCE_S
     while found.count(0) < wanted:
         left = end - time.monotonic()
         assert left > 0, f"{found.count(0)} messages instead of {wanted}"
@@ -316,7 +319,7 @@ def read_quiet(descriptor: int, quiet_s: float) -> bytes:
 RATE_MHZ = 1_000_000
 PERIOD_US = 1000
 _ATTEMPTS = 20
-_ANSWER_S = 1.0
+_ANSWER_S = 10.0
 _STALL_S = 5.0
 _TAIL = 100  # frames, at most so many are thought lost at the end
 _QUIET_S = 0.3  # nothing for so long: there are none

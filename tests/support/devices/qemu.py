@@ -29,6 +29,7 @@ from palpate.drivers.transport.wire import Device, Emission
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement
 from support.benches.rigs import quick_bench
+from support.commands.command import PATIENCE_S
 from support.devices.firmware import build_firmware
 
 # ----------------------------------------------------------------------------------------------------
@@ -46,7 +47,7 @@ _LIBRARY = "libnewlib-arm-none-eabi"
 _PIPES = "line"
 _UNTOUCHED = 0xC5C5C5C5
 _RAM_BYTES = 16 << 20
-_PATIENCE_S = 20.0
+
 _COUNTERS = struct.Struct("<4I")
 _ACCOUNT = struct.Struct("<7I")
 
@@ -221,9 +222,9 @@ def board_pipes(folder: Path) -> Path:
 
 
 def _connected(path: Path, process: subprocess.Popen[str]) -> socket.socket:
-    end = time.monotonic() + _PATIENCE_S
+    end = time.monotonic() + PATIENCE_S
     control = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    control.settimeout(_PATIENCE_S)
+    control.settimeout(PATIENCE_S)
     while True:
         try:
             control.connect(str(path))
