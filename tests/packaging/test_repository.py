@@ -50,7 +50,7 @@ def own_files() -> list[Path]:
             and (not f.startswith(".") or f == ".ci")
             and not f.startswith("palpate-sessions")
         ]
-        found += [Path(directory) / file for file in files if Path(file).suffix in TEXTS]
+        found += [Path(directory) / file for file in files if Path(file).suffix in TEXTS and file != ".git"]
     return [path for path in found if not path.is_symlink()]
 
 
