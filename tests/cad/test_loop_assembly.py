@@ -66,7 +66,7 @@ def check(drawing: Drawing) -> None:
     holes=st.integers(0, 3),
     seed=st.integers(0, 2**32 - 1),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_shuffled_pieces_are_found_again(
     corners: list[tuple[float, float, float, bool]], holes: int, seed: int
 ) -> None:

@@ -321,7 +321,7 @@ def check(curve: DrawnCurve, curve_mm: float) -> Floats:
     sweep=st.floats(-2 * math.pi, 2 * math.pi).filter(lambda value: abs(value) > 0.01),
     curve_mm=tolerances,
 )
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_arcs_of_any_affine_circle(
     centre: tuple[float, float],
     axes: tuple[tuple[float, float], tuple[float, float]],
@@ -333,7 +333,7 @@ def test_arcs_of_any_affine_circle(
 
 
 @given(control=st.lists(points, min_size=3, max_size=6), curve_mm=tolerances, data=st.data())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_bezier_curves_with_and_without_weights(
     control: list[tuple[float, float]], curve_mm: float, data: st.DataObject
 ) -> None:
@@ -346,7 +346,7 @@ def test_bezier_curves_with_and_without_weights(
 
 
 @given(control=st.lists(points, min_size=3, max_size=5), curve_mm=tolerances)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_normals_differ_by_no_more_than_the_deviation_allows(
     control: list[tuple[float, float]], curve_mm: float
 ) -> None:
@@ -408,7 +408,7 @@ def test_hardly_bulged_edge_has_the_height_that_it_says(value: float) -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), degree=st.integers(1, 5), clamped=st.booleans())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_spline_falls_into_its_bezier_curves(seed: int, degree: int, clamped: bool) -> None:
     """Against scipy's evaluation of weighted B-splines, with repeated inner knots and open ends."""
     rng = np.random.default_rng(seed)

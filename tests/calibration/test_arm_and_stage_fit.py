@@ -302,7 +302,7 @@ def test_errors_are_those_that_deviations_state() -> None:
 
 
 @given(seed=st.integers(0, 2**31), play=st.floats(0.0, BACKLASH_DEG), far=st.floats(0.0, 1.0))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_truth_is_within_its_bounds(seed: int, play: float, far: float) -> None:
     rng = np.random.default_rng(seed)
     truth = replace(drawn_truth(rng), play_rad=math.radians(play))

@@ -342,7 +342,7 @@ def test_the_grip_that_is_made_again_met_something_at_first() -> None:
 # ----------------------------------------------------------------------------------------------------
 # Distances from references against shapely, their normals and rooms, and what is refused as a plate.
 
-FEW = settings(max_examples=40, deadline=None)
+FEW = settings(max_examples=40)
 STEP_MM = 1e-5
 
 

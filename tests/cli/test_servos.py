@@ -93,7 +93,7 @@ def test_nothing_at_the_only_rate_that_is_tried(here: Here) -> None:
     ("args", "code", "said"),
     [
         (["--port", "/dev/no-such-port"], 3, "device error: port /dev/no-such-port does not exist"),
-        (["--port", "mock://rig/bus"], 3, "device error: port mock://rig/bus does not exist"),
+        (["--port", "mock://nobody/bus"], 3, "device error: port mock://nobody/bus does not exist"),
         (["--ids", "1-"], 2, '"1-" is neither an id nor a range'),
         (["--ids", "20-1"], 2, '"20-1" is not a range within 0-252'),
         (["--ids", "300"], 2, '"300" is not a range within 0-252'),

@@ -317,7 +317,7 @@ def test_objects_are_no_rig(tmp_path: Path) -> None:
 # ----------------------------------------------------------------------------------------------------
 # Whatever a file holds: it is read, or refused with one `InputError` line. Never anything else.
 
-QUICK = settings(max_examples=120, deadline=None, derandomize=True)
+QUICK = settings(max_examples=120, derandomize=True)
 
 scalars = st.one_of(
     st.none(),

@@ -139,24 +139,6 @@ def test_a_silent_servo_is_named(bench: Bench) -> None:
     assert caught.value.dxl_ids == (7,)
 
 
-def test_signed_items_survive_the_wire(bench: Bench) -> None:
-    for value in (-1, -3, -769, 1_000_000):
-        bench.servos[0].disable_torque()
-        bench.bus.write(11, ct.ITEMS["Operating Mode"], OperatingMode.EXTENDED_POSITION)
-        bench.bus.write(11, ct.ITEMS["Goal Position"], value)
-        assert bench.bus.read(11, ct.ITEMS["Goal Position"]) == value
-    with pytest.raises(ValueError, match="Goal Current"):
-        bench.bus.write(11, ct.ITEMS["Goal Current"], 40_000)
-
-
-def test_values_that_look_like_headers_survive_the_wire(bench: Bench) -> None:
-    bench.bus.write(11, ct.ITEMS["Operating Mode"], OperatingMode.EXTENDED_POSITION)
-    value = int.from_bytes(bytes.fromhex("FFFFFDFF"), "little", signed=True)
-    bench.bus.write(11, ct.ITEMS["Goal Position"], value)
-    assert bench.bus.read(11, ct.ITEMS["Goal Position"]) == value
-    assert bench.bus.sync_read([11], ct.ITEMS["Goal Position"]).all() == {11: value}
-
-
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
     servo = bench.servos[0]
     servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)

@@ -6,7 +6,6 @@ from functools import partial
 
 import pytest
 import serial
-from dynamixel_sdk import GroupSyncRead
 
 from palpate.base.errors import DeviceError
 from palpate.drivers.dynamixel import control_table as ct
@@ -102,25 +101,6 @@ def test_a_silent_servo_costs_its_own_time_out_and_hides_nobody(silent: int) -> 
     assert [type(error) for error in states.errors.values()] == [NotAnswering]
     with pytest.raises(NotAnswering, match=rf"servo {silent} on mock://group\S*/bus does not answer"):
         states.all()
-
-
-def test_the_plain_sdk_loses_all_and_reads_zero() -> None:
-    """The other half of this comparison is above."""
-    from dynamixel_sdk import PortHandler, Protocol2PacketHandler
-
-    wire = Wire()
-    wire.emulated[2].power_off()
-    port = PortHandler("nowhere")
-    port.ser = wire.bus._port
-    port.is_open, port.tx_time_per_byte = True, 0.01
-    port.getCurrentTime = lambda: wire.clock.now() * 1e3
-    group = GroupSyncRead(port, Protocol2PacketHandler(), 132, 4)
-    for dxl_id in wire.emulated:
-        group.addParam(dxl_id)
-    begin = wire.clock.now()
-    assert group.txRxPacket() != 0
-    assert wire.clock.now() - begin > 0.034
-    assert group.getData(2, 132, 4) == 0
 
 
 def test_one_that_stays_silent_is_asked_once_and_last() -> None:

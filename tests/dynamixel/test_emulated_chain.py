@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import pytest
 from dynamixel_sdk import (
     COMM_SUCCESS,
-    GroupBulkRead,
     GroupBulkWrite,
     GroupSyncRead,
     GroupSyncWrite,
@@ -236,26 +235,6 @@ def test_every_model_by_the_vendors_sdk(number: int) -> None:
     port.closePort()
 
 
-@pytest.mark.parametrize("fast", [False, True])
-def test_sync_reads(client: Client, fast: bool) -> None:
-    group = GroupSyncRead(client.port, client.packets, 132, 4)
-    for dxl_id in MODELS:
-        group.addParam(dxl_id)
-    assert (group.fastSyncRead() if fast else group.txRxPacket()) == COMM_SUCCESS
-    for dxl_id in MODELS:
-        wanted = 2048 + round(0.1 * dxl_id / (2 * math.pi) * 4096)
-        assert group.getData(dxl_id, 132, 4) == wanted
-
-
-@pytest.mark.parametrize("fast", [False, True])
-def test_bulk_reads(client: Client, fast: bool) -> None:
-    group = GroupBulkRead(client.port, client.packets)
-    for dxl_id, (address, size) in zip(MODELS, ((0, 2), (144, 2), (146, 1)), strict=True):
-        group.addParam(dxl_id, address, size)
-    assert (group.fastBulkRead() if fast else group.txRxPacket()) == COMM_SUCCESS
-    assert [group.getData(3, 0, 2), group.getData(7, 144, 2), group.getData(4, 146, 1)] == [1020, 50, 30]
-
-
 def test_group_writes_and_indirect_addresses(client: Client) -> None:
     write = GroupSyncWrite(client.port, client.packets, 168, 2)
     for dxl_id in MODELS:
@@ -266,12 +245,6 @@ def test_group_writes_and_indirect_addresses(client: Client) -> None:
         bulk.addParam(dxl_id, data, 1, [1])
     assert bulk.txPacket() == COMM_SUCCESS
     assert [client.packets.read1ByteTxRx(client.port, dxl_id, 65)[0] for dxl_id in MODELS] == [1, 1, 1]
-
-
-def test_broadcast_ping_finds_all(client: Client) -> None:
-    found, result = client.packets.broadcastPing(client.port)
-    assert result == COMM_SUCCESS
-    assert found == {dxl_id: [number, firmware] for dxl_id, (_, firmware, number) in MODELS.items()}
 
 
 def test_clear_reboot_and_factory_reset(client: Client) -> None:

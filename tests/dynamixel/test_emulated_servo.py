@@ -23,11 +23,6 @@ from support.devices.servo_wire import Console
 CURRENT_BASED, EXTENDED, POSITION = 5, 4, 3
 
 
-def test_ping_tells_model_and_firmware() -> None:
-    answer = Console(firmware=45).send(Instruction.PING)
-    assert answer == StatusPacket(1, 0, (1020).to_bytes(2, "little") + b"\x2d")
-
-
 @pytest.mark.parametrize(
     ("address", "value", "size", "error"),
     [
@@ -79,19 +74,6 @@ def test_status_return_level() -> None:
     assert console.send(Instruction.WRITE, b"\x44\0\0") is None
     assert console.send(Instruction.READ, b"\x44\0\1\0") is None
     assert console.send(Instruction.PING) is not None
-
-
-def test_registered_write_waits_for_action() -> None:
-    console = Console()
-    assert console.send(Instruction.ACTION) == StatusPacket(1, StatusErrorCode.INSTRUCTION_ERROR)
-    assert console.send(Instruction.REG_WRITE, b"\x41\0\1") == StatusPacket(1)
-    assert (console.read(65, 1), console.read(69, 1)) == (0, 1)
-    assert console.send(Instruction.ACTION) == StatusPacket(1)
-    assert (console.read(65, 1), console.read(69, 1)) == (1, 0)
-
-
-def test_unknown_instruction() -> None:
-    assert Console().send(0x77) == StatusPacket(1, StatusErrorCode.INSTRUCTION_ERROR)
 
 
 def test_change_of_mode_resets_profile_and_goals() -> None:
@@ -166,14 +148,6 @@ def test_profile_durations_are_the_trapezoids() -> None:
         elapsed += 0.01
     speed, rate = 100 * 0.229 * 2 * math.pi / 60, 20 * 214.577 * 2 * math.pi / 3600
     assert elapsed == pytest.approx(2 * math.pi / speed + speed / rate, abs=0.03)
-
-
-def test_no_load_speed_is_the_manuals() -> None:
-    console = Console()
-    console.start(EXTENDED)
-    console.write(116, 500_000, 4)
-    console.run(2)
-    assert console.servo.shaft_rad_s == pytest.approx(46 * 2 * math.pi / 60, rel=0.02)
 
 
 @pytest.mark.parametrize("dt", [5e-4, 1e-3])
@@ -283,12 +257,6 @@ def test_sync_read_answers_in_the_order_asked_one_after_another() -> None:
     assert instants == pytest.approx([1.0005, 1.00115, 1.0018])
 
 
-def test_sync_read_ends_at_a_missing_servo() -> None:
-    chain, servos = chain_of(1, 2, 3)
-    servos[2].power_off()
-    assert len(chain.feed(sync_read(1, 2, 3), 0.0)) == 1
-
-
 def test_broadcast_ping_is_answered_by_all_and_broadcast_write_by_none() -> None:
     chain, servos = chain_of(5, 2)
     ping = encode_instruction(InstructionPacket(BROADCAST_ID, Instruction.PING))
@@ -299,15 +267,6 @@ def test_broadcast_ping_is_answered_by_all_and_broadcast_write_by_none() -> None
         block = servo.answer_block(65, 1)
         assert block is not None
         assert block.params == b"\1"
-
-
-def test_bulk_write_and_read() -> None:
-    chain, _ = chain_of(1, 2)
-    write = b"\x01\x41\0\1\0\1" + b"\x02\x74\0\4\0\x10\x08\0\0"
-    assert chain.feed(encode_instruction(InstructionPacket(0xFE, Instruction.BULK_WRITE, write)), 0) == []
-    read = b"\x01\x41\0\1\0" + b"\x02\x74\0\4\0"
-    answers = chain.feed(encode_instruction(InstructionPacket(0xFE, Instruction.BULK_READ, read)), 0)
-    assert [Parser().feed(data)[0].params for _, data in answers] == [b"\1", b"\x10\x08\0\0"]
 
 
 def test_a_damaged_packet_is_answered_by_the_servo_that_it_names() -> None:

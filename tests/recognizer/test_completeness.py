@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.base.geometry import ObjectModel, Polygon
 from palpate.base.vocabulary import LEAST_BUDGET
 from palpate.recognizer import (
     STANDARD_BUDGET,
@@ -79,45 +79,6 @@ def test_shipped_models(seed: int) -> None:
             at_bound=bool(trial % 2),
         )
         assert_kept(recognise(shipped(), contacts), placed, (seed, trial, radius, bound, half))
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_unknown_normals(seed: int) -> None:
-    rng = np.random.default_rng(100 + seed)
-    models = outlines(SHIPPED_OBJECTS)
-    for trial in range(5):
-        placed = place(models[(seed + trial) % 6], rng)
-        contacts = until_touched(
-            grip,
-            placed,
-            rng,
-            fingers=3 + trial % 3,
-            bound=BOUNDS[trial % 3],
-            half_range=None,
-            at_bound=bool(trial % 2),
-        )
-        assert_kept(recognise(shipped(), contacts), placed, (seed, trial))
-
-
-@needs_shared_outlines
-@pytest.mark.parametrize("trials", sample([12, 40], [12]))
-def test_cut_parts(trials: int) -> None:
-    models = outlines(SHARED_OUTLINES)
-    catalogue = Catalogue(models)
-    rng = np.random.default_rng(7)
-    for trial in range(trials):
-        placed = place(models[int(rng.integers(len(models)))], rng)
-        contacts = until_touched(
-            grip,
-            placed,
-            rng,
-            fingers=3 + trial % 3,
-            radius=RADII[trial % 4],
-            bound=BOUNDS[rng.integers(4)] / 2,
-            half_range=NORMALS[rng.integers(2)],
-            at_bound=bool(trial % 2),
-        )
-        assert_kept(recognise(catalogue, contacts), placed, trial)
 
 
 @pytest.mark.parametrize("theta", [math.pi, -math.pi, math.pi - 1e-4, -math.pi + 1e-4, 0.0, math.pi / 2])
@@ -213,26 +174,6 @@ def test_fingers_of_different_radii(seed: int) -> None:
     placed = place(outlines(SHIPPED_OBJECTS)[seed % 6], rng)
     contacts = until_touched(star, placed, rng, radii=RADII, heights=(10.0,) * 4, bound=0.2, at_bound=True)
     assert_kept(recognise(shipped(), contacts), placed, seed)
-
-
-def stepped() -> ObjectModel:
-    base = ring_polygon((-30, -20), (34, -20), (34, 16), (10, 16), (10, 24), (-30, 24))
-    hole = np.array([(-6, -6), (6, -6), (8, 6), (-6, 6)], dtype=float)
-    top = Polygon(np.array([(-20, -12), (20, -14), (16, 12), (-18, 10)], dtype=float), (hole,))
-    return ObjectModel("stepped", (State("on-base", (Section((0, 10), (base,)), Section((10, 25), (top,)))),))
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_sections_at_different_heights(seed: int) -> None:
-    rng = np.random.default_rng(500 + seed)
-    model = stepped()
-    catalogue = Catalogue([model, flat("plate", [(-25, -15), (25, -15), (25, 15), (-25, 15)])])
-    placed = place(model, rng)
-    heights, at_bound = (5.0, 18.0, 10.0, 18.0), bool(seed % 2)
-    contacts = until_touched(
-        star, placed, rng, radii=(4.0,) * 4, heights=heights, bound=0.3, at_bound=at_bound
-    )
-    assert_kept(recognise(catalogue, contacts), placed, seed)
 
 
 def test_a_finger_above_the_object_touches_nothing_of_it() -> None:

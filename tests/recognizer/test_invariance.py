@@ -14,7 +14,7 @@ from palpate.recognizer import Catalogue, NormalRange, Recognition, recognise
 from palpate.recognizer.contact import Contact, Finger
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, holding_truth, outlines, place
 
-FEW = settings(max_examples=12, deadline=None)
+FEW = settings(max_examples=12)
 
 
 @cache

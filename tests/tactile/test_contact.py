@@ -271,7 +271,7 @@ blobs = st.tuples(st.integers(1, 12), st.lists(st.integers(60, 700), min_size=1,
 
 
 @given(blobs, st.integers(-4, 4))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_turning_the_contact_by_columns_turns_the_range(blob: tuple[int, list[int]], shift: int) -> None:
     at, heights = blob
     if not 1 <= at + shift <= COLS - 1 - len(heights):
@@ -290,7 +290,7 @@ def test_turning_the_contact_by_columns_turns_the_range(blob: tuple[int, list[in
 
 
 @given(blobs)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_mirrored_contacts_give_mirrored_ranges(blob: tuple[int, list[int]]) -> None:
     at, heights = blob
     columns = [0] * COLS
@@ -305,7 +305,7 @@ def test_mirrored_contacts_give_mirrored_ranges(blob: tuple[int, list[int]]) -> 
 
 
 @given(st.lists(st.integers(0, 4095), min_size=ROWS * COLS, max_size=ROWS * COLS))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_frame_gives_a_finite_patch_or_nothing(values: list[int]) -> None:
     patch = CLEAN.extract(TactileFrame(0, 0.0, 0.0, np.array(values, np.uint16).reshape(ROWS, COLS)))
     if patch is not None:

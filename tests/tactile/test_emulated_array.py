@@ -255,7 +255,7 @@ counts = st.integers(0, 4095)
     st.lists(counts, min_size=6, max_size=6),
     counts,
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_tare_does_what_the_page_says(seen: list[list[int]], then: list[int], pedestal: int) -> None:
     array = small([*seen, then])
     told(array, Start(1, RATE))

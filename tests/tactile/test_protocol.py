@@ -141,7 +141,7 @@ def messages_of(items: list[Message | DecodeFault]) -> list[Message]:
 
 
 @given(st.builds(Message, u32, u64, bodies, u16))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_one_message_whole_and_byte_by_byte(message: Message) -> None:
     data = encode(message)
     assert data.count(0) == 1
@@ -152,7 +152,7 @@ def test_one_message_whole_and_byte_by_byte(message: Message) -> None:
 
 
 @given(st.lists(bodies, min_size=1, max_size=5), u32, st.lists(st.integers(0, 400), max_size=8))
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_a_stream_cut_anywhere(parts: list[MessageBody], first: int, cuts: list[int]) -> None:
     sent = numbered(parts, first)
     data = b"".join(map(encode, sent))
@@ -166,7 +166,7 @@ def test_a_stream_cut_anywhere(parts: list[MessageBody], first: int, cuts: list[
 
 
 @given(bodies, bodies, st.binary(min_size=1, max_size=60))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_garbage_in_front_between_and_behind(a: MessageBody, b: MessageBody, garbage: bytes) -> None:
     # Each piece of garbage is closed off by a delimiter, so it can take no message with it.
     one, two = numbered([a, b], 7)
@@ -177,7 +177,7 @@ def test_garbage_in_front_between_and_behind(a: MessageBody, b: MessageBody, gar
 
 
 @given(frames(), st.binary(min_size=1, max_size=40), st.integers(0, 10**6))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_garbage_inside_costs_one_message(body: Frame, garbage: bytes, where: int) -> None:
     before, hit, after = numbered([body, body, body], 0)
     data = encode(hit)
@@ -191,7 +191,7 @@ def test_garbage_inside_costs_one_message(body: Frame, garbage: bytes, where: in
 
 
 @given(st.lists(st.binary(max_size=300), max_size=20))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_any_bytes_give_messages_or_faults(chunks: list[bytes]) -> None:
     decoder = Decoder()
     items = [item for chunk in chunks for item in decoder.feed(chunk)]
@@ -494,7 +494,7 @@ parts = st.one_of(
 
 
 @given(st.lists(parts, max_size=8), st.lists(st.integers(1, 300), min_size=1, max_size=8))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_how_the_bytes_are_cut_makes_no_difference(stream: list[bytes], sizes: list[int]) -> None:
     data = b"".join(stream) + b"\0"
     whole, cut = Decoder(), Decoder()

@@ -378,7 +378,7 @@ CASES = {
 }
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     steps=st.lists(st.tuples(st.integers(1, 1500), st.floats(0.0, 6.0)), max_size=4),
     may_touch=st.booleans(),
@@ -421,7 +421,7 @@ def test_a_sum_is_known_better_than_its_taxels() -> None:
     assert ((found.upper - found.lower) / 2).max() < 0.4 * together
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     force_n=st.floats(0.0, 0.06),
     alike=st.floats(0.0, 1.0),

@@ -216,8 +216,8 @@ def test_a_start_after_a_kill_gives_the_same_answer(
 
 
 def test_processes_end_with_one_that_is_killed(tmp_path: Path) -> None:
-    script = processes.__file__
-    with subprocess.Popen([sys.executable, script, tmp_path], stdout=subprocess.PIPE) as process:
+    words = [sys.executable, "-m", "support.benches.processes", str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, env=_ENVIRONMENT) as process:
         # Begun, not processes: the one with short work may take the next before the third is awake.
         while len(list(tmp_path.iterdir())) < 3:
             assert process.poll() is None

@@ -312,7 +312,7 @@ def test_of_finely_cut_parts_some_ranges_are_tried_and_it_is_said(states: Any) -
     assert max(high for _, high in found.heights_mm) == 100
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(st.integers(0, 10**6), st.floats(0.01, 3.0))
 def test_measures_never_rule_out_what_lies_near(seed: int, off: float) -> None:
     rng = np.random.default_rng(seed)

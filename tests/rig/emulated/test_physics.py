@@ -405,9 +405,7 @@ def shares(friction: float, seed: int, way: list[tuple[float, float]]) -> Floats
     return largest
 
 
-@settings(
-    max_examples=8, deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck)
-)
+@settings(max_examples=8, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 @given(
     st.floats(0.0, TIP_FRICTION),
     st.integers(0, 10**6),

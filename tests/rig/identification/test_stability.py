@@ -142,7 +142,7 @@ POINTS = st.lists(st.tuples(st.floats(-40, 40), st.floats(-40, 40)), min_size=4,
 
 @example(points=[(0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (7.5, 21.0)], tolerance=0.0, height=2.0)
 @given(points=POINTS, tolerance=st.floats(0, 0.5), height=st.floats(2, 60))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_prism_slides_as_far_as_its_hull_reaches(
     points: list[tuple[float, float]], tolerance: float, height: float
 ) -> None:

@@ -334,7 +334,7 @@ LOADS = st.fixed_dictionaries(
     }
 )
 WORST = {"seed": 3, "friction": FRICTION, "deflection": MM_PER_N, "holds": (0.0, 0.01), "play_deg": 0.2}
-FEW = settings(deadline=None, derandomize=True, database=None, suppress_health_check=list(HealthCheck))
+FEW = settings(derandomize=True, database=None, suppress_health_check=list(HealthCheck))
 
 
 @settings(FEW, max_examples=1)

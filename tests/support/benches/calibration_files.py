@@ -28,6 +28,7 @@ from palpate.config import (
     TouchResidual,
     UnusableTaxel,
     geometry_sha256,
+    load_rig,
 )
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import EmulatedFinger
@@ -35,6 +36,7 @@ from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.session.calibration_drift import devices_of
+from support.benches.rigs import firm_rig
 
 # ----------------------------------------------------------------------------------------------------
 # Calibration files for tests: of any rig with slides, plain ones and drawn ones.
@@ -349,7 +351,10 @@ def calibration_example(
     off_mm: float = 0.02,
     names: tuple[str, str, str] = ("f1", "f2", "f3"),
 ) -> CalibrationFile:
-    """What a calibration of a bench might have found; residuals have the deviation `off_mm`."""
+    """A full calibration with touches round some placings, one an outlier, and arrays with faults.
+
+    Residuals have the deviation `off_mm`.
+    """
     rng = np.random.default_rng(seed)
     touches = [
         _touch(rng, name, base, number, disc, off_mm)
@@ -358,43 +363,36 @@ def calibration_example(
         for _ in range(6)
     ]
     touches[7] |= {"residual_mm": 0.31, "outlier": True, "held_out": False}
-    return CalibrationFile.model_validate(
-        {
-            "rig": "bench",
-            "rig_sha256": "1" * 64,
-            "geometry_sha256": "0123456789abcdef" * 4,
-            "made": datetime(2026, 3, 14, 15, 9, tzinfo=UTC),
-            "palpate": "0.1.0",
-            "emulated": True,
-            "coverage": 0.999,
-            "references": [{"name": "disc-40", "sha256": "2" * 64}, {"name": "disc-30", "sha256": "3" * 64}],
-            "devices": [
-                {
-                    "port": f"mock://f{k}",
-                    "kind": "array",
-                    "id": f"{k:016x}",
-                    "model": "8 x 20",
-                    "firmware": "1.4",
-                }
-                for k in range(len(names))
-            ],
-            "fingers": [
-                _example_finger(rng, name, base, rows, cols) for name, base in zip(names, _BASES, strict=True)
-            ],
-            "residuals": {
-                "rms_mm": off_mm,
-                "largest_mm": 3 * off_mm,
-                "touches": 58,
-                "degrees_of_freedom": 31,
-                "chi_square": 29.5,
-                "outliers": 1,
-                "held_out": 13,
-                "held_out_rms_mm": 1.2 * off_mm,
-                "held_out_largest_mm": 2.5 * off_mm,
-                "touches_seen": touches,
-            },
-        }
+    devices = [
+        CalibrationDevice(
+            port=f"mock://f{k}", kind="array", id=f"{k:016x}", model=f"{rows} x {cols}", firmware="1.4"
+        )
+        for k in range(len(names))
+    ]
+    gain, bound = rng.uniform(0.82, 1.2, (rows, cols)), np.full((rows, cols), 0.03)
+    gain[:, :3], bound[:, :3] = 1.0, 0.2  # never pressed
+    unusable = [UnusableTaxel(row=2, col=9, what="dead"), UnusableTaxel(row=rows - 1, col=5, what="hot")]
+    array = tactile(rng, rows, cols).model_copy(
+        update={"gain": gain.tolist(), "gain_bound": bound.tolist(), "unusable": unusable}
     )
+    file = full_calibration(load_rig(firm_rig()), seed, devices)
+    fingers = [
+        finger.model_copy(update={"name": name, "tactile": array})
+        for name, finger in zip(names, file.fingers, strict=True)
+    ]
+    residuals = Residuals(
+        rms_mm=off_mm,
+        largest_mm=3 * off_mm,
+        touches=58,
+        degrees_of_freedom=31,
+        chi_square=29.5,
+        outliers=1,
+        held_out=13,
+        held_out_rms_mm=1.2 * off_mm,
+        held_out_largest_mm=2.5 * off_mm,
+        touches_seen=[TouchResidual(**touch) for touch in touches],
+    )
+    return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
 
 def _touch(
@@ -418,86 +416,4 @@ def _touch(
         "residual_mm": float(rng.normal(0, off_mm)),
         "held_out": bool(rng.uniform() < 0.2),
         "outlier": False,
-    }
-
-
-def _example_finger(
-    rng: np.random.Generator, name: str, base: tuple[float, float], rows: int, cols: int
-) -> dict[str, Any]:
-    gain = rng.uniform(0.82, 1.2, (rows, cols))
-    bound = np.full((rows, cols), 0.03)
-    gain[:, :3], bound[:, :3] = 1.0, 0.2  # never pressed
-    unusable = [{"row": 2, "col": 9, "what": "dead"}, {"row": rows - 1, "col": 5, "what": "hot"}]
-    return {
-        "name": name,
-        "tactile": {
-            "gain": gain.tolist(),
-            "gain_bound": bound.tolist(),
-            "unusable": unusable,
-            "noise_counts": 2.03,
-            "offset_counts": 20.4,
-            "drift_counts_per_s": 0.12,
-            "crosstalk": 0.061,
-            "crosstalk_bound": 0.004,
-            "stiffness_n_per_mm": 3.12,
-            "stiffness_bound": 0.034,
-            "least_contact_force_n": 0.052,
-            "phase_deg": 0.8,
-            "phase_sigma_deg": 0.11,
-            "presses": 24,
-            "residual_share": 0.018,
-        },
-        "actuators": {
-            "slide": {
-                "direction_confirmed": True,
-                "mm_per_turn": 100.02,
-                "mm_per_turn_sigma": 0.011,
-                "zero_mm": 40.013,
-                "zero_sigma_mm": 0.009,
-                "homed": True,
-                "backlash_mm": 0.081,
-                "backlash_sigma_mm": 0.004,
-                "touch_zero_mm": 89.98,
-                "touch_covariance": [[1e-4, 0.0], [0.0, 1e-8]],
-                "friction_a": 0.028,
-                "latency_s": 0.0071,
-                "latency_bound_s": 0.0124,
-                "settle_s": 0.0093,
-                "overshoots": [
-                    {"speed_mm_s": 10.0, "largest_mm": 0.1, "bound_mm": 0.15},
-                    {"speed_mm_s": 20.0, "largest_mm": 0.2, "bound_mm": 0.27},
-                ],
-            },
-            "aim": {
-                "direction_confirmed": True,
-                "backlash_deg": 0.021,
-                "backlash_sigma_deg": 0.003,
-                "friction_a": 0.027,
-            },
-        },
-        "place": {
-            "base_mm": [base[0] + 0.031, base[1] - 0.022],
-            "base_sigma_mm": [0.012, 0.014],
-            "heading_deg": 270.013,
-            "heading_sigma_deg": 0.006,
-            "tip_radius_mm": 5.012,
-            "tip_radius_sigma_mm": 0.008,
-            "array_heading_deg": 0.84,
-            "array_heading_sigma_deg": 0.09,
-            "zero_mm": 39.931,
-            "mm_per_turn": 100.018,
-            "covariance": (np.diag([0.012, 0.014, 1e-4, 0.008, 0.01]) ** 2).tolist(),
-        },
-        "bounds": {
-            "position_mm": 0.128,
-            "direction_deg": 0.31,
-            "parts_mm": {
-                "fit": 0.04,
-                "repeatability": 0.03,
-                "quantisation": 0.012,
-                "play": 0.02,
-                "overshoot": 0.026,
-            },
-            "normal_parts_deg": {"fit": 0.2, "repeatability": 0.06, "quantisation": 0.02, "play": 0.03},
-        },
     }

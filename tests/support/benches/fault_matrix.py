@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from palpate.base.errors import OutputError
 from palpate.base.vocabulary import Strategy
 from palpate.calibration.drift_test import contact_uncertainties
 from palpate.calibration.measurements import Probe
@@ -26,10 +27,11 @@ from palpate.rig.emulated.scene import ReferencePlacer
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.run import IdentificationJob, run_identification
 from support.benches.calibration_files import bench_calibration
-from support.benches.fault_rows import FAULTS, LOOKED, Fault, Host, shove
+from support.benches.fault_rows import FAULTS, JUST_BEFORE, LOOKED, Fault, Host, shove
 from support.benches.rigs import firm_rig, small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session
 from support.benches.touched_references import DISC
+from support.commands.command import log_events
 from support.commands.repository import EXAMPLES, ROOT
 
 # ----------------------------------------------------------------------------------------------------
@@ -146,17 +148,18 @@ PHASES: Sequence[tuple[str, str]] = (
     ("_connect", "connect"),
     ("prepare", "limits and torque on"),
     ("retract_all", "retract"),
-    ("_to_lines", "aim"),
+    ("_move_to_starts", "aim"),
     ("tare", "tare"),
-    ("go_to", "free travel"),
+    ("move_along_lines", "free travel"),
     ("measure_quasi_statically", "creep"),
     ("push_until_slip", "creep"),
     ("measure_at_rest", "measure"),
-    ("_touched_at_once", "touch"),
+    ("_back_off_and_touch", "touch"),
     ("_search_contacts", "approach"),
     ("press", "press"),
     ("stop_at_speed", "stop at speed"),
-    ("_stalled", "homing"),
+    ("_stall", "homing"),
+    ("_stall_angle_rad", "homing"),
     ("swing", "swing"),
 )
 """Functions and the phases that they are; the first of a stack's counts."""
@@ -181,6 +184,7 @@ def phases(command: str, small: bool = False) -> dict[str, list[tuple[float, flo
     session = host.session
     spans: dict[str, list[tuple[float, float]]] = {}
     last: list[tuple[str | None, float]] = [(None, 0.0)]
+    touched_s: list[float] = []
 
     def look() -> None:
         phase, now = _phase(), session.clock.now()
@@ -189,11 +193,15 @@ def phases(command: str, small: bool = False) -> dict[str, list[tuple[float, flo
             if before is not None and now > since:
                 spans.setdefault(before, []).append((since, now))
             last[0] = (phase, now)
+        if phase == "approach" and any(finger.press is not None for finger in session.bench.fingers):
+            touched_s.append(now)
 
     session.clock.on_tick = look
     with TemporaryDirectory() as folder:
         carry(host, Path(folder))
     look()
+    if touched_s:
+        spans[JUST_BEFORE] = [(touched_s[0] - 0.1, touched_s[0] - 0.1)]
     return spans
 
 
@@ -215,14 +223,14 @@ class Cell:
 
     command: str
     phase: str
-    fault: int
+    fault: int | Fault
     draw: int = 0
     small: bool = False
 
     @property
     def row(self) -> Fault:
         """Its fault."""
-        return FAULTS[self.fault]
+        return FAULTS[self.fault] if isinstance(self.fault, int) else self.fault
 
     def __str__(self) -> str:
         return f"{self.command}, {self.phase}: {self.row.name}"
@@ -232,7 +240,8 @@ class Cell:
 class Outcome:
     """What came of a cell, as the devices have it.
 
-    `stop_s`: from the fault until no tip moved any more; `ended_s`: until the command had ended.
+    `stop_s`: from the fault until no tip moved any more; `ended_s`: until the command had ended. `log`: what
+    is wrong with the session log, if there is one.
     """
 
     error: str | None
@@ -245,6 +254,7 @@ class Outcome:
     hardest_n: float
     stop_s: float
     ended_s: float
+    log: str = ""
 
 
 def cells(draws: int = 1) -> list[Cell]:
@@ -303,6 +313,7 @@ def run_cell(cell: Cell) -> Outcome:
             carry(host, Path(folder))
         except (Exception, KeyboardInterrupt) as ended:
             error = ended
+        log = "" if host.log is None else _log_trouble(host.log.path, error)
     if not watches:
         raise AssertionError(f"{cell}: the run ended before the fault") from error
     (watch,) = watches
@@ -322,7 +333,18 @@ def run_cell(cell: Cell) -> Outcome:
         max(finger.hardest_n for finger in session.bench.fingers),
         watch.stop_s,
         ended_s,
+        log,
     )
+
+
+def _log_trouble(path: Path, error: BaseException | None) -> str:
+    """What keeps a log from being whole and saying how the run ended."""
+    events = log_events(path)
+    times = [event["t_s"] for event in events]
+    how = "done" if error is None else type(error).__name__
+    if (events[0]["event"], events[-1]["event"], events[-1].get("how")) != ("session", "end", how):
+        return f"from {events[0]} to {events[-1]}"
+    return "" if times == sorted(times) else "times that go back"
 
 
 def _let_go(host: Host) -> None:
@@ -352,6 +374,8 @@ def problems(cell: Cell, found: Outcome) -> list[str]:
             wrong.append(f"says: {found.message}")
         if "\n" in found.message:
             wrong.append("says more than one line")
+    if found.log and OutputError not in fault.ends:
+        wrong.append(f"the log goes {found.log}")
     if found.error is not None and cell.phase in LOOKED and cell.phase != "torque off":
         faster = _CALIBRATING if cell.command == "calibrate" else 1.0
         if found.hardest_n > _LIMIT_N + _INERTIA_N * faster and fault.strike is not shove:

@@ -23,7 +23,9 @@ NOTICED_MM, SILENT_MM, UNHEARD_MM = 5.0, 7.0, 12.0
 """Bounds of docs/safety.md on the travel after a fault that the host notices, a silent array, or one that
 leaves the servos out of reach."""
 
-MOVING = frozenset({"approach", "touch", "creep", "press", "stop at speed"})
+JUST_BEFORE = "just before a touch"
+
+MOVING = frozenset({"approach", JUST_BEFORE, "touch", "creep", "press", "stop at speed"})
 """Phases in which arrays stream and fingers move where they may touch."""
 
 LOOKED = MOVING | {"free travel", "retract", "aim", "homing", "swing"}

@@ -3,7 +3,7 @@
 import heapq
 import random
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from itertools import count
 
@@ -487,10 +487,15 @@ class _Talk:
         setattr(self.tally, what, getattr(self.tally, what) + 1)
 
 
-def talk(kind: Kind, seed: int, instructions: int) -> Tally:
-    """Exchange so many instructions over a wire of a kind, all chance from the seed."""
+def talk(kind: Kind, seed: int, instructions: int, weather: Sequence[Kind] = ()) -> Tally:
+    """Exchange so many instructions over a wire of a kind, all chance from the seed.
+
+    `weather`: kinds of which every 200th step chooses another one.
+    """
     talking = _Talk(kind, seed)
     while talking.tally.instructions < instructions:
+        if weather and talking.tally.calls % 200 == 0:
+            talking.port.kind = talking.chance.choice(weather)
         talking.step()
     talking.tally.damaged_packets_let_through = len(talking.port.let_through_s)
     return talking.tally

@@ -177,10 +177,8 @@ def message_wire(
     version: int, kind: int, sequence: int, time_us: int, payload: bytes, length: int | None = None
 ) -> bytes:
     """A message of any contents, with its delimiter; `length` may lie."""
-    told = len(payload) if length is None else length
-    plain = _HEADER.pack(version, kind, 0, sequence, time_us, told) + payload
-    stuffed: bytes = cobs.encode(plain + struct.pack("<I", zlib.crc32(plain)))
-    return stuffed + b"\x00"
+    grow = 0 if length is None else length - len(payload)
+    return wire(kind, sequence, time_us, payload, version=version, grow=grow)
 
 
 def request(
