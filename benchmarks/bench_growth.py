@@ -4,9 +4,9 @@ One quantity is varied at a time: edges of an outline, outlines, contacts, posit
 range, tolerance, contacts that may be spurious. Touches are simulated by shapely with errors inside their
 bounds; the rest is as in `BASE`. Every row is a process of its own: processor time of one `recognise` in the
 median of several grips, hypotheses in the median, processor time of preparing the catalogue, most memory.
-Exponents b of time ~ n^b are least squares of the logarithms, over all rows and over the upper half of them.
+Exponents b of time ~ n^b are least squares of the logarithms, over the upper half of the rows.
 
-`--write` puts the tables into docs/performance.md.
+All rows are printed as they are measured; `--write` puts three of each quantity into docs/performance.md.
 """
 
 import argparse
@@ -74,56 +74,49 @@ BASE = Setting()
 
 @dataclass(frozen=True)
 class Growth:
-    """A table: the varied quantity, and which law is fitted to it (`power`: n^b; else a factor a step)."""
+    """A quantity that is varied, and which law is fitted to it (`power`: n^b; else a factor a step)."""
 
     title: str
-    column: str
     settings: tuple[tuple[float, str, Setting], ...]
     power: bool = True
 
 
 def along(
-    title: str, column: str, values: Sequence[float], setting: Callable[[float], Setting], power: bool = True
+    title: str, values: Sequence[float], setting: Callable[[float], Setting], power: bool = True
 ) -> Growth:
-    """A table with one row for each value."""
-    return Growth(title, column, tuple((value, f"{value:,g}", setting(value)) for value in values), power)
+    """The growth along these values."""
+    return Growth(title, tuple((value, f"{value:,g}", setting(value)) for value in values), power)
 
 
 GROWTHS = (
     along(
-        "Edges of an outline: ten smooth outlines",
-        "edges",
+        "edges of an outline, of ten smooth ones",
         (10, 20, 50, 100, 200, 500, 1000, 2000, 5000),
         lambda n: Setting(SMOOTH, 10, int(n)),
     ),
     along(
-        "Outlines in the catalogue: drawn ones of 20 edges",
-        "outlines",
+        "drawn outlines of 20 edges",
         (1, 10, 100, 300, 1000, 5000, 20_000),
         lambda n: Setting(DRAWN, int(n)),
     ),
-    along("Contacts", "contacts", (1, 2, 3, 4, 6, 8, 10, 12), lambda n: replace(BASE, contacts=int(n))),
+    along("contacts", (1, 2, 3, 4, 6, 8, 10, 12), lambda n: replace(BASE, contacts=int(n))),
     along(
-        "Position bound ε",
-        "ε (mm)",
+        "position bound, mm",
         (0.01, 0.03, 0.1, 0.3, 1.0, 3.0),
         lambda bound: replace(BASE, bound_mm=bound),
     ),
     along(
-        "Range of normals (± 90° is that of contacts without measured normals)",
-        "± (°)",
+        "half range of normals, ° (90: none is measured)",
         (1.0, 3.0, 10.0, 20.0, 45.0, 90.0),
         lambda half: replace(BASE, half_range_deg=None if half == 90 else half),
     ),
     along(
-        "Tolerance of the outlines: 30 drawn ones of 20 edges",
-        "tolerance (mm)",
+        "tolerance, mm, of 30 drawn outlines",
         (0.01, 0.03, 0.1, 0.3),
         lambda tolerance: Setting(DRAWN, 30, tolerance_mm=tolerance),
     ),
     along(
-        "Contacts that may be spurious, of six",
-        "spurious",
+        "contacts that may be spurious, of six",
         (0, 1, 2),
         lambda count: replace(BASE, contacts=6, spurious=int(count)),
         power=False,
@@ -166,21 +159,19 @@ def exponent(rows: Sequence[Row]) -> float:
 
 
 def fitted(growth: Growth, rows: Sequence[Row]) -> str:
-    """The sentence below a table."""
-    if len(rows) < 3:
-        return ""
+    """The law, of the upper half of the rows."""
     if not growth.power:
         steps = np.polyfit([row.at for row in rows], np.log([row.seconds for row in rows]), 1)
-        return f"Each further one takes {math.exp(steps[0]):.1f} times as long."
+        return f"{math.exp(steps[0]):.1f} times for each"
     upper = rows[len(rows) // 2 - 1 :]
-    return (
-        f"Fitted exponent of the time: {exponent(rows):.2f} over all rows, "
-        f"{exponent(upper):.2f} from {upper[0].at:,g} on."
-    )
+    return f"{exponent(upper):.2f} from {upper[0].at:,g} on"
 
 
-def table(growth: Growth, grips: int, patience_s: float) -> str:
-    """One table, with the law that was fitted to it."""
+HEAD = ("varied", "", "median", "longest", "preparation", "memory", "exponent")
+
+
+def lines(growth: Growth, grips: int, patience_s: float) -> list[list[str]]:
+    """Lines of a table: the least value, the middle one and the largest; the law is fitted to all."""
     rows, cells = [], []
     start = multiprocessing.get_context("spawn")
     for at, shown, setting in growth.settings:
@@ -188,35 +179,28 @@ def table(growth: Growth, grips: int, patience_s: float) -> str:
             found = pool.apply(measured, (at, setting, grips, patience_s))
         print(f"  {shown}: {found}", file=sys.stderr, flush=True)
         rows.append(found)
-        cells.append(
-            [
-                shown,
-                milliseconds(found.seconds),
-                milliseconds(found.longest_s),
-                f"{found.hypotheses:g}",
-                milliseconds(found.prepared_s),
-                f"{found.memory_mb:,.0f} MB",
-            ]
-        )
-    head = (growth.column, "median", "longest", "hypotheses", "preparation", "memory")
-    return f"**{growth.title}**\n\n{markdown_table(head, cells)}\n\n{fitted(growth, rows)}"
+        times = [milliseconds(each) for each in (found.seconds, found.longest_s, found.prepared_s)]
+        cells.append(["", shown, *times, f"{found.memory_mb:,.0f} MB", ""])
+    cells[0][0], cells[0][-1] = growth.title, fitted(growth, rows)
+    return [cells[0], cells[len(cells) // 2], cells[-1]]
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--grips", type=int, default=9, help="grips per row")
     parser.add_argument("--seconds", type=float, default=15.0, help="of recognition per row, about")
-    parser.add_argument("--only", default="", help="tables whose titles begin so")
-    parser.add_argument("--write", action="store_true", help="put the tables into docs/performance.md")
+    parser.add_argument("--only", default="", help="quantities whose titles begin so")
+    parser.add_argument("--write", action="store_true", help="put the table into docs/performance.md")
     given = parser.parse_args()
-    texts = [
-        table(growth, given.grips, given.seconds)
+    rows = [
+        line
         for growth in GROWTHS
-        if growth.title.lower().startswith(given.only.lower())
+        if growth.title.startswith(given.only)
+        for line in lines(growth, given.grips, given.seconds)
     ]
     versions = {name: metadata.version(name) for name in ("palpate", "numpy", "scipy", "shapely")}
-    whole = "\n\n".join([versions_line(versions), *texts])
+    whole = f"{versions_line(versions)}\n\n{markdown_table(HEAD, rows)}"
     print(whole)
     if given.write:
         update("growth", whole)

@@ -21,7 +21,8 @@ from performance_page import markdown_table, update, versions_line
 from support.oracles.bus_loop import LoopCase
 
 CLIENT = Path(__file__).parent / "peers" / "servo_loop.py"
-HEAD = ("servos", "", "reads", "cycles/s", "processor time of a cycle", "times palpate's")
+SERVOS = 6
+HEAD = ("", "reads", "cycles/s", "processor time of a cycle", "times palpate's")
 
 
 def beside(library: str, python: str, case: LoopCase, seconds: float) -> dict[str, Any]:
@@ -43,8 +44,8 @@ def beside(library: str, python: str, case: LoopCase, seconds: float) -> dict[st
     return found
 
 
-def line(servos: int, name: str, reads: str, hz: float, cpu_us: float, ours_us: float) -> list[str]:
-    return [str(servos), name, reads, f"{hz:,.0f}", f"{cpu_us:,.0f} µs", f"{cpu_us / ours_us:.1f}"]
+def line(name: str, reads: str, hz: float, cpu_us: float, ours_us: float) -> list[str]:
+    return [name, reads, f"{hz:,.0f}", f"{cpu_us:,.0f} µs", f"{cpu_us / ours_us:.1f}"]
 
 
 def main() -> None:
@@ -57,26 +58,23 @@ def main() -> None:
     given = parser.parse_args()
     versions = {name: metadata.version(name) for name in ("palpate", "dynamixel-sdk", "pyserial")}
     rows, skipped = [], set()
-    for servos in (3, 6):
-        case = LoopCase(servos, "XM430-W350", 45, 1_000_000)
-        ours: Any = real(case, given.seconds)
-        base = ours["palpate_pty_cpu_us"]
-        for name, key in (("palpate", "palpate"), ("SDK", "sdk")):
-            rows.append(line(servos, name, "state", ours[f"{key}_pty_hz"], ours[f"{key}_pty_cpu_us"], base))
-        for library, python in (("rustypot", given.python), ("lerobot", given.torch_python)):
-            found = (
-                beside(library, python, case, given.seconds)
-                if Path(python).exists()
-                else {"missing": library}
-            )
-            if "missing" in found:
-                skipped.add(f"{library}: skipped, {found['missing']} is not installed.")
-                continue
-            versions[library] = found["version"]
-            rows += [
-                line(servos, library, reads, found[reads]["hz"], found[reads]["cpu_us"], base)
-                for reads in ("state", "positions")
-            ]
+    case = LoopCase(SERVOS, "XM430-W350", 45, 1_000_000)
+    ours: Any = real(case, given.seconds)
+    base = ours["palpate_pty_cpu_us"]
+    for name, key in (("palpate", "palpate"), ("SDK", "sdk")):
+        rows.append(line(name, "state", ours[f"{key}_pty_hz"], ours[f"{key}_pty_cpu_us"], base))
+    for library, python in (("rustypot", given.python), ("lerobot", given.torch_python)):
+        found = (
+            beside(library, python, case, given.seconds) if Path(python).exists() else {"missing": library}
+        )
+        if "missing" in found:
+            skipped.add(f"{library}: skipped, {found['missing']} is not installed.")
+            continue
+        versions[library] = found["version"]
+        rows += [
+            line(library, reads, found[reads]["hz"], found[reads]["cpu_us"], base)
+            for reads in ("state", "positions")
+        ]
     whole = "\n\n".join([versions_line(versions), markdown_table(HEAD, rows), *sorted(skipped)])
     print(whole)
     if given.write:

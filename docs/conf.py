@@ -35,7 +35,7 @@ def _inside(link: re.Match[str], page: Path) -> str:
     if "://" in target or target.startswith("mailto:"):
         return link[0]
     path = Path(os.path.normpath(page.parent / target))
-    if path.is_relative_to(_DOCS) and path.suffix in (".md", ".svg", ".png"):
+    if path.is_relative_to(_DOCS) and path.suffix in (".md", ".svg", ".png", ".txt"):
         return link[0]
     return words
 

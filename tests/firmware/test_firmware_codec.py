@@ -30,15 +30,15 @@ from support.oracles.array_messages import (
     TAXELS,
     Reason,
     message_wire,
-    page_vectors,
     request,
     said,
+    written_vectors,
 )
 
 # ----------------------------------------------------------------------------------------------------
-# The page's test vectors through the C codec: requests are understood, answers come out byte for byte.
+# The written test vectors through the C codec: requests are understood, answers come out byte for byte.
 
-VECTORS = page_vectors()
+VECTORS = written_vectors()
 FREE = Makeup(shape=2, columns=None, rows=None, size=(1, 2), radius_mm=0.0)
 
 

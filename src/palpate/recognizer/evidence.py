@@ -3,8 +3,8 @@
 Bounds prove which of the catalogue's objects lies there, but not that it is one of the catalogue at all, nor
 that it stayed where it was. Kinds of *strangers*, objects outside the catalogue, differ by how far, and over
 what length, their outlines deviate from what the hypotheses say (`outline_deviations`). Each touch that
-agrees makes kinds that would hardly have agreed less probable (docs/recogniser.md, "When an answer is given";
-fitted by benchmarks/fit_strangers.py). The smallest detectable shift of the part follows from predictions, or
+agrees makes kinds that would hardly have agreed less probable (docs/next-approach.md; fitted by
+benchmarks/fit_strangers.py). The smallest detectable shift of the part follows from predictions, or
 from recognising anew.
 """
 

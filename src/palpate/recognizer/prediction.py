@@ -2,7 +2,7 @@
 
 The same capsules decide afterwards what a touch rules out, so planner and recogniser cannot
 disagree. The exact angle pockets of the predicted edges are in it: an interval that ends says that nothing
-else is in the way, for every configuration of the region (docs/recogniser.md, "The next approach").
+else is in the way, for every configuration of the region (docs/next-approach.md).
 """
 
 from collections.abc import Sequence

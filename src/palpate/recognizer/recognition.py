@@ -5,7 +5,7 @@
 Further contacts extend the surviving interpretations; nothing is started again. The tree is grown at once,
 the rest when it is asked for. A contact of a part that has moved since is a contact of the part as it lies
 now, of a finger that was moved with it: the *carried* contact, as far from the measured one as the part was
-moved there (docs/recogniser.md, "A part that moves"). Pure computation.
+moved there (docs/motion-bounds.md). Pure computation.
 """
 
 import math

@@ -36,7 +36,7 @@ from palpate.drivers.tactile.messages import (
 from support.commands.repository import ROOT
 
 # ----------------------------------------------------------------------------------------------------
-# The vectors of `docs/tactile-protocol.md`, put together without the codec.
+# The vectors of `docs/tactile-vectors.txt`, put together without the codec.
 
 
 def plain_cobs(data: bytes) -> bytes:
@@ -136,9 +136,9 @@ VECTORS = {
 # ----------------------------------------------------------------------------------------------------
 # The tactile protocol once more, by struct alone: independent of the drivers' codec, to test firmware with.
 #
-# Only what `docs/tactile-protocol.md` says is used here; its test vectors are read from the page itself.
+# Only what `docs/tactile-protocol.md` says is used here; its test vectors are those beside the page.
 
-PAGE = ROOT / "docs" / "tactile-protocol.md"
+TEST_VECTORS = ROOT / "docs" / "tactile-vectors.txt"
 HELLO, START, STOP, RATE, TARE, SELF_TEST, GEOMETRY = range(1, 8)
 DESCRIBE, ACK, NACK, REPORT, TAXELS, FRAME = 0x81, 0x82, 0x83, 0x84, 0x85, 0x90
 _HEADER = struct.Struct("<BBHIQH")
@@ -218,13 +218,11 @@ def frame_counts(message: Said) -> list[int]:
     return list(struct.unpack(f"<{rows * columns}H", message.payload[2:]))
 
 
-def page_vectors() -> dict[str, bytes]:
-    """The page's test vectors: bytes by description."""
-    text = PAGE.read_text(encoding="utf-8")
-    rows: Iterable[tuple[str, str]] = re.findall(
-        r"^\| (.+) \| `((?:[0-9a-f]{2} )+00)` \|$", text, re.MULTILINE
-    )
-    return {name: bytes.fromhex(digits) for name, digits in rows}
+def written_vectors() -> dict[str, bytes]:
+    """The written test vectors: bytes by description."""
+    text = TEST_VECTORS.read_text(encoding="utf-8")
+    rows: Iterable[tuple[str, str]] = re.findall(r"^((?:[0-9a-f]{2} )+00)  # (.+)$", text, re.MULTILINE)
+    return {name: bytes.fromhex(digits) for digits, name in rows}
 
 
 # ----------------------------------------------------------------------------------------------------

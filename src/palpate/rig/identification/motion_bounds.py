@@ -1,6 +1,6 @@
 """Motion bounds of a grip: how far its touches can have moved the part, from the loads that were measured.
 
-See docs/recogniser.md, "A part that moves". Nothing slides while the forces on the part are too small for
+See docs/motion-bounds.md. Nothing slides while the forces on the part are too small for
 it; while they are not, friction at the table takes at least F for every mm of slide (`pushing_mechanics`),
 so the slide is at most the work done on the part over F.
 """

@@ -2,9 +2,9 @@
 
 Sliding is counted in *slide*: the mean path, in mm, of the points on which the part rests. Friction takes
 at least the declared force times the slide, so the work done on the part bounds the slide
-(docs/recogniser.md, "A part that moves"). Tipping: a push f at height h moves the centre of pressure by f h
+(docs/motion-bounds.md). Tipping: a push f at height h moves the centre of pressure by f h
 / (m g) from below the centre of mass. While it stays in the convex hull of the base, no edge of it lifts;
-and a push that slides it is no more than μ m g (docs/recogniser.md, "Tipping and rolling"). Bounds on
+and a push that slides it is no more than μ m g (the same page, "Tipping and rolling"). Bounds on
 motions hold for parts that slide.
 """
 

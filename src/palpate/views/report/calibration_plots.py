@@ -85,11 +85,11 @@ def residual_map(file: CalibrationFile) -> Figure:
         )
     for placing in sorted({touch.placing for touch in touches}):
         x, y = places[[touch.placing == placing for touch in touches]].mean(axis=0)
-        axes.text(x, y, str(placing), ha="center", va="center", color=MUTED, size=11, weight="bold")
+        axes.text(x, y, str(placing + 1), ha="center", va="center", color=MUTED, size=11, weight="bold")
     _bench(parts["bench"], file, places, axes)
     parts["key"].set_axis_off()
     words = f"Arrows: residuals × {enlarged:g}, outward where\nthe tip stood further out than fitted."
-    title = f"{words}\nNumbers: placements of references."
+    title = f"{words}\nNumbers: placings of references, from 1."
     parts["key"].legend(handles=_key(file, touches), loc="upper left", title=title, alignment="left")
     return figure
 
