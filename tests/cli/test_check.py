@@ -10,19 +10,20 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
 from palpate.config import load_rig, shipped_rig
-from palpate.config.diagnosis_results import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.config.diagnosis_results import Cause, CheckOut, FingerHoldOut, HoldCheckOut, Severity
 from palpate.config.result_model import to_json
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
+from palpate.drivers.transport import SerialPort
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.diagnostics.hold_check import with_hold
-from palpate.rig.diagnostics.host_ports import timer_warnings
-from palpate.rig.diagnostics.rig_check import check_rig, loop_warnings
+from palpate.rig.diagnostics.hold_check import judge_hold
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
 from palpate.views.check_table import show_check
+from palpate.views.ports_table import show_unplugged
+from support.benches.doctor import checked
 from support.benches.rigs import firm_rig
 from support.commands.command import Ended, missing, run_here
 from support.commands.json_schema import violations
@@ -64,7 +65,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
     assert violations(out, json.loads(schema_text("check"))) == []
     assert list(out) == [
         *("format", "rig", "emulated", "well", "adapter", "servos", "arrays", "loop", "bus"),
-        *("calibration", "touch_force", "hold", "problems", "warnings"),
+        *("calibration", "touch_force", "hold", "problems", "warnings", "steps", "next"),
     ]
     assert out["format"] == "palpate/check@1"
     assert [servo["id"] for servo in out["servos"]] == IDS
@@ -117,13 +118,14 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
 
 
 def test_the_loop_takes_what_the_wire_takes() -> None:
-    out = check_rig(RIG, endpoint_of_rig(RIG))
+    out = checked(RIG, endpoint_of_rig(RIG))
     assert out.loop is not None
     assert out.loop.wire_ms <= out.loop.median_ms <= 1.3 * out.loop.wire_ms
     assert out.loop.cycles == pytest.approx(out.loop.rate_hz, abs=2)
     assert not any("sample_rate_hz" in text for text in out.warnings), "a run sets the return delay to 0"
-    (warning,) = loop_warnings(out.loop, 800.0, out.servos, 0.0)
-    assert "sample_rate_hz is 800" in warning, "the wire alone is slower"
+    hurried = RIG.model_copy(update={"closing": RIG.closing.model_copy(update={"sample_rate_hz": 800.0})})
+    slow = [item for item in checked(hurried, endpoint_of_rig(RIG)).findings if item.cause is Cause.BUS_SLOW]
+    assert ["sample_rate_hz is 800" in item.saw for item in slow] == [True], "the wire alone is slower"
 
 
 def test_a_rig_that_has_run_once_has_no_warnings() -> None:
@@ -132,7 +134,7 @@ def test_a_rig_that_has_run_once_has_no_warnings() -> None:
     assert isinstance(place.devices, BenchRig)
     with connect(place.devices) as hand:
         hand.prepare()
-    out = check_rig(RIG, place)
+    out = checked(RIG, place)
     assert out.well
     assert out.warnings == ()
     assert all(servo.settings == () for servo in out.servos)
@@ -149,7 +151,7 @@ def test_nothing_moves_and_torque_is_not_touched() -> None:
             return listener.on(super().open(baudrate, shared=shared))
 
     listened = Place(place.port, place.clock, place.latency_s, place.baudrate, RIG, place.urls, place.devices)
-    check_rig(RIG, listened)
+    checked(RIG, listened)
     assert {dxl_id: servo.shaft_rad for dxl_id, servo in servos.items()} == before
     # every write goes to Status Return Level or to the indirect addresses, which start at 168
     writes = listener.sent.split(b"\xff\xff\xfd\x00")[1:]
@@ -161,12 +163,12 @@ def test_nothing_moves_and_torque_is_not_touched() -> None:
 def test_a_silent_servo_hides_no_other() -> None:
     place = endpoint_of_rig(RIG)
     emulated(place)[21].power_off()
-    out = check_rig(RIG, place)
+    out = checked(RIG, place)
     assert not out.well
     assert [servo.id for servo in out.servos if servo.answers] == [11, 12, 22, 31, 32]
+    assert [(item.cause, item.servos) for item in out.findings[:1]] == [(Cause.SERVO_SILENT, (21,))]
     (problem,) = out.problems
-    assert problem.startswith("f2 aim: servo 21 on ")
-    assert "does not answer" in problem
+    assert problem.startswith("servo 21 (f2 aim): it does not answer")
     assert out.loop is not None
     assert out.loop.servos == 5
 
@@ -179,15 +181,16 @@ def test_each_thing_that_is_wrong_with_a_servo_is_said() -> None:
     servos[21].set_temperature(85.0)
     poke(servos[22], "Temperature Limit", 35)
     servos[31]._unit.set_torque(on=True)
-    out = check_rig(RIG, place)
+    out = checked(RIG, place)
     assert not out.well
-    assert any("reports a hardware error (overload)" in text for text in lines_about(out.problems, 11))
-    assert any("12.0 V, outside 13.0 … 16.0 V" in text for text in lines_about(out.problems, 12))
-    assert any("°C, its limit 80 °C" in text for text in lines_about(out.problems, 21))
+    assert any("hardware error: overload" in text for text in lines_about(out.problems, 11))
+    assert any("12.0 V, and 13.0 to 16.0 V are allowed" in text for text in lines_about(out.problems, 12))
+    assert any("°C, its limit is 80 °C" in text for text in lines_about(out.problems, 21))
     assert any("it is warm: " in text for text in lines_about(out.warnings, 22))
-    assert any("its torque is on" in text for text in lines_about(out.problems, 31))
+    assert any("torque is on" in text for text in lines_about(out.problems, 31))
+    assert [len(item.problems) for item in out.servos] == [1, 1, 1, 0, 1, 0], "each beside its servo"
     assert out.loop is not None
-    assert out.loop.servos == 5, "all but the one that reports a hardware error"
+    assert out.loop.servos == sum(not item.hardware_error for item in out.servos)
     assert lines_about(out.problems, 22) == lines_about(out.problems, 32) == []
 
 
@@ -202,10 +205,10 @@ def test_a_servo_of_another_model() -> None:
             )
         }
     )
-    out = check_rig(wanted, endpoint_of_rig(RIG))
+    out = checked(wanted, endpoint_of_rig(RIG))
     assert not out.well
     (problem,) = out.problems
-    assert "answers as XM430-W350 (model number 1020), not XL330-M288" in problem
+    assert "answers as XM430-W350, not as the rig file's XL330-M288" in problem
 
 
 def test_an_array_that_is_not_there() -> None:
@@ -219,11 +222,11 @@ def test_an_array_that_is_not_there() -> None:
         lambda port: "mock://gone/f2" if port == "mock://f2" else place.urls(port),
         place.devices,
     )
-    out = check_rig(RIG, gone)
+    out = checked(RIG, gone)
     assert not out.well
     assert [array.answers for array in out.arrays] == [True, False, True]
     (problem,) = out.problems
-    assert problem.startswith("array f2: port mock://gone/f2 does not exist")
+    assert problem.startswith("port mock://f2 (array f2): there is no such port")
 
 
 def test_a_port_that_is_not_there_is_one_line(here: Here) -> None:
@@ -237,11 +240,13 @@ def test_a_port_that_is_not_there_is_one_line(here: Here) -> None:
     assert line.startswith("device error: port /dev/no-such-bus does not exist")
 
 
-def test_a_slow_latency_timer_is_said_with_what_to_type() -> None:
-    (warning,) = timer_warnings("/dev/ttyUSB7", 0.016)
-    assert "16 ms" in warning
-    assert warning.endswith("echo 1 | sudo tee /sys/class/tty/ttyUSB7/device/latency_timer")
-    assert timer_warnings("/dev/ttyUSB7", 0.001) == timer_warnings("/dev/ttyUSB7", None) == []
+def test_a_slow_latency_timer_is_said_with_what_to_type(capsys: pytest.CaptureFixture[str]) -> None:
+    for timer_s, said in ((0.016, True), (0.001, False), (None, False)):
+        port = SerialPort("/dev/ttyUSB7", None, None, None, None, timer_s, None, permitted=True)
+        show_unplugged([port], Console(width=200))
+        text = capsys.readouterr().out
+        assert ("for up to 16 ms" in text) == said
+        assert ("echo 1 | sudo tee /sys/class/tty/ttyUSB7/device/latency_timer" in text) == said
 
 
 def array_of_finger(place: BusEndpoint, number: int) -> EmulatedArray:
@@ -257,14 +262,17 @@ def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str
     sick, broken = array_of_finger(place, 0), array_of_finger(place, 1)
     sick.taxels = Taxels(sick.description, seed=1, dead=[(0, 1)], hot=[(7, 19)])
     broken.broken = SelfTestResult.SUPPLY
-    out = check_rig(RIG, place)
+    out = checked(RIG, place)
     assert not out.well
     assert [array.bad_taxels for array in out.arrays] == [2, 0, 0]
     rates = [array.rate_hz for array in out.arrays]
     assert rates == pytest.approx([250.0] * 3), "they are listened to all the same"
-    taxels, supply = out.problems
-    assert missing(taxels, "array f1", "self-test", "2 bad taxels", "row 0 column 1 stuck low", "row 7") == []
-    assert missing(supply, "array f2", "self-test", "supply", "repair or replace") == []
+    found = [(item.cause, item.arrays) for item in out.findings if item.severity is Severity.WRONG]
+    assert sorted(found) == [
+        (Cause.ARRAY_HARDWARE, ("f2",)),
+        (Cause.DEAD_TAXEL, ("f1",)),
+        (Cause.HOT_TAXEL, ("f1",)),
+    ]
     show_check(out, Console(width=160, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "8 × 20 cylinder" in line]
     assert [("2 bad" in row, "done" in row, "palpate  " in row) for row in rows] == [
@@ -277,17 +285,17 @@ def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str
 def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]) -> None:
     place = endpoint_of_rig(RIG)
     emulated(place)[12].power_off()
-    out = check_rig(RIG, place)
+    out = checked(RIG, place)
     show_check(out, Console(width=160, soft_wrap=True))
     text = capsys.readouterr().out
     assert "✗     12  f1 slide" in text
     assert "6 servos" not in text
-    assert f"1 thing is wrong, {len(out.warnings)} warnings" in text.splitlines()[-1]
+    assert "1 thing is wrong, 1 warning" in text.splitlines()[-1]
     assert isinstance(out, CheckOut)
 
 
 def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    show_check(check_rig(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
+    show_check(checked(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "XM430-W350" in line]
     assert [row.split()[1:] for row in rows[:1]] == [
         ["11", "f1", "aim", "XM430-W350", "45", "12.0", "V", "30", "°C", "off", "4", "differ"]
@@ -308,7 +316,7 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
 
     broken = Broken(place.port, place.clock, place.latency_s, place.baudrate, RIG, place.urls, place.devices)
     with pytest.raises(DeviceError, match=r"failed: .*unplugged"):
-        check_rig(RIG, broken)
+        checked(RIG, broken)
 
 
 @pytest.mark.parametrize(
@@ -343,7 +351,7 @@ def test_arrays_on_boards_that_reset_as_their_port_opens(here: Here, tmp_path: P
     slow.write_text(text.replace("[emulation]\n", "[emulation]\narray_boot_s = 9.0\n"), encoding="utf-8")
     done = here("check", "--rig", str(slow), "--json")
     assert done.code == 3
-    assert all("does not answer" in array["problems"][0] for array in done.json["arrays"])
+    assert all("nothing answers there" in array["problems"][0] for array in done.json["arrays"])
 
 
 def test_what_a_part_holds_is_said_with_the_line_to_write(capsys: pytest.CaptureFixture[str]) -> None:
@@ -352,11 +360,11 @@ def test_what_a_part_holds_is_said_with_the_line_to_write(capsys: pytest.Capture
     found = HoldCheckOut(
         part_holds_n=0.41, least_n=0.41, slid=True, largest_n=3.0, moved_mm=0.7, fingers=(finger,)
     )
-    out = with_hold(check_rig(declared, endpoint_of_rig(declared)), found, declared)
+    _, (finding,) = judge_hold(declared, found)
+    assert finding.cause is Cause.PART_SLIDES
+    assert missing(finding.saw, "part_holds_n = 0.5 N", "only certain to hold 0.41 N") == []
+    out = checked(declared, endpoint_of_rig(declared)).model_copy(update={"hold": found})
     assert violations(json.loads(to_json(out)), json.loads(schema_text("check"))) == []
-    assert out.warnings[-1] == (
-        "the rig file declares part_holds_n = 0.5 N, and this part was only certain to hold 0.41 N"
-    )
     show_check(out, Console(width=200))
     said = capsys.readouterr().out
     assert (

@@ -26,10 +26,10 @@ from palpate.drivers.dynamixel.control_table import Area
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.ports import PortMissing, PortTaken, open_port
+from palpate.rig.diagnostics.array_examination import analyse_untouched
 from palpate.rig.diagnostics.diagnosis import diagnose
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.steps import DiagnosisCase
-from palpate.rig.diagnostics.taxel_steps import analyse_untouched
 from palpate.views.doctor import doctor_report, show_doctor
 from support.benches.calibration_files import MADE, empty_calibration
 from support.benches.doctor import FAULTS, PORTS, WELL, Fault, examined, set_up_with
@@ -135,7 +135,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         *("port is there", "permission", "other programs", "latency timer", "baud rate", "ids", "models"),
         *("firmware", "supply voltage", "hardware errors", "torque", "settings in EEPROM", "bus traffic"),
         *("zeros", "arrays answer", "array geometry", "frames", "taxel map", "noise and drift"),
-        *("force scale", "calibration", "directions"),
+        *("force scale", "touch force", "calibration", "directions"),
     ]
     assert [item["cause"] for step in out["steps"] for item in step["findings"]] == ["limits-not-set"]
     assert out["next"] is None

@@ -28,15 +28,18 @@ from palpate.config import (
     shipped_objects,
     shipped_rig,
 )
+from palpate.config.diagnosis_results import Cause
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.diagnostics.calibration_check import with_calibration
-from palpate.rig.diagnostics.rig_check import check_rig
+from palpate.rig.diagnostics.calibration_check import calibration_out, judge_calibration
+from palpate.rig.diagnostics.diagnosis import check_out, diagnose
+from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import endpoint_of_rig
+from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame
 from palpate.rig.identification.loop import Identification, search
@@ -229,8 +232,9 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
         file = full_calibration(shipped, devices=devices_of(hand))
     put_beside(rig_path, file)
     on_bench = load_calibrated(rig_path)
-    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described))
-    fresh = with_calibration(out, on_bench, MADE + timedelta(days=90, hours=23))
+    case = DiagnosisCase(on_bench, endpoint_of_rig(on_bench.described), Computer(tmp_path), listen_s=0.2)
+    found = diagnose(case, MADE + timedelta(days=90, hours=23))
+    fresh = check_out(found)
     assert violations(json.loads(fresh.model_dump_json()), json.loads(schema_text("check"))) == []
     assert fresh.calibration is not None
     assert fresh.calibration.model_dump() == {
@@ -243,40 +247,45 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
         "devices_match": True,
         "touch": None,
     }
-    assert (fresh.well, fresh.warnings) == (True, out.warnings)
+    assert judge_calibration(case, found.readings)[1] == []
 
-    old = with_calibration(out, on_bench, MADE + timedelta(days=91))
-    assert old.well
-    assert old.warnings[-1].startswith("the calibration is 91 days old; calibrate again every 90 days")
+    old = replace(found.readings, now=MADE + timedelta(days=91))
+    assert [item.cause for item in judge_calibration(case, old)[1]] == [Cause.CALIBRATION_OLD]
 
-    silent = out.model_copy(
-        update={"arrays": (out.arrays[0].model_copy(update={"answers": False, "unique_id": None}),)}
-    )
-    unknown = with_calibration(silent, on_bench, MADE).calibration
+    silent = replace(found.readings, arrays=found.readings.arrays[:1])
+    unknown = calibration_out(case, silent)
     assert unknown is not None
     assert unknown.devices_match is None
 
-    other = out.model_copy(update={"arrays": (out.arrays[0].model_copy(update={"unique_id": "00"}),)})
-    wrong = with_calibration(other, on_bench, MADE)
-    assert wrong.calibration is not None
-    assert (wrong.well, wrong.calibration.devices_match) == (False, False)
-    assert wrong.problems[-1].startswith("calibration was made with array 6631")
+    described = found.readings.arrays[0].description
+    assert described is not None
+    stranger = replace(found.readings.arrays[0], description=replace(described, unique_id=bytes(16)))
+    other = replace(found.readings, arrays=[stranger])
+    assert [item.cause for item in judge_calibration(case, other)[1]] == [Cause.OTHER_DEVICES]
+    wrong = calibration_out(case, other)
+    assert wrong is not None
+    assert wrong.devices_match is False
 
     bare = [item.model_copy(update={"bounds": None}) for item in file.fingers[:1]]
     partly = file.model_copy(update={"fingers": [*bare, *file.fingers[1:]]})
-    loose = with_calibration(out, RigOnBench(on_bench.rig, shipped, partly, rig_path), MADE)
-    assert loose.calibration is not None
-    assert loose.calibration.position_mm is None
-    assert "does not bound contacts of f1" in loose.warnings[-1]
+    partly_known = replace(case, on_bench=RigOnBench(on_bench.rig, shipped, partly, rig_path))
+    (missing_bounds,) = judge_calibration(partly_known, found.readings)[1]
+    assert (missing_bounds.cause, "of f1" in missing_bounds.saw) == (Cause.BOUNDS_MISSING, True)
+    loose = calibration_out(partly_known, found.readings)
+    assert loose is not None
+    assert loose.position_mm is None
 
-    for found, line in (
-        (out, "calibration  none\n"),
-        (old, "2026-05-04, 91 days old, 99.9 % of contacts within ±0.2 mm and ±1°, of these devices"),
+    for known, line in (
+        (None, "calibration  none\n"),
+        (
+            calibration_out(case, old),
+            "2026-05-04, 91 days old, 99.9 % of contacts within ±0.2 mm and ±1°, of these devices",
+        ),
         (wrong, "of other devices\n"),
         (loose, "without bounds on contacts"),
     ):
         text = StringIO()
-        show_check(found, Console(file=text, width=200))
+        show_check(fresh.model_copy(update={"calibration": known}), Console(file=text, width=200))
         assert line in text.getvalue()
 
 

@@ -29,15 +29,17 @@ from palpate.config.diagnosis_results import (
     AdapterCheckOut,
     BusCountsOut,
     CalibrationCheckOut,
+    Cause,
     CheckOut,
     HoldCheckOut,
+    Severity,
     TouchForceOut,
 )
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.models import specification
 from palpate.rig.bench import connect
-from palpate.rig.diagnostics.calibration_check import Retouch, friction_warnings, retouch, with_touch
+from palpate.rig.diagnostics.calibration_check import Retouch, judge_friction, judge_touch, retouch, touch_out
 from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
 from palpate.rig.motion.creep import is_sliding
 from palpate.views.check_table import show_check
@@ -69,20 +71,20 @@ def with_friction_allowed(current_a: float) -> RigFile:
 
 
 def test_friction_as_allowed_for_is_no_warning() -> None:
-    assert friction_warnings(with_friction_allowed(0.02), {"f1": 0.02}) == []
-    assert friction_warnings(with_friction_allowed(0.02), {"f1": 0.03}) == []
-    assert friction_warnings(with_friction_allowed(0.02), {}) == []
+    assert judge_friction(with_friction_allowed(0.02), {"f1": 0.02}) == []
+    assert judge_friction(with_friction_allowed(0.02), {"f1": 0.03}) == []
+    assert judge_friction(with_friction_allowed(0.02), {}) == []
 
 
 def test_a_slide_that_runs_more_easily_lets_its_tip_press_harder() -> None:
     rig = with_friction_allowed(0.05)
     finger = rig.fingers[0]
     assert isinstance(finger, SlideFingerConfig)
-    (warning,) = friction_warnings(rig, {"f1": 0.0304})
-    assert "moves freely with 0.030 A, and 0.050 A are allowed" in warning
-    said_n = float(warning.split("may press with ")[1].split(" N")[0])
+    (warning,) = judge_friction(rig, {"f1": 0.0304})
+    assert "moves freely with 0.030 A, and 0.050 A are allowed" in warning.saw
+    said_n = float(warning.saw.split("may press with ")[1].split(" N")[0])
     assert force_n(finger, 0.05 - 0.0304) <= said_n < force_n(finger, 0.05 - 0.0304) + 0.1001
-    assert warning.endswith("slide.friction_a at most 0.03")
+    assert warning.next.endswith("slide.friction_a at most 0.03")
 
 
 def test_a_slide_that_runs_hard_has_too_little_left_to_touch_with() -> None:
@@ -92,9 +94,9 @@ def test_a_slide_that_runs_hard_has_too_little_left_to_touch_with() -> None:
     closing = RIG.closing
     enough_a = (closing.max_force_n - 2 * closing.contact_force_n) * per_n
     rig = with_friction_allowed(0.0)
-    assert friction_warnings(rig, {"f1": enough_a - 1e-3}) == []
-    (warning,) = friction_warnings(rig, {"f1": enough_a + 1e-3})
-    assert "N of max_force_n are left to touch with; clean and grease it" in warning
+    assert judge_friction(rig, {"f1": enough_a - 1e-3}) == []
+    (warning,) = judge_friction(rig, {"f1": enough_a + 1e-3})
+    assert "N of max_force_n are left to touch with" in warning.saw
 
 
 def test_check_notices_on_the_bench_that_slides_run_more_easily_than_allowed_for(tmp_path: Path) -> None:
@@ -252,6 +254,8 @@ CHECKED = CheckOut(
     ),
     problems=(),
     warnings=(),
+    steps=(),
+    next=None,
 )
 
 
@@ -354,12 +358,14 @@ def test_nobody_moves_fingers_unasked(here: Here, tmp_path: Path) -> None:
 
 
 def test_a_rig_that_does_not_agree_is_not_well(capsys: pytest.CaptureFixture[str]) -> None:
-    out = with_touch(CHECKED, touched(0, {"f2": (1.0, 0.0)}), RIG)
-    assert not out.well
-    (problem,) = out.problems
-    assert problem.startswith("touches of the disc differ by 0.")
-    assert "mm (in the mean f1 " in problem
-    assert "calibrate again, unless the disc moved or is not as given" in problem
+    found = touched(0, {"f2": (1.0, 0.0)})
+    saw, (problem,) = judge_touch(RIG, found)
+    assert "15 touches" in saw
+    assert (problem.cause, problem.severity) == (Cause.TOUCH_DISAGREES, Severity.WRONG)
+    assert "mm (in the mean f1 " in problem.saw
+    assert CHECKED.calibration is not None
+    calibration = CHECKED.calibration.model_copy(update={"touch": touch_out(found)})
+    out = CHECKED.model_copy(update={"calibration": calibration})
     show_check(out, Console(width=200, soft_wrap=True))
     assert "does not agree with 15 touches (f1 " in capsys.readouterr().out
-    assert with_touch(CHECKED, touched(0), RIG).well
+    assert judge_touch(RIG, touched(0))[1] == []

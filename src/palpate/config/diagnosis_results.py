@@ -181,29 +181,6 @@ class HoldCheckOut(Out):
     fingers: tuple[FingerHoldOut, ...]
 
 
-class CheckOut(Out):
-    """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
-
-    `calibration` is null if there is none. `touch_force`: of a part that does not give way. `hold` is null
-    unless a part was pushed.
-    """
-
-    format: Literal["palpate/check@1"] = "palpate/check@1"
-    rig: str
-    emulated: bool
-    well: bool
-    adapter: AdapterCheckOut
-    servos: tuple[ServoCheckOut, ...]
-    arrays: tuple[ArrayCheckOut, ...]
-    loop: BusLoopOut | None
-    bus: BusCountsOut
-    calibration: CalibrationCheckOut | None = None
-    touch_force: TouchForceOut
-    hold: HoldCheckOut | None = None
-    problems: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
 class Cause(StrEnum):
     """Cause of a fault in a set-up. Values stay as they are: programs may compare them."""
 
@@ -227,6 +204,7 @@ class Cause(StrEnum):
     SUPPLY_MIXED = "supply-mixed"
     HARDWARE_ERROR = "hardware-error"
     TOO_HOT = "too-hot"
+    WARM = "warm"
     TORQUE_ON = "torque-on"
     LIMITS_IMPOSSIBLE = "limits-impossible"
     LIMITS_NOT_SET = "limits-not-set"
@@ -236,6 +214,7 @@ class Cause(StrEnum):
     PROTECTION_OFF = "protection-off"
     BUS_LOSSY = "bus-lossy"
     BUS_SLOW = "bus-slow"
+    COMPUTER_BUSY = "computer-busy"
     ZERO_OFF = "zero-off"
     DIRECTION_WRONG = "direction-wrong"
     MOTION_FAILED = "motion-failed"
@@ -245,6 +224,7 @@ class Cause(StrEnum):
     ARRAY_FIRMWARE = "array-firmware"
     ARRAY_HARDWARE = "array-hardware"
     ARRAY_GEOMETRY = "array-geometry"
+    FLAT_ARRAY = "flat-array"
     DEAD_COLUMN = "dead-column"
     DEAD_ROW = "dead-row"
     DEAD_TAXEL = "dead-taxel"
@@ -257,9 +237,15 @@ class Cause(StrEnum):
     DRIFT = "drift"
     HIDDEN_PUSH = "hidden-push"
     FORCE_SCALE = "force-scale"
+    TOUCH_TOO_HARD = "touch-too-hard"
     ARRAYS_SWAPPED = "arrays-swapped"
     OTHER_DEVICES = "other-devices"
     CALIBRATION_OLD = "calibration-old"
+    BOUNDS_MISSING = "bounds-missing"
+    OTHER_REFERENCES = "other-references"
+    TOUCH_DISAGREES = "touch-disagrees"
+    FRICTION = "friction"
+    PART_SLIDES = "part-slides"
 
 
 DEVICE_CAUSES = frozenset(
@@ -295,7 +281,10 @@ class Outcome(StrEnum):
 
 
 class FindingOut(Out):
-    """One thing that is not as it should be: what was seen, what that means, and the next thing to do."""
+    """One thing that is not as it should be: what was seen, what that means, and the next thing to do.
+
+    `servos`, `arrays`: ids and fingers of the devices that it is about, as far as it is about some.
+    """
 
     cause: Cause
     severity: Severity
@@ -303,6 +292,8 @@ class FindingOut(Out):
     saw: str
     means: str
     next: str
+    servos: tuple[int, ...] = ()
+    arrays: tuple[str, ...] = ()
 
 
 class DoctorStepOut(Out):
@@ -314,6 +305,37 @@ class DoctorStepOut(Out):
     saw: str
     findings: tuple[FindingOut, ...] = ()
     skipped_because: str | None = None
+
+
+class CheckOut(Out):
+    """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
+
+    `calibration` is null if there is none. `touch_force`: of a part that does not give way. `hold` is null
+    unless a part was pushed. `problems`, `warnings`: the steps' findings in words, those of a device beside
+    it, too. `next`: what to do first; null if there is nothing to do.
+    """
+
+    format: Literal["palpate/check@1"] = "palpate/check@1"
+    rig: str
+    emulated: bool
+    well: bool
+    adapter: AdapterCheckOut
+    servos: tuple[ServoCheckOut, ...]
+    arrays: tuple[ArrayCheckOut, ...]
+    loop: BusLoopOut | None
+    bus: BusCountsOut
+    calibration: CalibrationCheckOut | None = None
+    touch_force: TouchForceOut
+    hold: HoldCheckOut | None = None
+    problems: tuple[str, ...]
+    warnings: tuple[str, ...]
+    steps: tuple[DoctorStepOut, ...]
+    next: str | None
+
+    @property
+    def findings(self) -> tuple[FindingOut, ...]:
+        """All findings, in the steps' order."""
+        return _findings(self.steps)
 
 
 class DoctorOut(Out):
@@ -335,4 +357,8 @@ class DoctorOut(Out):
     @property
     def findings(self) -> tuple[FindingOut, ...]:
         """All findings, in the steps' order."""
-        return tuple(item for step in self.steps for item in step.findings)
+        return _findings(self.steps)
+
+
+def _findings(steps: tuple[DoctorStepOut, ...]) -> tuple[FindingOut, ...]:
+    return tuple(item for step in steps for item in step.findings)

@@ -3,12 +3,20 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from typing import Generic, TypeVar
 
 from palpate.base.errors import InputError, PalpateError
 from palpate.calibration.drift_test import contact_uncertainties
 from palpate.config import load_objects
 from palpate.config.calibration_file import ReferencesFile, references_sha256
-from palpate.config.diagnosis_results import CheckOut, DoctorOut, DoctorStepOut, FindingOut, HoldCheckOut
+from palpate.config.diagnosis_results import (
+    Cause,
+    CheckOut,
+    DoctorOut,
+    DoctorStepOut,
+    FindingOut,
+    HoldCheckOut,
+)
 from palpate.config.loading import shipped_objects, shipped_rig
 from palpate.config.result_model import to_json
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
@@ -17,102 +25,151 @@ from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_tabl
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.commissioning.calibration_run import build_references, rig_connector
 from palpate.rig.commissioning.hand_prober import TableOperator
-from palpate.rig.diagnostics.calibration_check import Retouch, retouch, with_calibration, with_touch
-from palpate.rig.diagnostics.diagnosis import EmulatedOnlooker, Onlooker, diagnose, examine_directions
-from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_hold, with_light_touch
+from palpate.rig.diagnostics.calibration_check import CALIBRATION, Retouch, judge_touch, retouch
+from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
+from palpate.rig.diagnostics.directions import (
+    EmulatedOnlooker,
+    Onlooker,
+    directions_step,
+    examine_directions,
+)
+from palpate.rig.diagnostics.hold_check import check_hold, judge_hold, least_threshold_n, with_light_touch
 from palpate.rig.diagnostics.host_ports import Computer
-from palpate.rig.diagnostics.rig_check import check_rig
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
-from palpate.rig.diagnostics.steps import DiagnosisCase
+from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, Motion, warning
 from palpate.rig.pads import refuse_pads
 from palpate.rig.workers import BackgroundCall
 from palpate.views.doctor import doctor_report
 
+ResultT = TypeVar("ResultT", CheckOut, DoctorOut)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CheckAnswer:
-    """What a check found (`palpate/check@1`). `failure`: of the display, at the end; the check is whole."""
+class DiagnosisAnswer(Generic[ResultT]):
+    """What was found, step by step."""
 
-    result: CheckOut
-    failure: PalpateError | None
+    result: ResultT
+    on_bench: RigOnBench
 
     @property
     def well(self) -> bool:
-        """Whether there is no problem; there may be warnings."""
+        """True if nothing is wrong; there may be warnings."""
         return self.result.well
 
     @property
+    def steps(self) -> Sequence[DoctorStepOut]:
+        """All steps, in the order in which things go wrong."""
+        return self.result.steps
+
+    @property
+    def findings(self) -> Sequence[FindingOut]:
+        """Findings: cause, device, what was seen, what it means, what to do next."""
+        return self.result.findings
+
+    def to_json(self) -> str:
+        """The result in its published format."""
+        return to_json(self.result)
+
+    def report(self) -> str:
+        """A report for a bug tracker, in Markdown: versions, steps and the rig file's relevant parts.
+
+        Names of users, computers and folders are left out, serial numbers are hashed.
+        """
+        return doctor_report(self.result, self.on_bench.described)
+
+    def __repr__(self) -> str:
+        verdict = "well" if self.well else "NOT well"
+        return f"<{type(self).__name__} {self.result.rig}: {verdict}; {self.result.next or 'nothing to do'}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckAnswer(DiagnosisAnswer[CheckOut]):
+    """What a check found (`palpate/check@1`). `failure`: of the display, at the end; the check is whole."""
+
+    failure: PalpateError | None = None
+
+    @property
     def problems(self) -> Sequence[str]:
-        """What is wrong, one sentence each."""
+        """Problems, one sentence each."""
         return self.result.problems
 
     @property
     def warnings(self) -> Sequence[str]:
-        """What is not as it should be and can be worked with."""
+        """Warnings, one sentence each: the rig can be worked with."""
         return self.result.warnings
 
-    def to_json(self) -> str:
-        """`palpate/check@1`."""
-        return to_json(self.result)
 
-    def __repr__(self) -> str:
-        first = next(iter((*self.problems, *self.warnings)), "no warning")
-        return f"<CheckAnswer {self.result.rig}: {'well' if self.well else 'NOT well'}; {first}>"
+class DoctorAnswer(DiagnosisAnswer[DoctorOut]):
+    """What `Rig.doctor` found (`palpate/doctor@1`)."""
 
 
-def check_rig_and_touch(
+Show = Callable[[str], None]
+Measured = Retouch | HoldCheckOut
+
+
+@dataclass
+class FingerCheck:
+    """A check for which fingers move: `move` moves them, tells of it, and judges what it has measured."""
+
+    name: str
+    looked_at: str
+    move: Callable[[Show], tuple[Measured, Judgement]]
+
+
+def touch_check(
     on_bench: RigOnBench,
     seed: int,
-    *,
-    touch: bool,
     references: ReferencesFile | PathLike | None,
     table: TableOperator | None,
-    permit: Callable[[], None],
-    progress: Callable[[str], None],
-) -> CheckAnswer:
-    """Check, and touch the disc if all is well; arguments and errors as `Rig.check`."""
-    shapes = _references_to_touch(on_bench, references) if touch else None
-    out = _check_devices(on_bench, seed, progress)
-    if shapes is None:
-        return CheckAnswer(out, None)
-    out = _add_warnings(out, _other_references(on_bench, shapes))
-    if not out.well:
-        return CheckAnswer(_add_warnings(out, [_NOT_TOUCHED]), None)
-    permit()
-    with BackgroundCall("the display", progress) as show:
+) -> FingerCheck:
+    """Touches of a disc, compared with the calibration; InputError if there is nothing to compare with."""
+    shapes = _references_to_touch(on_bench, references)
+
+    def move(show: Show) -> tuple[Retouch, Judgement]:
         found = _touch_disc(on_bench, shapes, seed, table, show)
-    return CheckAnswer(with_touch(out, found, on_bench.rig), show.late_failure)
+        saw, findings = judge_touch(on_bench.rig, found)
+        return found, (saw, [*_other_references(on_bench, shapes), *findings])
+
+    return FingerCheck("touch", "touched a disc, and compared it with the calibration", move)
 
 
-def check_rig_and_hold(
+def hold_check(on_bench: RigOnBench, seed: int, notice: Callable[[str], None]) -> FingerCheck:
+    """Pushes of the part on the table."""
+
+    def move(show: Show) -> tuple[HoldCheckOut, Judgement]:
+        found = _push_part(on_bench, seed, show, notice)
+        return found, judge_hold(on_bench.rig, found)
+
+    return FingerCheck("hold", "pushed the part until it slid", move)
+
+
+def check_rig(
     on_bench: RigOnBench,
     seed: int,
     *,
+    moving: FingerCheck | None,
     permit: Callable[[], None],
     progress: Callable[[str], None],
-    notice: Callable[[str], None],
 ) -> CheckAnswer:
-    """Check, and push the part on the table if all is well; arguments and errors as `Rig.check`."""
-    out = _check_devices(on_bench, seed, progress)
-    if not out.well:
-        return CheckAnswer(_add_warnings(out, [_NOT_TOUCHED]), None)
-    permit()
-    with BackgroundCall("the display", progress) as show:
-        found = _push_part(on_bench, seed, show, notice)
-    return CheckAnswer(with_hold(out, found, on_bench.rig), show.late_failure)
+    """Check, and let fingers move for it if all is well; arguments and errors as `Rig.check`."""
+    case = DiagnosisCase(
+        on_bench, endpoint_of_rig(on_bench.described, seed), Computer(), progress, CHECK_LISTEN_S
+    )
+    measured: Measured | None = None
+    failure: PalpateError | None = None
 
+    def carry_out() -> Judgement:
+        nonlocal measured, failure
+        assert moving is not None, "it is only called then"
+        permit()
+        with BackgroundCall("the display", progress) as show:
+            measured, judged = moving.move(show)
+        failure = show.late_failure
+        return judged
 
-_NOT_TOUCHED = "nothing was touched: first put right what is wrong"
-
-
-def _check_devices(on_bench: RigOnBench, seed: int, progress: Callable[[str], None]) -> CheckOut:
-    """Check every device and the calibration; nothing moves."""
-    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), progress)
-    return with_calibration(out, on_bench, datetime.now(UTC))
-
-
-def _add_warnings(out: CheckOut, warnings: Sequence[str]) -> CheckOut:
-    return out.model_copy(update={"warnings": (*out.warnings, *warnings)})
+    motions = [] if moving is None else [Motion(moving.name, moving.looked_at, carry_out)]
+    found = diagnose(case, datetime.now(UTC), motions)
+    return CheckAnswer(check_out(found, measured), on_bench, failure)
 
 
 def _push_part(
@@ -170,54 +227,15 @@ def _touch_disc(
         return retouch(on_bench.rig, there.prober, disc, uncertainties, lambda text: show(f"  {text}"))
 
 
-def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[str]:
+def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[FindingOut]:
     """A warning if the calibration was made with other things than what is touched now."""
     assert on_bench.calibration is not None, "refused before"
     known = {item.sha256 for item in on_bench.calibration.references}
     if not known or references_sha256(shapes) in known:
         return []
-    return [
-        "the calibration was made with other references: give theirs, or make sure that "
-        "the disc is as described"
-    ]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class DoctorAnswer:
-    """What `Rig.doctor` found (`palpate/doctor@1`)."""
-
-    result: DoctorOut
-    on_bench: RigOnBench
-
-    @property
-    def well(self) -> bool:
-        """Whether nothing is wrong; there may be warnings."""
-        return self.result.well
-
-    @property
-    def steps(self) -> Sequence[DoctorStepOut]:
-        """All steps, in the order in which things go wrong."""
-        return self.result.steps
-
-    @property
-    def findings(self) -> Sequence[FindingOut]:
-        """What is not as it should be: cause, device, what was seen, what it means, what to do next."""
-        return self.result.findings
-
-    def to_json(self) -> str:
-        """`palpate/doctor@1`."""
-        return to_json(self.result)
-
-    def report(self) -> str:
-        """A report for a bug tracker, in Markdown: versions, steps and the rig file's relevant parts.
-
-        Names of users, computers and folders are left out, serial numbers are hashed.
-        """
-        return doctor_report(self.result, self.on_bench.described)
-
-    def __repr__(self) -> str:
-        verdict = "well" if self.well else "NOT well"
-        return f"<DoctorAnswer {self.result.rig}: {verdict}; {self.result.next or 'nothing to do'}>"
+    saw, means = "it was made with other references", "touches differ by as much as the disc's size does"
+    do = "give theirs, or make sure that the disc is as described"
+    return [warning(Cause.OTHER_REFERENCES, CALIBRATION, saw, means, do)]
 
 
 def examine_rig(
@@ -236,14 +254,15 @@ def examine_rig(
     place = endpoint_of_rig(on_bench.described, seed)
     case = DiagnosisCase(on_bench, place, Computer(), progress)
 
-    def directions() -> DoctorStepOut:
+    def directions() -> Judgement:
         bench = _bench(place, on_bench)
         watching = onlooker or EmulatedOnlooker(bench)
         permit()
         with environment(bench).hand(on_bench.rig, notice) as hand:
             return examine_directions(hand, watching)
 
-    return DoctorAnswer(diagnose(case, datetime.now(UTC), directions if move else None), on_bench)
+    found = diagnose(case, datetime.now(UTC), [directions_step(directions if move else None)])
+    return DoctorAnswer(doctor_out(found), on_bench)
 
 
 def _bench(place: BusEndpoint, on_bench: RigOnBench) -> BenchRig:

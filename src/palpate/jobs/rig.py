@@ -26,7 +26,7 @@ from palpate.jobs.calibration import (
     check_homable,
     home_rig,
 )
-from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig_and_hold, check_rig_and_touch, examine_rig
+from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig, examine_rig, hold_check, touch_check
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
 from palpate.jobs.identification import identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
@@ -37,7 +37,7 @@ from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
-from palpate.rig.diagnostics.diagnosis import Onlooker
+from palpate.rig.diagnostics.directions import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.observers import Observer
 from palpate.rig.motion.hand import Hand
@@ -197,19 +197,12 @@ class Rig:
         if touch and hold:
             raise InputError("touch and hold exclude each other: the disc that is touched must not slide")
         with unwind_on_signals():
+            moving = None
+            if touch:
+                moving = touch_check(self._on_bench, self._seed, references, table)
             if hold:
-                return check_rig_and_hold(
-                    self._on_bench, self._seed, permit=permit, progress=progress, notice=notice
-                )
-            return check_rig_and_touch(
-                self._on_bench,
-                self._seed,
-                touch=touch,
-                references=references,
-                table=table,
-                permit=permit,
-                progress=progress,
-            )
+                moving = hold_check(self._on_bench, self._seed, notice)
+            return check_rig(self._on_bench, self._seed, moving=moving, permit=permit, progress=progress)
 
     @check_arguments
     def doctor(

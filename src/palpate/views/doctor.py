@@ -19,7 +19,7 @@ from rich.table import Table
 
 from palpate.base.errors import quantity
 from palpate.config import RigFile
-from palpate.config.diagnosis_results import DoctorOut, DoctorStepOut, FindingOut, Outcome, Severity
+from palpate.config.diagnosis_results import CheckOut, DoctorOut, DoctorStepOut, FindingOut, Outcome, Severity
 
 _PACKAGES = ("palpate", "numpy", "scipy", "pyserial", "dynamixel-sdk")
 _LEFT_OUT = {"name", "obstacles", "format"}
@@ -49,7 +49,7 @@ def private_words() -> Private:
     return {word: stand_in for word, stand_in in words.items() if len(word) >= _MIN_NAME_LETTERS}
 
 
-def doctor_report(out: DoctorOut, rig: RigFile, private: Private | None = None) -> str:
+def doctor_report(out: DoctorOut | CheckOut, rig: RigFile, private: Private | None = None) -> str:
     """The report; `private`: of this computer if not given."""
     found = "".join(_step(item) for item in out.steps)
     verdict = "nothing is wrong" if out.well else f"next: {out.next}"

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from palpate.drivers.transport import SerialPort
-from palpate.rig.diagnostics.host_ports import timer_warnings, usb_id
+from palpate.rig.diagnostics.host_ports import Computer, is_timer_long, usb_id
 from palpate.views.tables import folding_column, table
 
 
@@ -22,8 +22,14 @@ def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:
             f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False, markup=False
         )
         console.print(f'    port = "{port.name}"\n', highlight=False, markup=False)
-        for warning in timer_warnings(port.device, port.latency_timer_s):
-            console.print(warning, highlight=False, markup=False)
+        if port.latency_timer_s is not None and is_timer_long(port.latency_timer_s):
+            console.print(
+                f"the adapter holds every answer back for up to {port.latency_timer_s * 1e3:g} ms (its "
+                "latency timer); 1 ms is set until it is unplugged by: echo 1 | sudo tee "
+                f"{Computer().latency_timer_path(port.device)}",
+                highlight=False,
+                markup=False,
+            )
 
 
 def show_ports(ports: Sequence[SerialPort], console: Console) -> None:
@@ -35,7 +41,7 @@ def show_ports(ports: Sequence[SerialPort], console: Console) -> None:
     rows = table(*map(folding_column, names))
     for port in ports:
         timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
-        slow = bool(timer_warnings(port.device, port.latency_timer_s))
+        slow = is_timer_long(port.latency_timer_s)
         rows.add_row(
             escape(port.device) + ("" if port.permitted else " [red](not permitted)[/]"),
             escape(port.kind or ""),

@@ -11,7 +11,7 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile, apply_calibration, load_rig, shipped_rig
-from palpate.config.diagnosis_results import Cause, DoctorOut
+from palpate.config.diagnosis_results import Cause, CheckOut, DoctorOut
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
@@ -21,20 +21,20 @@ from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport.ports import PortForbidden, PortMissing, PortTaken
 from palpate.rig.bench import BenchRig, connect, environment
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.diagnostics.diagnosis import EmulatedOnlooker, diagnose, examine_directions
+from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
+from palpate.rig.diagnostics.directions import EmulatedOnlooker, directions_step, examine_directions
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
-from palpate.rig.diagnostics.steps import DiagnosisCase
+from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase
 from palpate.rig.emulated.devices import emulate, on_mock_wires
 from palpate.rig.session.calibration_drift import devices_of
-from support.benches.calibration_files import MADE, empty_calibration
+from support.benches.calibration_files import MADE, empty_calibration, full_calibration
 
 # ----------------------------------------------------------------------------------------------------
 # An emulated set-up in which faults are planted, as `palpate doctor` examines it.
 #
 # The devices are behind wires in virtual time; the rig file names serial ports, which a stand-in for the
-# system
-# opens. What the system says of them is in files below a folder.
+# system opens. What the system says of them is in files below a folder.
 
 BUS, PORTS = "/dev/ttyUSB0", {"f1": "/dev/ttyUSB1", "f2": "/dev/ttyUSB2", "f3": "/dev/ttyUSB3"}
 
@@ -67,6 +67,7 @@ class SetUp:
     wires: dict[str, FaultyWire]
     root: Path
     calibrated: bool
+    without_bounds: bool = False
     refused: dict[str, DeviceError] = field(default_factory=dict)
     leads_to: dict[str, str] = field(default_factory=dict)
     age: timedelta = timedelta(days=1)
@@ -127,7 +128,10 @@ class SetUp:
         plain = _on_serial_ports(self.described)
         if not self.calibrated:
             return RigOnBench(plain, plain, None, Path("rig.toml"))
+        bounds = {} if self.without_bounds else {"bounds": full_calibration(plain).fingers[0].bounds}
         file = empty_calibration(plain, self.devices)
+        fingers = [item.model_copy(update=bounds) for item in file.fingers]
+        file = file.model_copy(update={"fingers": fingers})
         return RigOnBench(apply_calibration(plain, file), plain, file, Path("rig.toml"))
 
     def place(self, rig: RigFile) -> BusEndpoint:
@@ -199,6 +203,13 @@ def set_up_with(fault: Fault, root: Path, seed: int = 3) -> SetUp:
     return found
 
 
+def checked(rig: RigFile, place: BusEndpoint) -> CheckOut:
+    """What a check says of a rig without a calibration, on a computer of which nothing is known."""
+    on_bench = RigOnBench(rig, rig, None, Path("rig.toml"))
+    case = DiagnosisCase(on_bench, place, Computer(Path("/no/such/root")), listen_s=CHECK_LISTEN_S)
+    return check_out(diagnose(case, MADE))
+
+
 def examined(fault: Fault, root: Path, seed: int = 3) -> DoctorOut:
     """What doctor says of the set-up with this fault."""
     found = set_up_with(fault, root, seed)
@@ -211,7 +222,8 @@ def examined(fault: Fault, root: Path, seed: int = 3) -> DoctorOut:
         with environment(described).hand(on_bench.rig, lambda _: None) as hand:
             return examine_directions(hand, EmulatedOnlooker(found.bench))
 
-    return diagnose(case, MADE + found.age, directions if fault.move else None)
+    motion = directions_step(directions if fault.move else None)
+    return doctor_out(diagnose(case, MADE + found.age, [motion]))
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -348,6 +360,14 @@ def _replaced(found: SetUp) -> None:
     array.description = replace(array.description, unique_id=bytes(16))
 
 
+def _quick_search(data: dict[str, Any]) -> None:
+    data["closing"]["search_speed_mm_s"] = 12.0
+
+
+def _without_bounds(found: SetUp) -> None:
+    found.without_bounds = True
+
+
 def _old_calibration(found: SetUp) -> None:
     found.age = timedelta(days=400)
 
@@ -425,6 +445,7 @@ FAULTS = (
         _one_servo(11, lambda s: s.report_hardware_error(0x20)),
     ),
     Fault("a servo too hot", (Cause.TOO_HOT,), "22", _one_servo(22, lambda s: s.set_temperature(90.0))),
+    Fault("a warm servo", (Cause.WARM,), "22", _one_servo(22, lambda s: s.set_temperature(75.0))),
     Fault("torque left on", (Cause.TORQUE_ON,), "12", _one_servo(12, lambda s: s._unit.set_torque(on=True))),
     Fault("limits not set", (Cause.LIMITS_NOT_SET,), "32", _poke(32, "Current Limit", 1193)),
     Fault("a drive mode reversed", (Cause.DRIVE_REVERSED,), "11", _poke(11, "Drive Mode", 1)),
@@ -472,6 +493,14 @@ FAULTS = (
     Fault("too much noise", (Cause.NOISE,), "f2", _skin(1, noise_counts=60.0)),
     Fault("zeros that drift", (Cause.DRIFT,), "f2", _skin(1, drift_counts_per_s=5.0)),
     Fault("a force scale off by ten", (Cause.FORCE_SCALE,), "f2", _says(counts_per_n=20_000.0)),
+    Fault("touches harder than parts bear", (Cause.TOUCH_TOO_HARD,), "touches", _describe(_quick_search)),
+    Fault(
+        "a calibration without bounds",
+        (Cause.BOUNDS_MISSING,),
+        "calibration",
+        _without_bounds,
+        calibrated=True,
+    ),
     Fault("two arrays' cables exchanged", (Cause.ARRAYS_SWAPPED,), "f1", _swap, calibrated=True),
     Fault(
         "an array replaced since calibration",

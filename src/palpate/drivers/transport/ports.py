@@ -104,17 +104,11 @@ TTYS = Path("/sys/class/tty")
 """Where Linux tells of its serial ports."""
 
 
-def latency_timer_file(port: str, ttys: Path = TTYS) -> Path | None:
-    """The file that holds a port's latency timer in ms; None if it has none, or the system does not tell."""
-    file = ttys / Path(port).resolve().name / "device" / LATENCY_TIMER
-    return file if "://" not in port and file.is_file() else None
-
-
 def latency_timer_s(port: str, ttys: Path = TTYS) -> float | None:
     """A port's latency timer, None if it is not known."""
-    file = latency_timer_file(port, ttys)
-    if file is None:
+    if "://" in port:
         return None
+    file = ttys / Path(port).resolve().name / "device" / LATENCY_TIMER
     try:
         return int(file.read_text(encoding="ascii")) / 1e3
     except (OSError, ValueError):

@@ -1,49 +1,38 @@
 """Examination of tactile arrays, untouched: identity, self-test, and the stream of frames.
 
 An array that is silent is looked for at other baud rates and with other protocols. Each is left as after
-`connect`, and stopped. What is judged for `doctor` is in `array_steps`; whether frames come often enough,
-and whether too many get lost, is one criterion for `check`, `doctor` and the tests of a real rig.
+`connect`, and stopped.
 """
 
-from collections.abc import Collection, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from functools import partial
 from typing import cast
 
+import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.base.errors import DeviceError, PalpateError, quantity
-from palpate.config import FingerConfig, RigFile
-from palpate.config.diagnosis_results import ArrayCheckOut
+from palpate.base.errors import DeviceError, PalpateError
+from palpate.base.geometry import Bools, Floats
+from palpate.config import FingerConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL, SHIPPED_PROTOCOLS, ArrayConfig
 from palpate.drivers.tactile import (
     ArrayCounters,
     ArrayDriver,
     ArrayExchange,
-    BadTaxel,
-    ContactExtractor,
     Describe,
     Description,
     Hello,
     Port,
     SelfTestReport,
-    SelfTestResult,
     TactileArray,
     TactileFrame,
 )
-from palpate.drivers.transport import Clock, has_baudrate, latency_timer_s
-from palpate.rig.arrays import (
-    array_of,
-    array_plugin,
-    calibration_of,
-    doubt_warning,
-    pad_problem,
-    shape_warning,
-    threshold_problem,
-)
-from palpate.rig.diagnostics.host_ports import timer_warnings
-from palpate.rig.diagnostics.steps import DiagnosisCase
-from palpate.rig.motion.hand import OpenPort
+from palpate.drivers.transport import has_baudrate
+from palpate.rig.arrays import array_of, array_plugin
+from palpate.rig.diagnostics.steps import Device, DiagnosisCase, name_array
 
 _MIN_RATE_SHARE = 0.95  # of the wanted rate: arrays have clocks of their own
 _MAX_LOST_SHARE = 0.005
@@ -58,168 +47,21 @@ def frame_rate_hz(frames: Sequence[TactileFrame]) -> float:
 
 
 def is_rate_too_low(rate_hz: float, wanted_hz: float) -> bool:
-    """Whether that is less than 95 % of what was asked for."""
+    """Return whether that is less than 95 % of what was asked for."""
     return rate_hz < _MIN_RATE_SHARE * wanted_hz
 
 
-def lost_frames(begin: ArrayCounters, end: ArrayCounters) -> int:
-    """Frames that never came, or came damaged, from `begin` on: not what boards send while they start."""
-    return (end.lost - begin.lost) + (end.faults - begin.faults) + (end.misshapen - begin.misshapen)
+def lost_frames(counters: ArrayCounters) -> int:
+    """Frames that never came, or came damaged, so far: also what boards send while they start."""
+    return counters.lost + counters.faults + counters.misshapen
 
 
 def is_loss_too_high(gone: int, came: int) -> bool:
-    """Whether more than 0.5 % of the frames are gone, and more than one."""
+    """Return whether more than 0.5 % of the frames are gone, and more than one."""
     return gone > 1 and gone > _MAX_LOST_SHARE * (came + gone)
 
 
-_CHECK_LISTEN_S = 1.0
 _POLL_S = 0.02
-_MAX_TAXELS_NAMED = 6
-
-
-def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
-    """Run the self-test of a finger's array, if it has one, and judge rate and noise of a second's frames."""
-    timer = latency_timer_s(spec.array.port)
-    blank = ArrayCheckOut(
-        finger=spec.name,
-        port=spec.array.port,
-        protocol=spec.array.protocol,
-        answers=False,
-        wanted_hz=rig.closing.sample_rate_hz,
-        latency_timer_ms=None if timer is None else timer * 1e3,
-        warnings=tuple(timer_warnings(spec.array.port, timer)),
-    )
-    try:
-        port = open_port(spec.array.port, spec.array.baudrate_bps)
-    except DeviceError as error:
-        return _with_problems(blank, str(error))
-    array = array_of(spec, port, clock)
-    try:
-        description = array.connect()
-        found = _with_self_test(_with_description(blank, description), array, _known_bad_taxels(spec))
-        before = array.counters
-        frames = _stream_frames(found, array, clock)
-        found = _with_rate(found, frames, lost_frames(before, array.counters))
-        if frames and not found.problems:
-            extractor = ContactExtractor(description, calibration_of(rig, spec, description))
-            extractor.tare(frames)
-            wrong = pad_problem(spec, description) or threshold_problem(extractor, rig.closing, spec.tip)
-            found = found if wrong is None else _with_problems(found, wrong)
-            for warning in (shape_warning(spec, description), doubt_warning(rig, spec, extractor)):
-                if warning is not None:
-                    found = found.model_copy(update={"warnings": (*found.warnings, warning)})
-    except DeviceError as error:
-        return _with_problems(blank, str(error))
-    finally:
-        port.close()
-    return found
-
-
-def _with_description(out: ArrayCheckOut, description: Description) -> ArrayCheckOut:
-    return out.model_copy(
-        update={
-            "answers": True,
-            "firmware": description.firmware,
-            "unique_id": description.unique_id.hex(),
-            "emulated": description.emulated,
-            "shape": description.shape.name.lower(),
-            "rows": description.rows,
-            "columns": description.cols,
-        }
-    )
-
-
-def _with_self_test(
-    out: ArrayCheckOut, array: ArrayDriver, known: Collection[tuple[int, int]]
-) -> ArrayCheckOut:
-    """With what the array finds in itself; as it was if it cannot examine anything.
-
-    `known`: taxels (row, column) that calibration has left out already.
-    """
-    if not isinstance(array, TactileArray):
-        return out
-    try:
-        report = array.self_test_if_known()
-    except DeviceError as error:
-        return _with_problems(out, str(error))
-    if report is None:
-        return out
-    found = out.model_copy(update={"bad_taxels": report.bad_count})
-    if 0 < report.bad_count == len(report.bad) and all((bad.row, bad.col) in known for bad in report.bad):
-        taxels = quantity(report.bad_count, "bad taxel", "bad taxels")
-        left_out = f"{taxels}, known to its calibration and left out"
-        found = found.model_copy(update={"warnings": (*found.warnings, left_out)})
-        return _with_problems(found, *_self_test_problems(report, taxels=False))
-    return _with_problems(found, *_self_test_problems(report, taxels=True))
-
-
-def _known_bad_taxels(spec: FingerConfig) -> Collection[tuple[int, int]]:
-    """Taxels that the calibration has left out."""
-    return () if spec.array.taxels is None else spec.array.taxels.unusable
-
-
-def _self_test_problems(report: SelfTestReport, *, taxels: bool) -> list[str]:
-    """What a self-test found, in words; of its taxels only if asked."""
-    parts = [str(part.name).replace("_", " ").lower() for part in SelfTestResult if part in report.result]
-    parts = [part for part in parts if part != "taxels"]
-    if int(report.result) & ~sum(SelfTestResult):
-        parts.append(f"what its maker calls {int(report.result):#06x}")
-    said = []
-    if parts:
-        said.append(f"its self-test finds fault with its {' and '.join(parts)}; repair or replace it")
-    if report.bad_count and taxels:
-        named = ", ".join(map(_taxel, report.bad[:_MAX_TAXELS_NAMED]))
-        more = "" if report.bad_count <= _MAX_TAXELS_NAMED else ", …"
-        bad = quantity(report.bad_count, "bad taxel", "bad taxels")
-        said.append(f"its self-test finds {bad} ({named}{more}); repair or replace it")
-    return said
-
-
-def _taxel(bad: BadTaxel) -> str:
-    return f"row {bad.row} column {bad.col} {bad.fault.name.replace('_', ' ').lower()}"
-
-
-def _stream_frames(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
-    """The frames of a second."""
-    try:
-        array.start(out.wanted_hz)
-        return record_frames(array, clock, _CHECK_LISTEN_S)
-    finally:
-        array.stop()
-
-
-def _with_rate(out: ArrayCheckOut, frames: Sequence[TactileFrame], gone: int) -> ArrayCheckOut:
-    """With the rate of a second's frames; `gone` ones are lost or damaged."""
-    rate = frame_rate_hz(frames)
-    heard = out.model_copy(update={"rate_hz": rate, "lost": gone})
-    if not frames:
-        return _with_problems(heard, "it sends no frames; power it off and on, then check its firmware")
-    if is_loss_too_high(gone, len(frames)):
-        all_frames = f"{gone} of {gone + len(frames)} frames were lost or damaged"
-        return _with_problems(heard, f"{all_frames}; plug it into the computer directly, with another cable")
-    if not is_rate_too_low(rate, out.wanted_hz):
-        return heard
-    slow = f"{rate:.0f} frames arrive in a second instead of {out.wanted_hz:g}; check its cable and port"
-    return heard.model_copy(update={"warnings": (*heard.warnings, slow)})
-
-
-def _with_problems(out: ArrayCheckOut, *problems: str) -> ArrayCheckOut:
-    return out.model_copy(update={"problems": (*out.problems, *problems)})
-
-
-def record_frames(array: ArrayDriver, clock: Clock, seconds: float) -> list[TactileFrame]:
-    """The frames that a streaming array sends in some seconds. Raises DeviceError if it goes away."""
-    frames: list[TactileFrame] = []
-    end = clock.now() + seconds
-    while clock.now() < end:
-        clock.sleep(_POLL_S)
-        frames += array.frames()
-    return frames
-
-
-LISTEN_S = 3.0
-"""How long an array is listened to, untouched."""
-
 _BAUDRATES_TO_TRY = (115_200, 230_400, 460_800, 500_000, 921_600, 1_000_000, 2_000_000, 3_000_000)
 _HELLO_TIMEOUT_S = 0.3
 _HELLO_TRIES = 2
@@ -227,7 +69,7 @@ _HELLO_TRIES = 2
 
 @dataclass(frozen=True, eq=False)
 class ExaminedArray:
-    """An array: what it says of itself, and its frames of `LISTEN_S`.
+    """An array: what it says of itself, and its frames while nothing touched it.
 
     `description` is None if it did not introduce itself: `failure` says why, `other_rate` or `other_protocol`
     how it does answer, `noisy` that bytes come which are no message, `answered` that it does answer, with
@@ -247,64 +89,98 @@ class ExaminedArray:
     broken: str | None = None
 
     @property
-    def name(self) -> str:
-        """How findings call it."""
-        return f"array {self.spec.name}"
+    def device(self) -> Device:
+        """The array as findings call it."""
+        return name_array(self.spec)
 
 
-def examine_arrays(case: DiagnosisCase, usable: frozenset[str]) -> list[ExaminedArray]:
-    """Look at the arrays whose ports are usable, one after the other."""
-    return [_examine_array(case, spec) for spec in case.rig.fingers if spec.array.port in usable]
+def examine_arrays(case: DiagnosisCase, usable: frozenset[str]) -> tuple[ExaminedArray, ...]:
+    """Look at the arrays whose ports are usable; then all of them stream at once, as in a run."""
+    with ExitStack() as ports:
+        found = [_introduce(case, spec, ports) for spec in case.rig.fingers if spec.array.port in usable]
+        _stream_all(case, [item for item in found if isinstance(item, _Stream)])
+        return tuple(item.result() if isinstance(item, _Stream) else item for item in found)
 
 
-def _examine_array(case: DiagnosisCase, spec: FingerConfig) -> ExaminedArray:
+@dataclass(eq=False)
+class _Stream:
+    """An array that has introduced itself. `broken`: what failed after that; then it is left alone."""
+
+    spec: FingerConfig
+    array: ArrayDriver
+    report: SelfTestReport | None = None
+    frames: list[TactileFrame] = field(default_factory=list)
+    lost_before: int = 0
+    broken: str | None = None
+
+    def attempt(self, deed: Callable[[], None]) -> None:
+        """Do something with the array, unless it has failed before."""
+        if self.broken is not None:
+            return
+        try:
+            deed()
+        except DeviceError as error:
+            self.broken = str(error)
+
+    def test(self) -> None:
+        """Let it test itself, if it can."""
+        if isinstance(self.array, TactileArray):
+            self.report = self.array.self_test_if_known()
+
+    def listen(self) -> None:
+        """Take the frames that have arrived."""
+        self.frames += self.array.frames()
+
+    def result(self) -> ExaminedArray:
+        """The array as it was seen."""
+        return ExaminedArray(
+            self.spec,
+            self.array.description,
+            report=self.report,
+            frames=tuple(self.frames),
+            lost=lost_frames(self.array.counters) - self.lost_before,
+            broken=self.broken,
+        )
+
+
+def _introduce(case: DiagnosisCase, spec: FingerConfig, ports: ExitStack) -> _Stream | ExaminedArray:
+    """An array that is asked who it is, and tests itself."""
     case.tell(f"array of finger {spec.name}")
-    clock = case.place.clock
     try:
         port = case.place.open_other(spec.array.port, spec.array.baudrate_bps)
     except DeviceError as error:
         return ExaminedArray(spec, failure=str(error))
+    ports.callback(_close, port)
+    array = array_of(spec, port, case.place.clock)
     try:
-        array = array_of(spec, port, clock)
-        try:
-            description = array.connect()
-        except DeviceError as error:
-            return _unknown(case, spec, port, str(error))
-        return _listen_untouched(case, spec, array, description)
-    finally:
-        with suppress(Exception):
-            port.close()
-
-
-def _listen_untouched(
-    case: DiagnosisCase, spec: FingerConfig, array: ArrayDriver, description: Description
-) -> ExaminedArray:
-    """An array that has introduced itself, listened to."""
-    report, frames, broken, before = None, [], None, array.counters
-    try:
-        report = array.self_test_if_known() if isinstance(array, TactileArray) else None
-        case.tell(f"listening to array of finger {spec.name}")
-        before = array.counters
-        frames = _stream(case, array)
+        array.connect()
     except DeviceError as error:
-        broken = str(error)
-    return ExaminedArray(
-        spec,
-        description,
-        report=report,
-        frames=tuple(frames),
-        lost=lost_frames(before, array.counters),
-        broken=broken,
-    )
+        return _unknown(case, spec, port, str(error))
+    found = _Stream(spec, array)
+    found.attempt(found.test)
+    return found
 
 
-def _stream(case: DiagnosisCase, array: ArrayDriver) -> list[TactileFrame]:
-    try:
-        array.start(case.rig.closing.sample_rate_hz)
-        return record_frames(array, case.place.clock, LISTEN_S)
-    finally:
+def _close(port: SerialBase) -> None:
+    with suppress(Exception):
+        port.close()
+
+
+def _stream_all(case: DiagnosisCase, streams: Sequence[_Stream]) -> None:
+    """Let arrays that introduced themselves stream at once for a while."""
+    clock, rate_hz = case.place.clock, case.rig.closing.sample_rate_hz
+    case.tell("listening to all arrays")
+    for item in streams:
+        item.lost_before = lost_frames(item.array.counters)
+        item.attempt(partial(item.array.start, rate_hz))
+    end = clock.now() + (case.listen_s if streams else 0.0)
+    while clock.now() < end:
+        clock.sleep(_POLL_S)
+        for item in streams:
+            item.attempt(item.listen)
+    for item in streams:
         with suppress(DeviceError):  # what ended the stream says more
-            array.stop()
+            item.array.stop()
 
 
 def _unknown(case: DiagnosisCase, spec: FingerConfig, port: SerialBase, failure: str) -> ExaminedArray:
@@ -332,7 +208,7 @@ def _unknown(case: DiagnosisCase, spec: FingerConfig, port: SerialBase, failure:
 
 
 def _hello(case: DiagnosisCase, spec: FingerConfig, port: SerialBase) -> tuple[bool, bool]:
-    """Whether palpate's own protocol is answered, and whether anything is heard. Raises DeviceError."""
+    """Return whether palpate's own protocol is answered, and whether anything is heard; or DeviceError."""
     _drop_unread(port)
     exchange = ArrayExchange(port, case.place.clock, spec.name, lambda *_: None)
     answer = exchange.ask(Hello, Describe, _HELLO_TIMEOUT_S, _HELLO_TRIES)
@@ -366,3 +242,103 @@ def _other_protocol(case: DiagnosisCase, spec: FingerConfig, port: SerialBase) -
             ).connect()
             return name
     return None
+
+
+_MIN_FRAMES = 16  # frames
+_HOT_SHARE = 0.95  # of the largest count
+_MAX_DEAD_CHANCE = 1e-6  # chance for a live taxel to read the same in every frame
+_UNSTEADY_RATIO = 6.0  # times the median noise
+_MIN_NOISE_COUNTS = 0.3  # counts: of a taxel whose noise is lost in rounding
+_DRIFT_SIGMAS = 6.0  # above which a slope is no chance
+_DRIFT_STRETCHES = 12
+
+
+@dataclass(frozen=True, eq=False)
+class UntouchedStatistics:
+    """What frames of an untouched array show, by taxel (rows, cols).
+
+    `dead` never change, which is certain only where there is noise enough (`tells_dead`); `at_zero` of them
+    read 0, as one does whose zero has drifted below what can be read. `noise_counts`: median of the live
+    taxels' standard deviations. `drift_counts_per_s`: the fastest drift that is certain, in absolute value, 0
+    if none is; `drifting`: how many taxels' is beyond what was allowed.
+    """
+
+    dead: Bools
+    at_zero: Bools
+    hot: Bools
+    unsteady: Bools
+    noise_counts: float
+    drift_counts_per_s: float
+    drifting: int
+    tells_dead: bool
+
+
+def analyse_untouched(
+    frames: Sequence[TactileFrame], max_count: int, allowed_drift: float
+) -> UntouchedStatistics | None:
+    """Look at frames of an array that nothing touches; None if they are too few.
+
+    A taxel drifts for certain if a straight line through the means of a dozen stretches is steeper than
+    `allowed_drift` (counts/s) by six times its error. The error comes from how far the means lie off the
+    line, of this taxel or in the median, which noise of any colour moves.
+    """
+    if len(frames) < _MIN_FRAMES:
+        return None
+    counts = np.stack([frame.counts for frame in frames]).astype(float)
+    times = np.array([frame.device_time_s for frame in frames])
+    mean, spread = counts.mean(axis=0), counts.std(axis=0)
+    hot = mean >= _HOT_SHARE * max_count
+    moving = spread > 0
+    noise = float(np.median(spread[moving & ~hot])) if (moving & ~hot).any() else 0.0
+    still = ~moving & ~hot
+    certain = noise > 0 and math.erf(0.5 / (noise * math.sqrt(2))) ** len(frames) < _MAX_DEAD_CHANCE
+    low = still & (mean == 0)
+    dead = (still & certain & ~low) | (
+        low & (np.median(mean) > 4 * max(noise, 1.0))
+    )  # others rest well above
+    live = ~(dead | hot)
+    slope, error = _slopes(counts, times, max(noise, _MIN_NOISE_COUNTS))
+    unsteady = live & (_frame_noise(counts) > _UNSTEADY_RATIO * max(noise, _MIN_NOISE_COUNTS))
+    beyond = live & ~unsteady & (np.abs(slope) - allowed_drift > _DRIFT_SIGMAS * error)
+    fastest = float(np.abs(slope)[beyond].max()) if beyond.any() else 0.0
+    return UntouchedStatistics(dead, dead & low, hot, unsteady, noise, fastest, int(beyond.sum()), certain)
+
+
+def _frame_noise(counts: Floats) -> Floats:
+    """Noise from one frame to the next, which drift does not move: (rows, cols) standard deviation."""
+    result: Floats = np.diff(counts, axis=0).std(axis=0) / math.sqrt(2)
+    return result
+
+
+def _slopes(counts: Floats, times: Floats, noise: float) -> tuple[Floats, Floats]:
+    """Slope of each taxel (counts/s) and its standard error, by the means of stretches."""
+    parts = np.array_split(np.arange(len(times)), _DRIFT_STRETCHES)
+    means = np.stack([counts[part].mean(axis=0) for part in parts])
+    at = np.array([times[part].mean() for part in parts])
+    off = at - at.mean()
+    along = float((off**2).sum())
+    slope: Floats = np.tensordot(off, means, axes=1) / along
+    rest = means - means.mean(axis=0) - off[:, None, None] * slope
+    variance = (rest**2).sum(axis=0) / (_DRIFT_STRETCHES - 2)
+    # A taxel's own ten degrees of freedom are too few: in one of ten thousand chance makes them too small.
+    least = max(noise**2 * _DRIFT_STRETCHES / len(times), float(np.median(variance)))
+    error: Floats = np.sqrt(np.maximum(variance, least) / along)
+    return slope, error
+
+
+@dataclass(frozen=True, eq=False)
+class UntouchedArray:
+    """An array that fits the rig file, and what its frames show."""
+
+    seen: ExaminedArray
+    shown: UntouchedStatistics | None
+    known_bad: frozenset[tuple[int, int]]
+
+
+def look_at_untouched(item: ExaminedArray) -> UntouchedArray:
+    """Look at an array that introduced itself, and was listened to."""
+    assert item.description is not None, "it introduced itself"
+    taxels = item.spec.array.taxels
+    known = frozenset() if taxels is None else frozenset(taxels.unusable)
+    shown = analyse_untouched(item.frames, item.description.max_count, item.spec.array.drift_counts_per_s)
+    return UntouchedArray(item, shown, known)

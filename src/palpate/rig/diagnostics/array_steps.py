@@ -1,81 +1,46 @@
 """Array steps of a diagnosis: identity, geometry, frames, noise, drift and force scale."""
 
 import math
-from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from palpate.base.errors import InputError, quantity
-from palpate.config.diagnosis_results import Cause, DoctorStepOut, FindingOut
+from palpate.config.diagnosis_results import Cause, FindingOut
 from palpate.drivers.tactile import ContactExtractor, Shape
-from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, threshold_problem
+from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, shape_warning, threshold_problem
 from palpate.rig.diagnostics.array_examination import (
-    LISTEN_S,
     ExaminedArray,
+    UntouchedArray,
+    UntouchedStatistics,
     frame_rate_hz,
     is_loss_too_high,
     is_rate_too_low,
 )
-from palpate.rig.diagnostics.steps import (
-    DiagnosisCase,
-    error_finding,
-    finish_step,
-    join_words,
-    skip_step,
-    warning_finding,
-)
-from palpate.rig.diagnostics.taxel_steps import (
-    TAXEL_MAP,
-    UntouchedArray,
-    UntouchedStatistics,
-    analyse_untouched,
-    judge_taxels,
-)
+from palpate.rig.diagnostics.readings import Readings
+from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, join_words, warning, wrong
 
 _MAX_RADIUS_ERROR_SHARE = 0.1
 _MAX_SCALE_RATIO = 2.0  # factor between what should be the same
 
-_STEPS = (
-    ("arrays answer", "asked each array who it is"),
-    ("array geometry", "compared rows, columns, radius and coverage with the rig file and its calibration"),
-    ("frames", f"counted the frames of {LISTEN_S:g} s"),
-    TAXEL_MAP,
-    ("noise and drift", "compared noise and drift of the untouched taxels with what contacts need"),
-    ("force scale", "compared counts per N, full scale and bits with each other and between arrays"),
-)
 
-
-def judge_arrays(case: DiagnosisCase, seen: Sequence[ExaminedArray], because: str) -> list[DoctorStepOut]:
-    """All steps on arrays; skipped `because` if none was looked at."""
-    if not seen:
-        return [skip_step(*name, because) for name in _STEPS]
-    silent = [_silent(item) for item in seen if item.description is None]
-    there = [item for item in seen if item.description is not None]
-    kinds = {_kind(item) for item in there}
-    named = [f"{item.spec.name} {_kind(item)}" for item in there]
-    shown = f"each {join_words(list(kinds))}" if len(kinds) == 1 < len(there) else join_words(named)
-    saw = f"{len(there)} of {quantity(len(seen), 'array', 'arrays')}: {shown}" if there else "none answers"
-    first = finish_step(*_STEPS[0], saw, silent)
+def judge_answers(_case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Arrays that do not introduce themselves."""
+    there, count = list(readings.misfits), quantity(len(readings.arrays), "array", "arrays")
+    findings = [_silent(item) for item in readings.arrays if item.description is None]
     if not there:
-        return [first, *(skip_step(*name, "no array answers as it should") for name in _STEPS[1:])]
-    geometry = {item: _geometry(case, item) for item in there}
-    sound = [_array(item) for item in there if not geometry[item]]
-    fitting = quantity(len(sound), "array fits", "arrays fit")
-    steps = [
-        first,
-        finish_step(
-            *_STEPS[1], f"{fitting} the rig file", [found for item in there for found in geometry[item]]
-        ),
-    ]
-    if not sound:
-        return steps + [skip_step(*name, "no array is of the rig file's geometry") for name in _STEPS[2:]]
-    judges: Sequence[Callable[[DiagnosisCase, Sequence[UntouchedArray]], DoctorStepOut]] = (
-        _frames,
-        judge_taxels,
-        _noise,
-        _scale,
-    )
-    return steps + [judge(case, sound) for judge in judges]
+        return "none answers", findings
+    kinds = sorted({_kind(item) for item in there})
+    named = [f"{item.spec.name} {_kind(item)}" for item in there]
+    shown = f"each {join_words(kinds)}" if len(kinds) == 1 < len(there) else join_words(named)
+    return f"{len(there)} of {count}: {shown}", findings
+
+
+def judge_geometry(_case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Arrays that do not fit the rig file, and flat ones on tips that are no pads."""
+    findings = [found for misfits in readings.misfits.values() for found in misfits]
+    findings += [found for array in readings.untouched for found in _odd_shape(array.seen)]
+    fitting = quantity(len(readings.untouched), "array fits", "arrays fit")
+    return f"{fitting} the rig file", findings
 
 
 def _kind(item: ExaminedArray) -> str:
@@ -87,47 +52,48 @@ def _kind(item: ExaminedArray) -> str:
 def _silent(item: ExaminedArray) -> FindingOut:
     array = item.spec.array
     if item.other_rate is not None:
-        return error_finding(
+        return wrong(
             Cause.ARRAY_BAUD_RATE,
-            item.name,
+            item.device,
             f"it answers at {item.other_rate} baud, not at the rig file's {array.baudrate_bps}",
             "array and rig file agree in all but the rate",
             f"write baudrate_bps = {item.other_rate} for finger {item.spec.name}'s array in the rig file",
         )
     if item.other_protocol is not None:
-        return error_finding(
+        return wrong(
             Cause.ARRAY_PROTOCOL,
-            item.name,
+            item.device,
             f'it answers in the protocol "{item.other_protocol}", not in the rig file\'s "{array.protocol}"',
             "the rig file names another kind of array, or this is another finger's port",
             f'write protocol = "{item.other_protocol}" for finger {item.spec.name}\'s array in the rig file',
         )
     if item.answered:
-        return error_finding(
+        return wrong(
             Cause.ARRAY_FIRMWARE,
-            item.name,
+            item.device,
             str(item.failure),
             "it speaks the protocol, and not as palpate does",
             "put firmware on it that speaks the protocol's present version (docs/tactile-protocol.md)",
         )
     if item.noisy:
-        return error_finding(
+        return wrong(
             Cause.ARRAY_PROTOCOL,
-            item.name,
+            item.device,
             f'it sends what is no message of the protocol "{array.protocol}" at {array.baudrate_bps} baud',
             "it speaks another protocol or at another rate, or something else hangs on this port",
             f"check protocol, baudrate_bps and port of finger {item.spec.name}'s array in the rig file",
         )
-    return error_finding(
+    return wrong(
         Cause.ARRAY_SILENT,
-        item.name,
+        item.device,
         f"its port {array.port} opens, and nothing answers there at any usual baud rate",
         "it has no power, its data lines are crossed or loose, or this is another device's port",
         f"check power and cable of finger {item.spec.name}'s array",
     )
 
 
-def _geometry(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
+def find_misfits(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
+    """Find what of an array that introduced itself does not fit the rig file."""
     described, spec = item.description, item.spec
     assert described is not None
     calibrated = spec.array.taxels
@@ -135,9 +101,9 @@ def _geometry(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
         shape = len(calibrated.gain), len(calibrated.gain[0])
         if shape != (described.rows, described.cols):
             return [
-                error_finding(
+                wrong(
                     Cause.ARRAY_GEOMETRY,
-                    item.name,
+                    item.device,
                     f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
                     "another array was mounted since, or its port is another finger's",
                     case.calibrate_or(f"correct or leave out array.taxels of finger {spec.name}"),
@@ -147,9 +113,9 @@ def _geometry(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
         ContactExtractor(described, calibration_of(case.rig, spec, described))
     except InputError as error:
         return [
-            error_finding(
+            wrong(
                 Cause.ARRAY_GEOMETRY,
-                item.name,
+                item.device,
                 str(error),
                 "contacts cannot be computed from such an array",
                 "correct what the array says of itself (docs/tactile-protocol.md)",
@@ -168,9 +134,9 @@ def _pad_geometry(item: ExaminedArray) -> list[FindingOut]:
     if problem is None:
         return []
     return [
-        error_finding(
+        wrong(
             Cause.ARRAY_GEOMETRY,
-            item.name,
+            item.device,
             problem,
             "another array is mounted, or the rig file is mistaken about the pad",
             f"measure the pad of finger {item.spec.name} and its array, and correct what is wrong",
@@ -187,9 +153,9 @@ def _radius(item: ExaminedArray) -> list[FindingOut]:
     ):
         return []
     return [
-        error_finding(
+        wrong(
             Cause.ARRAY_GEOMETRY,
-            item.name,
+            item.device,
             f"it says its tip's radius is {described.tip_radius_mm:g} mm, the rig file {tip.radius_mm:g} mm",
             "another array is mounted, or one of the two numbers is a diameter or a mistake",
             f"measure the tip of finger {item.spec.name}, and correct the number that is wrong",
@@ -208,9 +174,9 @@ def _coverage(item: ExaminedArray) -> list[FindingOut]:
     if covered >= array.coverage_deg - 1.5 * math.degrees(pitch):
         return []
     return [
-        error_finding(
+        wrong(
             Cause.ARRAY_GEOMETRY,
-            item.name,
+            item.device,
             f"its {described.cols} columns cover {covered:.0f}°, the rig file says {array.coverage_deg:g}°",
             "approaches would be planned whose contact no taxel sees",
             f"write coverage_deg = {math.floor(covered)} for finger {item.spec.name}'s array in the rig file",
@@ -218,30 +184,32 @@ def _coverage(item: ExaminedArray) -> list[FindingOut]:
     ]
 
 
-def _array(item: ExaminedArray) -> UntouchedArray:
+def _odd_shape(item: ExaminedArray) -> list[FindingOut]:
     assert item.description is not None
-    taxels = item.spec.array.taxels
-    known = frozenset() if taxels is None else frozenset(taxels.unusable)
-    shown = analyse_untouched(item.frames, item.description.max_count, item.spec.array.drift_counts_per_s)
-    return UntouchedArray(item, shown, known)
+    odd = shape_warning(item.spec, item.description)
+    if odd is None:
+        return []
+    saw, _, rest = odd.partition(": ")
+    do, _, means = rest.rpartition(", or ")
+    return [warning(Cause.FLAT_ARRAY, item.device, saw, means, do)]
 
 
-def _frames(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
-    wanted = case.rig.closing.sample_rate_hz
+def judge_frames(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Rates of frames, and those that are lost or damaged."""
+    wanted, arrays = case.rig.closing.sample_rate_hz, readings.untouched
     findings = [found for array in arrays for found in _stream(array.seen, wanted)]
     rates = [f"{frame_rate_hz(array.seen.frames):.0f}" for array in arrays]
     lost = sum(array.seen.lost for array in arrays)
-    saw = f"{join_words(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged"
-    return finish_step(*_STEPS[2], saw, findings)
+    return f"{join_words(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged", findings
 
 
 def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
     got, lost, rate = len(item.frames), item.lost, frame_rate_hz(item.frames)
     if is_loss_too_high(lost, got):
         return [
-            error_finding(
+            wrong(
                 Cause.FRAMES_LOST,
-                item.name,
+                item.device,
                 f"{lost} of {got + lost} frames were lost or damaged"
                 + (f"; {item.broken}" if item.broken else ""),
                 "its cable is bad, too long or beside motor cables, or a USB hub is overloaded",
@@ -251,9 +219,9 @@ def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
     limit = 0.0 if item.description is None else item.description.max_rate_hz
     if item.broken is not None and wanted > limit:
         return [
-            error_finding(
+            wrong(
                 Cause.FRAMES_SLOW,
-                item.name,
+                item.device,
                 item.broken,
                 f"the rig file asks for more frames than it can send (at most {limit:g} a second)",
                 f"write sample_rate_hz = {limit:g} or less below [closing] in the rig file",
@@ -261,9 +229,9 @@ def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
         ]
     if item.broken is not None or not got:
         return [
-            error_finding(
+            wrong(
                 Cause.NO_FRAMES,
-                item.name,
+                item.device,
                 item.broken or "it answers, and sends no frames",
                 "something in it does not work, or it has restarted",
                 "power it off and on, then run this again",
@@ -272,9 +240,9 @@ def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
     if not is_rate_too_low(rate, wanted):
         return []
     return [
-        warning_finding(
+        warning(
             Cause.FRAMES_SLOW,
-            item.name,
+            item.device,
             f"{rate:.0f} frames a second arrive instead of {wanted:g}",
             "array or wire cannot send more, and contacts are noticed later",
             f"write sample_rate_hz = {math.floor(rate)} in the rig file, or raise the array's baud rate",
@@ -282,16 +250,15 @@ def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
     ]
 
 
-def _noise(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
-    heard = [(array, array.shown) for array in arrays if array.shown is not None]
-    if not heard:
-        return skip_step(*_STEPS[4], "no array sends enough frames")
+def judge_noise(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Noise that would pass for a contact, and zeros that move."""
+    heard = [(array, array.shown) for array in readings.untouched if array.shown is not None]
     findings = [found for array, shown in heard for found in _noise_and_drift(case, array, shown)]
     noises = [shown.noise_counts for _, shown in heard]
     drifts = [shown.drift_counts_per_s for _, shown in heard]
     drift = f"drift up to {max(drifts):.2g} counts/s" if any(drifts) else "no drift beyond what is declared"
     noise = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (min(noises), max(noises))))
-    return finish_step(*_STEPS[4], f"noise of {noise} counts, {drift}", findings)
+    return f"noise of {noise} counts, {drift}", findings
 
 
 def _noise_and_drift(
@@ -302,9 +269,9 @@ def _noise_and_drift(
     if shown.drifting:
         allowed = spec.array.drift_counts_per_s
         return [
-            error_finding(
+            wrong(
                 Cause.DRIFT,
-                array.seen.name,
+                array.seen.device,
                 f"zeros of {quantity(shown.drifting, 'taxel', 'taxels')} move by up to "
                 f"{shown.drift_counts_per_s:.2g} counts/s; the rig file allows {allowed:g}",
                 "it is still warming up, something touches the tip, or it drifts more than is declared",
@@ -316,9 +283,9 @@ def _noise_and_drift(
     noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
     if noisy is not None:
         return [
-            error_finding(
+            wrong(
                 Cause.NOISE,
-                array.seen.name,
+                array.seen.device,
                 noisy.partition("; ")[0],
                 "noise comes in by supply or cable, or contact_force_n is too small for this array",
                 "switch the servos' supply off: if noise goes, part the cables, join the grounds; if not, "
@@ -329,12 +296,13 @@ def _noise_and_drift(
     if doubt is None:
         return []
     means, _, do = doubt.partition("; ")[2].partition(": ")
-    return [warning_finding(Cause.HIDDEN_PUSH, array.seen.name, doubt.partition("; ")[0], means, do)]
+    return [warning(Cause.HIDDEN_PUSH, array.seen.device, doubt.partition("; ")[0], means, do)]
 
 
-def _scale(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepOut:
-    del case
-    per_n = {array.seen: array.seen.description.counts_per_n for array in arrays if array.seen.description}
+def judge_scale(_case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Counts per N beside full scale, bits and the other arrays."""
+    seen = [array.seen for array in readings.untouched]
+    per_n = {item: item.description.counts_per_n for item in seen if item.description}
     usual = float(np.median(list(per_n.values())))
     findings = []
     for item, found in per_n.items():
@@ -348,14 +316,14 @@ def _scale(case: DiagnosisCase, arrays: Sequence[UntouchedArray]) -> DoctorStepO
             )
             off = max(full / described.max_count, described.max_count / full)
             why = f"forces would be off by a factor of about {off:.2g}"
-            findings.append(error_finding(Cause.FORCE_SCALE, item.name, saw, why, _WHERE_SCALE))
+            findings.append(wrong(Cause.FORCE_SCALE, item.device, saw, why, _WHERE_SCALE))
         elif len(per_n) > 2 and not 1 / _MAX_SCALE_RATIO <= found / usual <= _MAX_SCALE_RATIO:
             saw = f"{found:g} counts per N; the rig's other arrays have {usual:g}"
             why = "arrays of different sensitivity, or a number that is wrong"
-            findings.append(warning_finding(Cause.FORCE_SCALE, item.name, saw, why, _WHERE_SCALE))
+            findings.append(warning(Cause.FORCE_SCALE, item.device, saw, why, _WHERE_SCALE))
     low, high = min(per_n.values()), max(per_n.values())
     saw = f"{low:g} counts per N" if low == high else f"{low:g} to {high:g} counts per N"
-    return finish_step(*_STEPS[5], saw, findings)
+    return saw, findings
 
 
 _WHERE_SCALE = (

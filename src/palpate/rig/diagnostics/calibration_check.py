@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from datetime import datetime
 
 import numpy as np
 
@@ -43,20 +42,21 @@ from palpate.config import CalibrationFile, FingerConfig, RigFile, SlideFingerCo
 from palpate.config.diagnosis_results import (
     CalibrationCheckOut,
     Cause,
-    CheckOut,
-    DoctorStepOut,
+    FindingOut,
     FingerTouchOut,
     TouchCheckOut,
 )
-from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.conversion import deflection_mm, slide_force_n
+from palpate.rig.diagnostics.readings import Readings
+from palpate.rig.diagnostics.servo_bus import list_servos
 from palpate.rig.diagnostics.steps import (
+    NOTHING_TO_DO,
+    Device,
     DiagnosisCase,
-    error_finding,
-    finish_step,
+    Judgement,
     join_words,
-    skip_step,
-    warning_finding,
+    warning,
+    wrong,
 )
 from palpate.rig.motion.touch import dent_range_mm
 from palpate.rig.session.calibration_drift import device_mismatch
@@ -86,29 +86,36 @@ def measure_friction(
     return found_a
 
 
-def friction_warnings(rig: RigFile, friction_a: Mapping[str, float]) -> list[str]:
-    """What measured friction means for the force with which tips may press, where it matters."""
+def judge_friction(rig: RigFile, friction_a: Mapping[str, float]) -> list[FindingOut]:
+    """Judge the force with which tips may press by measured friction, and warn where it matters."""
     slides = (item for item in rig.fingers if isinstance(item, SlideFingerConfig) and item.name in friction_a)
-    found = (_friction_warning(rig, spec, friction_a[spec.name]) for spec in slides)
-    return [warning for warning in found if warning is not None]
+    found = (_judge_slide(rig, spec, friction_a[spec.name]) for spec in slides)
+    return [item for item in found if item is not None]
 
 
-def _friction_warning(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> str | None:
-    allowed_a = spec.slide.friction_a
+def _judge_slide(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> FindingOut | None:
+    allowed_a, dxl_id = spec.slide.friction_a, spec.slide.dxl_id
     more_n = slide_force_n(spec.slide, allowed_a - measured_a)
     left_n = rig.closing.max_force_n + more_n
-    servo = f"finger {spec.name}: its slide (servo {spec.slide.dxl_id})"
+    device = Device(f"finger {spec.name}", (dxl_id,))
     if more_n > 0:
-        return (
-            f"{servo} moves freely with {measured_a:.3f} A, and {allowed_a:.3f} A are allowed for its "
-            f"friction: its tip may press with {math.ceil(10 * more_n) / 10:g} N more than max_force_n; "
-            f"calibrate again, or make slide.friction_a at most {math.floor(1e3 * measured_a) / 1e3:g}"
+        return warning(
+            Cause.FRICTION,
+            device,
+            f"its slide (servo {dxl_id}) moves freely with {measured_a:.3f} A, and {allowed_a:.3f} A are "
+            f"allowed for its friction: its tip may press with {math.ceil(10 * more_n) / 10:g} N more than "
+            "max_force_n",
+            "what friction does not use up of the slide's current is left to the tip",
+            f"calibrate again, or make slide.friction_a at most {math.floor(1e3 * measured_a) / 1e3:g}",
         )
     if left_n < _MIN_FORCE_RATIO * rig.closing.contact_force_n:
-        return (
-            f"{servo} needs {measured_a:.3f} A to move freely, and {allowed_a:.3f} A are allowed for it: "
-            f"{max(left_n, 0.0):.1f} N of max_force_n are left to touch with; clean and grease it, then "
-            "calibrate again"
+        return warning(
+            Cause.FRICTION,
+            device,
+            f"its slide (servo {dxl_id}) needs {measured_a:.3f} A to move freely, and {allowed_a:.3f} A are "
+            f"allowed for it: {max(left_n, 0.0):.1f} N of max_force_n are left to touch with",
+            "friction takes the rest of the slide's current",
+            "clean and grease it, then calibrate again",
         )
     return None
 
@@ -244,151 +251,129 @@ MAX_AGE_DAYS = 90
 """From this age on a calibration should be made anew: skins wear, screws loosen."""
 
 
-def with_calibration(out: CheckOut, on_bench: RigOnBench, now: datetime) -> CheckOut:
-    """A check's result with findings on the rig's calibration; unchanged without one."""
-    file = on_bench.calibration
-    if file is None:
-        return out
-    other = _other_device(file, out)
-    problems = [] if other is None else [f"calibration {other}; calibrate again, or move the file away"]
-    bounds = [item.bounds for item in file.fingers if item.bounds is not None]
-    loose = [item.name for item in file.fingers if item.bounds is None]
-    found = CalibrationCheckOut(
-        file=str(on_bench.calibration_path),
-        made=file.made.isoformat().replace("+00:00", "Z"),
-        age_days=max((now - file.made).days, 0),
-        coverage=file.coverage,
-        position_mm=None if loose else max(item.position_mm for item in bounds),
-        direction_deg=None if loose else max(item.direction_deg for item in bounds),
-        devices_match=_devices_match(out, other),
-    )
-    return out.model_copy(
-        update={
-            "calibration": found,
-            "well": out.well and not problems,
-            "problems": (*out.problems, *problems),
-            "warnings": (*out.warnings, *_warnings(found.age_days, loose)),
-        }
-    )
-
-
-def with_touch(out: CheckOut, found: Retouch, rig: RigFile) -> CheckOut:
-    """A check's result, which tells of a calibration, with that of a re-touch of the `rig` it was put on."""
-    assert out.calibration is not None, "there is nothing to compare touches with"
+def touch_out(found: Retouch) -> TouchCheckOut:
+    """A re-touch as a part of a check's result."""
     agreement = found.agreement
-    touch = TouchCheckOut(
+    fingers = (
+        item.model_copy(update={"friction_a": found.friction_a.get(item.finger)}) for item in found.fingers
+    )
+    return TouchCheckOut(
         agrees=not agreement.drifted,
         touches=len(agreement.residual_mm),
         residual_rms_mm=agreement.rms_mm,
         expected_rms_mm=agreement.expected_rms_mm,
-        fingers=tuple(_with_friction(item, found) for item in found.fingers),
-    )
-    problems = [] if touch.agrees else [_touch_problem(touch)]
-    return out.model_copy(
-        update={
-            "calibration": out.calibration.model_copy(update={"touch": touch}),
-            "well": out.well and not problems,
-            "problems": (*out.problems, *problems),
-            "warnings": (*out.warnings, *friction_warnings(rig, found.friction_a)),
-        }
+        fingers=tuple(fingers),
     )
 
 
-def _with_friction(item: FingerTouchOut, found: Retouch) -> FingerTouchOut:
-    return item.model_copy(update={"friction_a": found.friction_a.get(item.finger)})
+def judge_touch(rig: RigFile, found: Retouch) -> Judgement:
+    """Judge whether touches agree with the calibration that is laid over `rig`, and slides' friction."""
+    touch, findings = touch_out(found), judge_friction(rig, found.friction_a)
+    saw = f"{touch.residual_rms_mm:.3f} mm, and the calibration lets expect {touch.expected_rms_mm:.3f} mm"
+    if not touch.agrees:
+        # Of three fingers round a disc one that is off shows in all: the disc's place gives way to it.
+        offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
+        problem = wrong(
+            Cause.TOUCH_DISAGREES,
+            CALIBRATION,
+            f"touches of the disc differ by {saw} (in the mean {offsets})",
+            "something has changed since the rig was calibrated",
+            "calibrate again, unless the disc moved or is not as given",
+        )
+        findings = [problem, *findings]
+    return f"{touch.touches} touches differ by {saw}", findings
 
 
-def _touch_problem(touch: TouchCheckOut) -> str:
-    # Of three fingers round a disc one that is off shows in all: the disc's place gives way to it.
-    offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
+CALIBRATION = Device("calibration")
+
+
+def need_calibrated_device(case: DiagnosisCase, readings: Readings) -> str | None:
+    """The need of a device that answers, if there is a calibration to compare it with."""
+    known = case.on_bench.calibration is None or _answering(readings) != ({}, {})
+    return None if known else "no device answers"
+
+
+def _answering(readings: Readings) -> tuple[dict[int, str], dict[str, str]]:
+    """Servos' models by id, and arrays' unique ids by finger, of those that answer."""
+    bus = readings.bus
+    servos = () if bus is None else (item for item in bus.owned if item.dxl_id in bus.sound)
+    arrays = ((item.spec.name, item.description) for item in readings.arrays)
     return (
-        f"touches of the disc differ by {touch.residual_rms_mm:.3f} mm and the calibration lets expect "
-        f"{touch.expected_rms_mm:.3f} mm (in the mean {offsets}): calibrate again, unless the disc moved or "
-        "is not as given"
+        {item.dxl_id: item.model for item in servos},
+        {name: described.unique_id.hex() for name, described in arrays if described is not None},
     )
 
 
-def _other_device(file: CalibrationFile, out: CheckOut) -> str | None:
-    servos = {item.id: item.model for item in out.servos if item.answers}
-    arrays = {item.finger: item.unique_id for item in out.arrays if item.unique_id is not None}
-    return device_mismatch(file, servos, arrays)
-
-
-def _devices_match(out: CheckOut, other: str | None) -> bool | None:
-    """Whether all are those that were calibrated; None if some could not be asked, and the others are."""
-    if other is not None:
-        return False
-    asked = all(item.answers for item in out.servos) and all(item.answers for item in out.arrays)
-    return True if asked else None
-
-
-def _warnings(age_days: int, loose: Sequence[str]) -> list[str]:
-    """About a calibration's age, and about fingers whose contacts it does not bound."""
-    warnings = []
-    if age_days > MAX_AGE_DAYS:
-        warnings.append(
-            f"the calibration is {age_days} days old; calibrate again every {MAX_AGE_DAYS} days, and after "
-            "any repair"
-        )
-    if loose:
-        warnings.append(
-            f"the calibration does not bound contacts of {', '.join(loose)}, where the rig file's bounds "
-            "hold; `palpate calibrate` does all of it"
-        )
-    return warnings
-
-
-_STEP = "calibration"
-_LOOKED = "compared the devices that were calibrated with those that answer"
-
-
-def judge_calibration(
-    case: DiagnosisCase, servos: Mapping[int, str], arrays: Mapping[str, str], now: datetime
-) -> DoctorStepOut:
-    """`servos`: models by id; `arrays`: unique ids by finger, of those that answer."""
+def judge_calibration(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Judge the calibration by the devices that answer, its age and its bounds."""
     file = case.on_bench.calibration
     if file is None:
-        return finish_step(_STEP, _LOOKED, "there is none: the rig file's own numbers and bounds hold")
-    if not servos and not arrays:
-        return skip_step(_STEP, _LOOKED, "no device answers")
-    age = max((now - file.made).days, 0)
-    saw = f"{age} days old, of {len(servos)} servos and {len(arrays)} arrays that answer"
+        return "there is none: the rig file's own numbers and bounds hold", []
+    servos, arrays = _answering(readings)
+    age = _age_days(file, readings)
+    findings = _exchanged(case, file, servos, arrays)
+    again = case.calibrate_or("move the calibration away: pads are measured by hand")
+    if age > MAX_AGE_DAYS and not findings:
+        saw = f"it is {age} days old"
+        means = f"skins wear and screws loosen; it should not be older than {MAX_AGE_DAYS} days"
+        findings.append(warning(Cause.CALIBRATION_OLD, CALIBRATION, saw, means, again))
+    loose = [item.name for item in file.fingers if item.bounds is None]
+    if loose:
+        saw = f"it does not bound contacts of {', '.join(loose)}"
+        means = "the rig file's bounds hold there"
+        do = case.calibrate_or(f"{NOTHING_TO_DO}: pads are measured by hand")
+        findings.append(warning(Cause.BOUNDS_MISSING, CALIBRATION, saw, means, do))
+    return f"{age} days old, of {len(servos)} servos and {len(arrays)} arrays that answer", findings
+
+
+def _age_days(file: CalibrationFile, readings: Readings) -> int:
+    return max((readings.now - file.made).days, 0)
+
+
+def _exchanged(
+    case: DiagnosisCase, file: CalibrationFile, servos: Mapping[int, str], arrays: Mapping[str, str]
+) -> list[FindingOut]:
+    """Devices that are not those that were calibrated, or hang on each other's ports."""
     swapped = _swapped_arrays(file, arrays)
-    other = device_mismatch(file, servos, arrays)
-    findings = []
     if swapped:
-        findings.append(
-            error_finding(
+        return [
+            wrong(
                 Cause.ARRAYS_SWAPPED,
-                join_words([f"array {name}" for name in swapped]),
+                Device(join_words([f"array {name}" for name in swapped]), arrays=tuple(swapped)),
                 "each answers on a port on which another finger's array was calibrated: "
                 + join_words([f"finger {name} has that of {owner}" for name, owner in swapped.items()]),
                 "cables were plugged in crosswise, or ports have other names since; a contact would count as "
                 "another finger's",
                 "plug the arrays' cables as they were, or exchange their ports in the rig file",
             )
-        )
-    elif other is not None:
-        findings.append(
-            error_finding(
-                Cause.OTHER_DEVICES,
-                "calibration",
-                f"it {other}",
-                "gains, zeros and play of another device are used",
-                case.calibrate_or("move the calibration away: pads are measured by hand"),
-            )
-        )
-    if age > MAX_AGE_DAYS and not findings:
-        findings.append(
-            warning_finding(
-                Cause.CALIBRATION_OLD,
-                "calibration",
-                f"it is {age} days old",
-                f"skins wear and screws loosen; it should not be older than {MAX_AGE_DAYS} days",
-                case.calibrate_or("move the calibration away: pads are measured by hand"),
-            )
-        )
-    return finish_step(_STEP, _LOOKED, saw, findings)
+        ]
+    other = device_mismatch(file, servos, arrays)
+    if other is None:
+        return []
+    means = "gains, zeros and play of another device are used"
+    do = case.calibrate_or("move the calibration away: pads are measured by hand")
+    return [wrong(Cause.OTHER_DEVICES, CALIBRATION, f"it {other}", means, do)]
+
+
+def calibration_out(case: DiagnosisCase, readings: Readings) -> CalibrationCheckOut | None:
+    """The calibration as a part of a check's result; None if there is none."""
+    file = case.on_bench.calibration
+    if file is None:
+        return None
+    bounds = [item.bounds for item in file.fingers if item.bounds is not None]
+    loose = len(bounds) < len(file.fingers)
+    servos, arrays = _answering(readings)
+    same = device_mismatch(file, servos, arrays) is None
+    all_asked = len(servos) == len(list_servos(case.rig)) and len(arrays) == len(case.rig.fingers)
+    return CalibrationCheckOut(
+        file=str(case.on_bench.calibration_path),
+        made=file.made.isoformat().replace("+00:00", "Z"),
+        age_days=_age_days(file, readings),
+        coverage=file.coverage,
+        position_mm=None if loose else max(item.position_mm for item in bounds),
+        direction_deg=None if loose else max(item.direction_deg for item in bounds),
+        devices_match=False if not same else True if all_asked else None,
+    )
 
 
 def _swapped_arrays(file: CalibrationFile, arrays: Mapping[str, str]) -> dict[str, str]:

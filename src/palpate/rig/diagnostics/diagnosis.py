@@ -1,251 +1,438 @@
 """Diagnosis of a set-up step by step, in the order in which things go wrong.
 
-What depends on something that failed is skipped, for single devices as well as for whole steps: a servo
-that answers at another baud rate is asked nothing else, and a cause is not reported again by its
-consequences. In the last step, if it is allowed, each joint moves a little. A servo knows its own angle
-only: which way a tip goes is seen by a person, or by what emulates the bench.
+Everything is read first, then each step judges. What depends on something that failed is skipped, for single
+devices as well as for whole steps: a servo that answers at another baud rate is asked nothing else, and a
+cause is not reported again by its consequences. Steps for which fingers move come last, if they are asked
+for. `palpate check` and `palpate doctor` are two forms of the result.
 """
 
-import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Protocol
 
-from palpate.base.errors import DeviceError, InputError, quantity
+from palpate.base.errors import DeviceError
+from palpate.config import FingerConfig
 from palpate.config.diagnosis_results import (
     DEVICE_CAUSES,
-    Cause,
+    AdapterCheckOut,
+    ArrayCheckOut,
+    BusCountsOut,
+    CheckOut,
     DoctorOut,
     DoctorStepOut,
     FindingOut,
+    HoldCheckOut,
     Outcome,
+    ServoCheckOut,
+    SettingOut,
     Severity,
 )
-from palpate.drivers.arm_kinematics import ArmKinematics
-from palpate.drivers.dynamixel import Servo, ServoMover
-from palpate.drivers.slide_kinematics import SlideKinematics
-from palpate.rig.bench import BenchRig
-from palpate.rig.diagnostics.array_examination import examine_arrays
-from palpate.rig.diagnostics.array_steps import judge_arrays
-from palpate.rig.diagnostics.bus_steps import examine_bus
-from palpate.rig.diagnostics.calibration_check import judge_calibration
-from palpate.rig.diagnostics.port_steps import examine_ports
-from palpate.rig.diagnostics.servo_bus import list_servos
+from palpate.drivers.transport import PortForbidden, PortTaken
+from palpate.rig.diagnostics.array_examination import (
+    ExaminedArray,
+    examine_arrays,
+    frame_rate_hz,
+    look_at_untouched,
+)
+from palpate.rig.diagnostics.array_steps import (
+    find_misfits,
+    judge_answers,
+    judge_frames,
+    judge_geometry,
+    judge_noise,
+    judge_scale,
+)
+from palpate.rig.diagnostics.bus_steps import judge_baud_rate, judge_ids, judge_models, scan_rig_bus
+from palpate.rig.diagnostics.calibration_check import (
+    Retouch,
+    calibration_out,
+    judge_calibration,
+    need_calibrated_device,
+    touch_out,
+)
+from palpate.rig.diagnostics.hold_check import expect_touch_force, judge_touch_force
+from palpate.rig.diagnostics.port_steps import (
+    judge_existence,
+    judge_latency,
+    judge_permission,
+    judge_use,
+    open_ports,
+)
+from palpate.rig.diagnostics.readings import (
+    Need,
+    Readings,
+    need_answers,
+    need_array,
+    need_bus_port,
+    need_clear_servo,
+    need_described_array,
+    need_fitting_array,
+    need_frames,
+    need_port,
+    need_read_servo,
+    need_servos,
+    need_settings,
+    need_sound_servo,
+)
+from palpate.rig.diagnostics.servo_bus import RigServo, list_servos
 from palpate.rig.diagnostics.servo_examination import examine_servos
-from palpate.rig.diagnostics.servo_steps import judge_servos
+from palpate.rig.diagnostics.servo_steps import (
+    judge_firmware,
+    judge_hardware,
+    judge_settings,
+    judge_supply,
+    judge_torque,
+    judge_traffic,
+    judge_zeros,
+    need_start,
+)
 from palpate.rig.diagnostics.steps import (
     NOTHING_TO_DO,
     DiagnosisCase,
-    error_finding,
-    finish_step,
+    Judgement,
+    Motion,
     join_words,
-    skip_step,
+    name_flag,
 )
-from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
-from palpate.rig.fingers import HostFinger
-from palpate.rig.motion.guarded_approach import retract_all
-from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.homing import HomingPolicy
-
-DIRECTIONS = ("directions", "moved each joint a little, and asked which way the tip went")
-
-_AIM_MOVE_RAD = 0.35  # of the aim's servo, as calibration swings it
-_JOINT_MOVE_RAD = 0.1
-_SLIDE_MOVE_MM = 8.0
-_SPEED_RAD_S = 0.8
-_PERIOD_S = 0.01
-
-LEFT, OUT = "to its left, seen from its base", "away from its base"
+from palpate.rig.diagnostics.taxel_steps import judge_taxels
 
 
-class Onlooker(Protocol):
-    """Sees which way tips go."""
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A step: what it looks at, what it needs of the readings, and how it judges them."""
 
-    def ready(self, finger: str) -> None:
-        """A finger is about to move a joint; it may take a moment."""
-        ...
+    name: str
+    looked_at: str
+    needs: tuple[Need, ...]
+    judge: Callable[[DiagnosisCase, Readings], Judgement]
 
-    def went(self, finger: str, where: str) -> bool:
-        """Whether the tip went there: in words, for a person."""
-        ...
+    @property
+    def about(self) -> str | None:
+        """Kind of the devices that it judges one by one, "servo" or "array"; None for the rig as a whole."""
+        if need_array in self.needs:
+            return "array"
+        return "servo" if {need_bus_port, need_sound_servo} & set(self.needs) else None
 
-
-class EmulatedOnlooker:
-    """Sees where the tips of an emulated bench really are."""
-
-    def __init__(self, bench: BenchRig) -> None:
-        """Raises ValueError for a real rig."""
-        if bench.emulated is None:
-            raise ValueError("only an emulated bench knows where its tips are")
-        self._fingers = dict(
-            zip((spec.name for spec in bench.rig.fingers), bench.emulated.bench.fingers, strict=True)
-        )
-        self._bases = {spec.name: spec.base_mm for spec in bench.rig.fingers}
-        self._before = (0.0, 0.0)
-
-    def ready(self, finger: str) -> None:
-        """Remember where the tip is."""
-        x, y = self._fingers[finger].centre_mm
-        self._before = (float(x), float(y))
-
-    def went(self, finger: str, where: str) -> bool:
-        """Compare with where it is now."""
-        (x, y), (bx, by), (x0, y0) = self._fingers[finger].centre_mm, self._bases[finger], self._before
-        along, across = (x0 - bx, y0 - by), (-(y0 - by), x0 - bx)
-        axis = across if where == LEFT else along
-        return bool((x - x0) * axis[0] + (y - y0) * axis[1] > 0)
+    def carry_out(self, case: DiagnosisCase, readings: Readings) -> DoctorStepOut:
+        """Judge, or skip for the first need that is not met."""
+        unmet = (why for need in self.needs if (why := need(case, readings)) is not None)
+        because = next(unmet, None)
+        judged = because if because is not None else self.judge(case, readings)
+        return _result(self.name, self.looked_at, judged)
 
 
-def examine_directions(hand: Hand, onlooker: Onlooker) -> DoctorStepOut:
-    """Move each joint of each finger from where it waits, and back. Raises what motion raises."""
-    hand.prepare(home=HomingPolicy.NONE)  # which way slides go is not known yet
-    hand.arm()
-    retract_all(hand)
-    findings, joints = [], 0
-    for finger in hand.fingers:
-        for servo, key, goal, where in _joint_moves(hand, finger):
-            joints += 1
-            found = _move_joint(hand, finger, servo, goal, onlooker, where, key)
-            findings += [] if found is None else [found]
-    hand.disarm()
-    fine = joints - len(findings)
-    return finish_step(
-        *DIRECTIONS, f"{fine} of {quantity(joints, 'joint goes', 'joints go')} the right way", findings
-    )
+_SERVOS = (need_sound_servo, need_servos)
+_ARRAYS = (need_array, need_described_array)
+_FITTING = (*_ARRAYS, need_fitting_array)
+
+STEPS = (
+    Step("port is there", "opened each port of the rig file", (), judge_existence),
+    Step(
+        "permission",
+        "whether this user may open the ports",
+        (need_port(PortForbidden, PortTaken),),
+        judge_permission,
+    ),
+    Step(
+        "other programs",
+        "which programs use the ports, ModemManager among them",
+        (need_port(PortTaken),),
+        judge_use,
+    ),
+    Step("latency timer", "how long adapters hold answers back", (need_port(),), judge_latency),
+    Step(
+        "baud rate",
+        "pinged all servos at the rig file's baud rate, and at others where some are missing",
+        (need_bus_port,),
+        judge_baud_rate,
+    ),
+    Step("ids", "compared the ids that answer with the rig file's", (need_bus_port, need_answers), judge_ids),
+    Step(
+        "models",
+        "compared the models that answer with the rig file's",
+        (need_bus_port, need_answers, need_clear_servo),
+        judge_models,
+    ),
+    Step("firmware", "read each servo's firmware", (need_sound_servo,), judge_firmware),
+    Step(
+        "supply voltage",
+        "read the voltage at each servo's plug, beside its limits",
+        (*_SERVOS, need_read_servo),
+        judge_supply,
+    ),
+    Step(
+        "hardware errors",
+        "read each servo's Hardware Error Status and temperature",
+        (*_SERVOS, need_read_servo),
+        judge_hardware,
+    ),
+    Step("torque", "read whether torque is on", (*_SERVOS, need_read_servo), judge_torque),
+    Step(
+        "settings in EEPROM",
+        "read modes, limits and directions, beside what a run wants",
+        (*_SERVOS, need_settings),
+        judge_settings,
+    ),
+    Step("bus traffic", "read all servos over and over for a second, as a run does", _SERVOS, judge_traffic),
+    Step(
+        "zeros",
+        "computed from the servos' angles where fingers stand, beside where they may start",
+        (*_SERVOS, need_start),
+        judge_zeros,
+    ),
+    Step("arrays answer", "asked each array who it is", (need_array,), judge_answers),
+    Step(
+        "array geometry",
+        "compared rows, columns, radius and coverage with the rig file and its calibration",
+        _ARRAYS,
+        judge_geometry,
+    ),
+    Step("frames", "counted the frames while all arrays stream at once", _FITTING, judge_frames),
+    Step(
+        "taxel map",
+        "let arrays test themselves, and looked for taxels that are stuck or unsteady",
+        _FITTING,
+        judge_taxels,
+    ),
+    Step(
+        "noise and drift",
+        "compared noise and drift of the untouched taxels with what contacts need",
+        (*_FITTING, need_frames),
+        judge_noise,
+    ),
+    Step(
+        "force scale",
+        "compared counts per N, full scale and bits with each other and between arrays",
+        _FITTING,
+        judge_scale,
+    ),
+    Step(
+        "touch force",
+        "computed how hard touches press, beside what parts bear",
+        (),
+        judge_touch_force,
+    ),
+    Step(
+        "calibration",
+        "compared the devices that were calibrated with those that answer",
+        (need_calibrated_device,),
+        judge_calibration,
+    ),
+)
+"""All steps for which nothing moves, in the order in which things go wrong."""
+
+_NOTHING_SENT = BusCountsOut.model_validate(dict.fromkeys(BusCountsOut.model_fields, 0))
+_BLOCKED = "fingers move only once nothing else is wrong"
+_NOT_TOUCHED = "nothing was touched: first put right what is wrong"
 
 
-def _joint_moves(hand: Hand, finger: HostFinger) -> list[tuple[Servo, str, float, str]]:
-    """Each joint of a finger: its servo, its key, the angle to go to, and where the tip goes then."""
-    near, far = finger.drive.servos
-    at = hand.servos_of([finger])[finger]
-    kinematics = finger.kinematics
-    if isinstance(kinematics, SlideKinematics):
-        ratio = kinematics.aim_servo_rad(1.0) - kinematics.aim_servo_rad(0.0)
-        aim = at[0] + (_AIM_MOVE_RAD if ratio > 0 else -_AIM_MOVE_RAD)
-        slide = kinematics.slide_servo_rad(kinematics.distance_mm(at[1]) + _SLIDE_MOVE_MM)
-        return [(near, "aim.gear_ratio", aim, LEFT), (far, "slide.mm_per_turn", slide, OUT)]
-    assert isinstance(kinematics, ArmKinematics), "there are two kinds of fingers"
-    shoulder, elbow = kinematics.shoulder, kinematics.elbow
-    turned = min(shoulder.angle_rad(at[0]) + _JOINT_MOVE_RAD, shoulder.hi_rad)
-    bent = elbow.angle_rad(at[1])
-    straighter = min(max(bent - math.copysign(_JOINT_MOVE_RAD, bent), elbow.lo_rad), elbow.hi_rad)
-    return [
-        (near, "shoulder.gear_ratio", shoulder.servo_rad(turned), LEFT),
-        (far, "elbow.gear_ratio", elbow.servo_rad(straighter), OUT),
-    ]
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was read of a case, and all steps. `moved`: whether fingers have moved."""
+
+    case: DiagnosisCase
+    readings: Readings
+    steps: tuple[DoctorStepOut, ...]
+    moved: bool
+
+    @property
+    def findings(self) -> list[FindingOut]:
+        """All findings, in the steps' order."""
+        return [found for item in self.steps for found in item.findings]
+
+    @property
+    def well(self) -> bool:
+        """True if nothing is wrong; there may be warnings."""
+        return not _has_wrong(self.steps)
+
+    @property
+    def next(self) -> str | None:
+        """What to do first: about the first finding that is wrong, else the first warning, and all alike."""
+        open_ones = [item for item in self.findings if not item.next.startswith(NOTHING_TO_DO)]
+        if not open_ones:
+            return None
+        first = min(open_ones, key=lambda item: item.severity is not Severity.WRONG)
+        alike = [item.device for item in open_ones if (item.cause, item.next) == (first.cause, first.next)]
+        return f"{join_words(alike)}: {first.next}"
 
 
-def _move_joint(
-    hand: Hand,
-    finger: HostFinger,
-    servo: Servo,
-    goal: float,
-    onlooker: Onlooker,
-    where: str,
-    key: str,
-) -> FindingOut | None:
-    """A joint moved to `goal` and back, torque on, and what is wrong with where the tip went."""
-    start = hand.states([servo])[servo.dxl_id].position_rad
-    hand.disarm()  # a person takes longer than servos wait
-    onlooker.ready(finger.name)
-    hand.arm()
-    servo.set_profile(_SPEED_RAD_S, ACCELERATION_RAD_S2)
-    hand.require_arrival(
-        hand.guarded([ServoMover(servo, servo.nearest_rad(goal), AIM_TOLERANCE_RAD)], period_s=_PERIOD_S)
-    )
-    hand.disarm()
-    right = onlooker.went(finger.name, where)
-    hand.arm()
-    hand.require_arrival(
-        hand.guarded([ServoMover(servo, servo.nearest_rad(start), AIM_TOLERANCE_RAD)], period_s=_PERIOD_S)
-    )
-    if right:
-        return None
-    return error_finding(
-        Cause.DIRECTION_WRONG,
-        f"servo {servo.dxl_id} ({finger.name} {key.partition('.')[0]})",
-        f"the tip of finger {finger.name} was to go {where}, and went the other way",
-        "the servo is mounted the other way round than the rig file says",
-        f"change the sign of {key} of finger {finger.name} in the rig file, then measure its zero anew",
-    )
+def diagnose(case: DiagnosisCase, now: datetime, motions: Sequence[Motion] = ()) -> Diagnosis:
+    """Examine a set-up, then carry out the motions, only if nothing is wrong.
 
-
-_NOT_ALLOWED = "fingers move for it only if asked to: palpate doctor --move"
-
-
-def diagnose(
-    case: DiagnosisCase, now: datetime, directions: Callable[[], DoctorStepOut] | None = None
-) -> DoctorOut:
-    """Examine a set-up. `directions` moves fingers and judges which way they go; only if nothing is wrong.
-
-    If it raises InputError it is skipped for that reason. Failures of devices are findings. Raises
-    SafetyStop as motion does.
+    Failures of devices are findings. Raises what the motions raise.
     """
-    ports = examine_ports(case)
-    bus = examine_bus(case, ports.usable)
-    silent = "no servo answers as the rig file says"
-    servos = examine_servos(case, bus.sound) if bus.sound else None
-    arrays = examine_arrays(case, ports.usable)
-    steps = [
-        *ports.steps,
-        *bus.steps,
-        *judge_servos(case, servos, silent),
-        *judge_arrays(case, arrays, "no array's port can be used"),
-    ]
-    models = {item.dxl_id: item.model for item in list_servos(case.rig) if item.dxl_id in bus.sound}
-    uids = {item.spec.name: item.description.unique_id.hex() for item in arrays if item.description}
-    steps.append(judge_calibration(case, models, uids, now))
-    blocked = _has_wrong(steps)
-    steps.append(_directions(case, directions, blocked=blocked))
-    moved = directions is not None and steps[-1].outcome is not Outcome.SKIPPED
-    return _result(case, steps, moved=moved)
+    readings = read_rig(case, now)
+    steps = [step.carry_out(case, readings) for step in STEPS]
+    moved = False
+    for motion in motions:
+        judged: Judgement | str
+        if isinstance(motion.carry_out, str):
+            judged = motion.carry_out
+        elif _has_wrong(steps):
+            judged = _BLOCKED
+        else:
+            case.tell(motion.name)
+            judged = motion.carry_out()
+            moved = moved or not isinstance(judged, str)
+        steps.append(_result(motion.name, motion.looked_at, judged))
+    return Diagnosis(case, readings, tuple(steps), moved)
 
 
-def _directions(
-    case: DiagnosisCase, directions: Callable[[], DoctorStepOut] | None, *, blocked: bool
-) -> DoctorStepOut:
-    if directions is None:
-        return skip_step(*DIRECTIONS, _NOT_ALLOWED)
-    if blocked:
-        return skip_step(*DIRECTIONS, "fingers move only once nothing else is wrong")
-    case.tell("directions")
-    try:
-        return directions()
-    except InputError as error:
-        return skip_step(*DIRECTIONS, str(error))
-    except DeviceError as error:
-        failed = error_finding(
-            Cause.MOTION_FAILED,
-            "fingers",
-            str(error),
-            "a motion did not end where it should; torque is off",
-            "see what holds the finger, with the supply off",
+def read_rig(case: DiagnosisCase, now: datetime) -> Readings:
+    """Read everything. Nothing moves, torque stays as it is, nothing is written to EEPROM."""
+    ports = open_ports(case)
+    bus, servos, error = None, None, ports[case.rig.bus.port]
+    if error is None:
+        try:
+            bus = scan_rig_bus(case)
+            servos = examine_servos(case, bus.sound) if bus.sound else None
+        except DeviceError as failed:
+            error = failed
+    arrays = examine_arrays(case, frozenset(port for port, why in ports.items() if why is None))
+    misfits = {item: find_misfits(case, item) for item in arrays if item.description is not None}
+    return Readings(
+        now=now,
+        ports=ports,
+        timers_s={port: case.computer.latency_timer_s(port) for port in ports},
+        bus=bus,
+        servos=servos,
+        bus_error=error,
+        arrays=arrays,
+        misfits=misfits,
+        untouched=[look_at_untouched(item) for item, found in misfits.items() if not found],
+        touch_force=expect_touch_force(case.rig),
+    )
+
+
+def _result(name: str, looked_at: str, judged: Judgement | str) -> DoctorStepOut:
+    """A step that was carried out, or skipped for a reason."""
+    if isinstance(judged, str):
+        return DoctorStepOut(
+            step=name, outcome=Outcome.SKIPPED, looked_at=looked_at, saw="", skipped_because=judged
         )
-        return finish_step(*DIRECTIONS, "a motion failed", [failed])
+    saw, findings = judged
+    worst = {item.severity for item in findings}
+    outcome = Outcome.WARNING if worst else Outcome.WELL
+    if Severity.WRONG in worst:
+        outcome = Outcome.WRONG
+    return DoctorStepOut(step=name, outcome=outcome, looked_at=looked_at, saw=saw, findings=tuple(findings))
 
 
 def _has_wrong(steps: Sequence[DoctorStepOut]) -> bool:
     return any(item.outcome is Outcome.WRONG for item in steps)
 
 
-def _result(case: DiagnosisCase, steps: Sequence[DoctorStepOut], *, moved: bool) -> DoctorOut:
-    findings = [found for item in steps for found in item.findings]
+def doctor_out(found: Diagnosis) -> DoctorOut:
+    """The result of `palpate doctor`: the steps."""
     return DoctorOut(
-        rig=case.rig.name,
-        emulated=case.rig.emulated,
-        well=not _has_wrong(steps),
-        device_missing=any(item.cause in DEVICE_CAUSES for item in findings),
-        moved=moved,
-        steps=tuple(steps),
-        next=_next_action(findings),
+        rig=found.case.rig.name,
+        emulated=found.case.rig.emulated,
+        well=found.well,
+        device_missing=any(item.cause in DEVICE_CAUSES for item in found.findings),
+        moved=found.moved,
+        steps=found.steps,
+        next=found.next,
     )
 
 
-def _next_action(findings: Sequence[FindingOut]) -> str | None:
-    """What to do first: about the first thing that is wrong, else the first warning, and all like it."""
-    open_ones = [item for item in findings if not item.next.startswith(NOTHING_TO_DO)]
-    if not open_ones:
-        return None
-    first = min(open_ones, key=lambda item: item.severity is not Severity.WRONG)
-    alike = [item.device for item in open_ones if (item.cause, item.next) == (first.cause, first.next)]
-    return f"{join_words(alike)}: {first.next}"
+def check_out(found: Diagnosis, measured: Retouch | HoldCheckOut | None = None) -> CheckOut:
+    """The result of `palpate check`: every device, what fingers have measured, and findings in words.
+
+    Raises DeviceError if the bus's port is missing or has failed: then there is no rig to check.
+    """
+    if found.readings.bus_error is not None:
+        raise found.readings.bus_error
+    rig, readings = found.case.rig, found.readings
+    servos, arrays = readings.servos, [_array_out(found, spec) for spec in rig.fingers]
+    timer = readings.timers_s[rig.bus.port]
+    calibration = calibration_out(found.case, readings)
+    if calibration is not None and isinstance(measured, Retouch):
+        calibration = calibration.model_copy(update={"touch": touch_out(measured)})
+    blocked = any(item.skipped_because == _BLOCKED for item in found.steps)
+    return CheckOut(
+        rig=rig.name,
+        emulated=any(item.emulated for item in arrays) or rig.emulated,
+        well=found.well,
+        adapter=AdapterCheckOut(
+            port=rig.bus.port,
+            baudrate_bps=rig.bus.baudrate_bps,
+            latency_timer_ms=None if timer is None else timer * 1e3,
+        ),
+        servos=tuple(_servo_out(found, servo) for servo in list_servos(rig)),
+        arrays=tuple(arrays),
+        loop=None if servos is None else servos.loop,
+        bus=_NOTHING_SENT if servos is None else servos.counts,
+        calibration=calibration,
+        touch_force=readings.touch_force,
+        hold=measured if isinstance(measured, HoldCheckOut) else None,
+        problems=_in_words(found.findings, Severity.WRONG),
+        warnings=_in_words(found.findings, Severity.WARNING) + ((_NOT_TOUCHED,) if blocked else ()),
+        steps=found.steps,
+        next=found.next,
+    )
+
+
+def _in_words(findings: Sequence[FindingOut], severity: Severity, *, named: bool = True) -> tuple[str, ...]:
+    """Findings of a severity: what was seen, and what to do next."""
+    return tuple(
+        f"{item.device}: {item.saw}; {item.next}" if named else f"{item.saw}; {item.next}"
+        for item in findings
+        if item.severity is severity
+    )
+
+
+def _servo_out(found: Diagnosis, servo: RigServo) -> ServoCheckOut:
+    own = [item for item in found.findings if servo.dxl_id in item.servos]
+    seen = next((item for item in found.readings.examined if item.dxl_id == servo.dxl_id), None)
+    named = {
+        "id": servo.dxl_id,
+        "owner": servo.owner,
+        "model": servo.model,
+        "problems": _in_words(own, Severity.WRONG, named=False),
+        "warnings": _in_words(own, Severity.WARNING, named=False),
+    }
+    if seen is None or seen.health is None:
+        return ServoCheckOut.model_validate(named | {"answers": False})
+    return ServoCheckOut.of(
+        seen.health,
+        **named,
+        answers=True,
+        firmware=seen.firmware,
+        hardware_error=tuple(name_flag(flag) for flag in seen.health.hardware_error),
+        return_delay_us=round(seen.return_delay_s * 1e6),
+        settings=tuple(
+            SettingOut(item=item, found=found, wanted=wanted)
+            for item, (found, wanted) in seen.differing.items()
+        ),
+    )
+
+
+def _array_out(found: Diagnosis, spec: FingerConfig) -> ArrayCheckOut:
+    own = [item for item in found.findings if spec.name in item.arrays]
+    seen = next((item for item in found.readings.arrays if item.spec is spec), ExaminedArray(spec))
+    timer, described = found.readings.timers_s[spec.array.port], seen.description
+    blank = ArrayCheckOut(
+        finger=spec.name,
+        port=spec.array.port,
+        protocol=spec.array.protocol,
+        answers=described is not None,
+        wanted_hz=found.case.rig.closing.sample_rate_hz,
+        latency_timer_ms=None if timer is None else timer * 1e3,
+        problems=_in_words(own, Severity.WRONG, named=False),
+        warnings=_in_words(own, Severity.WARNING, named=False),
+    )
+    if described is None:
+        return blank
+    return blank.model_copy(
+        update={
+            "firmware": described.firmware,
+            "unique_id": described.unique_id.hex(),
+            "emulated": described.emulated,
+            "shape": described.shape.name.lower(),
+            "rows": described.rows,
+            "columns": described.cols,
+            "bad_taxels": None if seen.report is None else seen.report.bad_count,
+            "rate_hz": frame_rate_hz(seen.frames),
+            "lost": seen.lost,
+        }
+    )

@@ -14,9 +14,12 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config import RigFile
-from palpate.config.diagnosis_results import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.config.diagnosis_results import Cause, FindingOut, FingerHoldOut, HoldCheckOut, TouchForceOut
 from palpate.drivers.tactile import ContactPatch
 from palpate.recognizer import FingerApproach, approach_lines, offset_from_lines
+from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
+from palpate.rig.diagnostics.readings import Readings
+from palpate.rig.diagnostics.steps import Device, DiagnosisCase, Judgement, warning
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -38,6 +41,7 @@ _MIN_CONTACT_N = 0.05
 _NOISE_MARGIN = 1.5  # times the least threshold that noise lets arrays have
 _MAX_PUSH_N = 3.0
 _MAX_PUSH_SHARE = 0.5  # of max_force_n
+_CORNERS_AT_ONCE = 2  # corners that a pad's face may meet
 _AIM_COUNT = 81
 _MIN_DISC_RADIUS_MM = 10.0  # radius of a disc that the part has room for: a smaller one may be missed
 _READ_S = 0.02  # between two looks at the servos while nothing is touched
@@ -126,16 +130,70 @@ def certain_force_n(patch: ContactPatch) -> float | None:
     return least if least > 0 else None
 
 
-def with_hold(out: CheckOut, found: HoldCheckOut, rig: RigFile) -> CheckOut:
-    """A check's result with what a part held, and a warning if the rig file declares more."""
-    declared = rig.search.part_holds_n
-    warnings = out.warnings
+def judge_hold(rig: RigFile, found: HoldCheckOut) -> Judgement:
+    """Judge what a part held beside what the rig file declares."""
+    declared, findings = rig.search.part_holds_n, []
     if declared is not None and found.slid and declared > found.part_holds_n:
-        warnings += (
-            f"the rig file declares part_holds_n = {declared:g} N, and this part was only certain to hold "
-            f"{found.part_holds_n:g} N",
+        findings.append(
+            warning(
+                Cause.PART_SLIDES,
+                Device("the rig file"),
+                f"it declares part_holds_n = {declared:g} N, and this part was only certain to hold "
+                f"{found.part_holds_n:g} N",
+                "parts may move under touches that are taken for harmless",
+                f"write part_holds_n = {found.part_holds_n:g} below [search] in the rig file",
+            )
         )
-    return out.model_copy(update={"hold": found, "warnings": warnings})
+    return f"it held {found.part_holds_n:g} N at least", findings
+
+
+def expect_touch_force(rig: RigFile) -> TouchForceOut:
+    """Expected peak forces of touches."""
+    return TouchForceOut(
+        quick_n=expected_peak_n(rig, rig.closing.search_mm_s),
+        slow_n=expected_peak_n(rig, rig.closing.touch_speed_mm_s),
+        unstopped_n=unstopped_peak_n(rig),
+    )
+
+
+def judge_touch_force(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Touches that are harder than parts are said to bear, or so hard that the run may end by them."""
+    expected = readings.touch_force
+    saw = f"{expected.quick_n:.2g} N when a part is found, {expected.slow_n:.2g} N when it is measured"
+    found = (_harder_than_held(case.rig, expected), _harder_than_allowed(case.rig, expected))
+    return saw, [item for item in found if item is not None]
+
+
+def _harder_than_held(rig: RigFile, expected: TouchForceOut) -> FindingOut | None:
+    holds, peaks = rig.search.part_holds_n, (expected.quick_n, expected.slow_n)
+    names = ("search_speed_mm_s", "touch_speed_mm_s")
+    keys = [key for key, peak in zip(names, peaks, strict=True) if holds is not None and peak > holds]
+    if not keys:
+        return None
+    saw = f"a touch is expected to press with {max(peaks):.2g} N"
+    means = f"a part may slide above part_holds_n = {holds:g} N"
+    return _too_hard(saw, means, f"lower {' and '.join(keys)} or contact_force_n")
+
+
+def _harder_than_allowed(rig: RigFile, expected: TouchForceOut) -> FindingOut | None:
+    most, quick_n = rig.closing.max_force_n, expected.quick_n
+    remedy = "lower search_speed_mm_s or contact_force_n, or raise max_force_n"
+    limit = f"above max_force_n = {most:g} N, and would end the run"
+    if quick_n > most:
+        saw = f"a touch that finds a part is expected to press with {quick_n:.2g} N, {limit}"
+        return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
+    pads = [finger.name for finger in rig.fingers if finger.tip.is_pad]
+    if not pads or _CORNERS_AT_ONCE * quick_n <= most:
+        return None
+    saw = (
+        f"{'pad' if len(pads) == 1 else 'pads'} {', '.join(pads)}: a face may meet two corners at once, each "
+        f"with {quick_n:.2g} N when it finds a part; {_CORNERS_AT_ONCE * quick_n:.2g} N is {limit}"
+    )
+    return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
+
+
+def _too_hard(saw: str, means: str, do: str) -> FindingOut:
+    return warning(Cause.TOUCH_TOO_HARD, Device("touches"), saw, means, do)
 
 
 def _locate_part(hand: Hand, reach: Reach) -> list[Touch]:

@@ -16,7 +16,6 @@ from palpate.drivers.transport import (
     LATENCY_TIMER,
     Clock,
     SerialPort,
-    latency_timer_file,
     latency_timer_s,
     port_users,
 )
@@ -50,7 +49,7 @@ class Computer:
         return port_users(self.root / "proc", {device}).get(device)
 
     def runs(self, program: str) -> bool:
-        """Whether a program of that name is running."""
+        """Return whether a program of that name is running."""
         return any(_read_text(folder / "comm") == program[:15] for folder in _numbered(self.root / "proc"))
 
     def latency_timer_s(self, port: str) -> float | None:
@@ -58,11 +57,11 @@ class Computer:
         return latency_timer_s(port, self.root / "sys/class/tty")
 
     def latency_timer_path(self, port: str) -> str:
-        """Where it is set."""
+        """File in which it is set."""
         return f"/sys/class/tty/{Path(port).resolve().name}/device/{LATENCY_TIMER}"
 
     def may_be_probed(self, port: str) -> bool:
-        """Whether ModemManager is running and nothing tells it to leave a port alone."""
+        """Return whether ModemManager is running and nothing tells it to leave a port alone."""
         if not self.runs("ModemManager"):
             return False
         number = _read_text(self.root / "sys/class/tty" / Path(port).resolve().name / "dev")
@@ -117,16 +116,9 @@ def _read_text(file: Path) -> str:
 _MAX_LATENCY_TIMER_S = 1e-3
 
 
-def timer_warnings(port: str, timer_s: float | None) -> list[str]:
-    """What to do about an adapter that holds answers back; nothing if it does not, or if that is unknown."""
-    if timer_s is None or timer_s <= _MAX_LATENCY_TIMER_S:
-        return []
-    known = latency_timer_file(port)
-    file = f"/sys/class/tty/{Path(port).name}/device/{LATENCY_TIMER}" if known is None else known
-    return [
-        f"the adapter holds every answer back for up to {timer_s * 1e3:g} ms (its latency timer); "
-        f"1 ms is set until it is unplugged by: echo 1 | sudo tee {file}"
-    ]
+def is_timer_long(timer_s: float | None) -> bool:
+    """Return whether an adapter's latency timer, None if it is not known, holds answers back for too long."""
+    return timer_s is not None and timer_s > _MAX_LATENCY_TIMER_S
 
 
 _REAPPEARS_S = 5.0  # udev needs a moment for the name under by-id

@@ -2,61 +2,38 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 
 from palpate.base.errors import DeviceError, quantity
-from palpate.config.diagnosis_results import Cause, DoctorStepOut, FindingOut
+from palpate.config.diagnosis_results import Cause, FindingOut
 from palpate.drivers.transport import PortForbidden, PortMissing, PortTaken
+from palpate.rig.diagnostics.host_ports import is_timer_long
+from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import (
     DiagnosisCase,
-    error_finding,
-    finish_step,
+    Judgement,
     join_words,
-    skip_step,
-    warning_finding,
+    name_port,
+    name_together,
+    warning,
+    wrong,
 )
 
-_MAX_LATENCY_TIMER_S = 1e-3
-_NONE_TO_OPEN = "no port of the rig file could be opened"
 _PSEUDO_TERMINALS = "/dev/pts/"  # what serves a pseudo-terminal has it open, too
 
 
-@dataclass(frozen=True, eq=False)
-class ExaminedPorts:
-    """Steps on ports. `usable`: ports that could be opened."""
-
-    steps: tuple[DoctorStepOut, ...]
-    usable: frozenset[str]
-
-
-def examine_ports(case: DiagnosisCase) -> ExaminedPorts:
-    """Open every port of the rig once, and ask the system about those that are devices of this computer."""
-    users = _users_of_ports(case)
+def open_ports(case: DiagnosisCase) -> dict[str, DeviceError | None]:
+    """Open every port of the rig file once: why it does not open, None if it does."""
     errors = {}
     for port, baudrate in _rates(case).items():
         case.tell(f"port {port}")
         errors[port] = _refusal(case, port, baudrate)
-    usable = frozenset(port for port, error in errors.items() if error is None)
-    steps = (
-        _existence(case, users, errors),
-        _permission(case, users, errors),
-        _use(case, users, errors),
-        _latency(case, users, usable),
-    )
-    return ExaminedPorts(steps, usable)
+    return errors
 
 
 def _rates(case: DiagnosisCase) -> Mapping[str, int]:
     bus = case.rig.bus
-    return {bus.port: bus.baudrate_bps} | {
-        finger.array.port: finger.array.baudrate_bps for finger in case.rig.fingers
-    }
-
-
-def _users_of_ports(case: DiagnosisCase) -> Mapping[str, str]:
-    """What hangs on each port, in words."""
-    users = {case.rig.bus.port: "the servos' bus"}
-    return users | {finger.array.port: f"array {finger.name}" for finger in case.rig.fingers}
+    arrays = (finger.array for finger in case.rig.fingers)
+    return {bus.port: bus.baudrate_bps} | {array.port: array.baudrate_bps for array in arrays}
 
 
 def _refusal(case: DiagnosisCase, port: str, baudrate: int) -> DeviceError | None:
@@ -72,122 +49,110 @@ def _refusal(case: DiagnosisCase, port: str, baudrate: int) -> DeviceError | Non
     return None
 
 
-def _existence(
-    case: DiagnosisCase, users: Mapping[str, str], errors: Mapping[str, DeviceError | None]
-) -> DoctorStepOut:
-    name, looked = "port is there", "opened each port of the rig file"
+def judge_existence(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Ports that are missing, and those that do not open as serial ports."""
+    errors = readings.ports
     missing = [port for port, error in errors.items() if isinstance(error, PortMissing)]
     known = (PortMissing, PortForbidden, PortTaken)
     unusable = [port for port, error in errors.items() if error is not None and not isinstance(error, known)]
-    findings = _missing(case, users, missing, nothing=1 < len(missing) == len(errors))
+    findings = _missing(case, missing, nothing=1 < len(missing) == len(errors))
     findings += [
-        error_finding(
+        wrong(
             Cause.PORT_UNUSABLE,
-            f"port {port} ({users[port]})",
+            name_port(case.rig, port),
             str(errors[port]),
             "what is there does not open as a serial port at the rig file's baud rate",
-            f"check port and baud rate of {users[port]} in the rig file",
+            f"check port and baud rate of {_user_of(case, port)} in the rig file",
         )
         for port in unusable
     ]
     there = len(errors) - len(missing) - len(unusable)
-    return finish_step(name, looked, f"{there} of {quantity(len(errors), 'port', 'ports')} there", findings)
+    return f"{there} of {quantity(len(errors), 'port', 'ports')} there", findings
 
 
-def _missing(
-    case: DiagnosisCase, users: Mapping[str, str], missing: Sequence[str], *, nothing: bool
-) -> list[FindingOut]:
-    """About ports that are not there; one finding if `nothing` is, unless brltty took an adapter."""
+def _user_of(case: DiagnosisCase, port: str) -> str:
+    return name_port(case.rig, port).name.partition("(")[2].rstrip(")")
+
+
+def _with_user(case: DiagnosisCase, port: str) -> str:
+    return name_port(case.rig, port).name.removeprefix("port ")
+
+
+def _missing(case: DiagnosisCase, missing: Sequence[str], *, nothing: bool) -> list[FindingOut]:
+    """Findings on ports that are not there; a single one if `nothing` is, unless brltty took an adapter."""
     taken = case.computer.taken_by_brltty() if missing else None
-    named = {port: f"port {port} ({users[port]})" for port in missing}
+    devices = {port: name_port(case.rig, port) for port in missing}
     if nothing and taken is None:
         return [
-            error_finding(
+            wrong(
                 Cause.PORT_MISSING,
-                "all ports",
-                f"none of them is there: {join_words([f'{port} ({users[port]})' for port in missing])}",
+                name_together("all ports", devices.values()),
+                f"none of them is there: {join_words([_with_user(case, port) for port in missing])}",
                 "nothing is plugged in, or every adapter has another name now",
                 "plug the adapters in, then find their names with: palpate find-port",
             )
         ]
-    findings = []
-    for port, device in named.items():
-        if taken is not None and "://" not in port:
-            found = error_finding(
-                Cause.BRLTTY,
-                device,
-                f"there is no such port, and a USB adapter {taken} has none while brltty runs",
-                "brltty took the adapter for a braille display and removed its port",
-                "sudo systemctl mask brltty.path brltty-udev.service, then restart the computer",
-            )
-        else:
-            found = error_finding(
-                Cause.PORT_MISSING,
-                device,
-                "there is no such port",
-                "its adapter is not plugged in, or has another name now",
-                "plug the adapter in, then find its name with: palpate find-port",
-            )
-        findings.append(found)
-    return findings
-
-
-def _permission(
-    case: DiagnosisCase, users: Mapping[str, str], errors: Mapping[str, DeviceError | None]
-) -> DoctorStepOut:
-    name, looked = "permission", "whether this user may open the ports"
-    there = [
-        port
-        for port, error in errors.items()
-        if error is None or isinstance(error, (PortForbidden, PortTaken))
+    return [
+        wrong(
+            Cause.BRLTTY,
+            device,
+            f"there is no such port, and a USB adapter {taken} has none while brltty runs",
+            "brltty took the adapter for a braille display and removed its port",
+            "sudo systemctl mask brltty.path brltty-udev.service, then restart the computer",
+        )
+        if taken is not None and "://" not in port
+        else wrong(
+            Cause.PORT_MISSING,
+            device,
+            "there is no such port",
+            "its adapter is not plugged in, or has another name now",
+            "plug the adapter in, then find its name with: palpate find-port",
+        )
+        for port, device in devices.items()
     ]
-    if not there:
-        return skip_step(name, looked, _NONE_TO_OPEN)
-    forbidden = [port for port in there if isinstance(errors[port], PortForbidden)]
+
+
+def judge_permission(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Ports that this user may not open."""
+    there, forbidden = readings.ports_there, readings.ports_with(PortForbidden)
     if not forbidden:
-        return finish_step(name, looked, f"this user may open {quantity(len(there), 'port', 'ports')}")
+        return f"this user may open {quantity(len(there), 'port', 'ports')}", []
     group = case.computer.group_of(forbidden[0])
     named = "dialout" if group is None else group.name
     join = f"sudo usermod -aG {named} $USER, then log out and in again"
     do = "log out and in again: groups count from the next login" if group and group.joined else join
-    finding = error_finding(
+    names = "port " + join_words([_with_user(case, port) for port in forbidden])
+    finding = wrong(
         Cause.PORT_FORBIDDEN,
-        "port " + join_words([f"{port} ({users[port]})" for port in forbidden]),
+        name_together(names, (name_port(case.rig, port) for port in forbidden)),
         f"the system refuses to open {'it' if len(forbidden) == 1 else 'them'}",
         f"this user is not in the group that owns serial ports ({named})",
         do,
     )
-    return finish_step(
-        name, looked, f"{len(forbidden)} of {quantity(len(there), 'port', 'ports')} refused", [finding]
-    )
+    return f"{len(forbidden)} of {quantity(len(there), 'port', 'ports')} refused", [finding]
 
 
-def _use(
-    case: DiagnosisCase, users: Mapping[str, str], errors: Mapping[str, DeviceError | None]
-) -> DoctorStepOut:
-    name, looked = "other programs", "which programs use the ports, ModemManager among them"
-    there = [port for port, error in errors.items() if error is None or isinstance(error, PortTaken)]
-    if not there:
-        return skip_step(name, looked, _NONE_TO_OPEN)
-    findings = list(filter(None, (_user(case, port, users[port], errors[port]) for port in there)))
+def judge_use(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Ports that another program uses, or may look at."""
+    there = (*readings.usable, *readings.ports_with(PortTaken))
+    found = (_user(case, port, readings.ports[port]) for port in readings.ports if port in there)
+    findings = [item for item in found if item is not None]
     used = len({item.device for item in findings})
-    saw = (
-        f"{used} of {quantity(len(there), 'port', 'ports')} in use or looked at"
-        if used
-        else "nothing else uses them"
-    )
-    return finish_step(name, looked, saw, findings)
+    if not used:
+        return "nothing else uses them", []
+    return f"{used} of {quantity(len(there), 'port', 'ports')} in use or looked at", findings
 
 
-def _user(case: DiagnosisCase, port: str, what: str, error: DeviceError | None) -> FindingOut | None:
-    """What is said of another program on a port."""
+def _user(case: DiagnosisCase, port: str, error: DeviceError | None) -> FindingOut | None:
+    """Another program on a port."""
+    device = name_port(case.rig, port)
     local = "://" not in port
     user = case.computer.user_of(port) if local and not port.startswith(_PSEUDO_TERMINALS) else None
     stop = "sudo systemctl disable ModemManager && sudo systemctl stop ModemManager"
     if user is not None and user.startswith("ModemManager"):
-        return error_finding(
+        return wrong(
             Cause.MODEM_MANAGER,
-            f"port {port} ({what})",
+            device,
             f"{user} has it open",
             "ModemManager takes the device for a modem and sends AT commands to it",
             stop,
@@ -198,18 +163,18 @@ def _user(case: DiagnosisCase, port: str, what: str, error: DeviceError | None) 
             if local and case.computer.runs("ModemManager")
             else ""
         )
-        return error_finding(
+        return wrong(
             Cause.PORT_BUSY,
-            f"port {port} ({what})",
+            device,
             f"it is in use by {user or 'another program'}",
             f"two programs on one port take each other's bytes{'' if user else hint}",
             f"end {user or 'the other program'}, then run this again"
             + ("" if user or not local else f" (sudo fuser -v {port} names it)"),
         )
     if local and case.computer.may_be_probed(port):
-        return warning_finding(
+        return warning(
             Cause.MODEM_MANAGER,
-            f"port {port} ({what})",
+            device,
             "ModemManager is running, and nothing tells it to leave this port alone",
             "for some seconds after plugging in it may open the port and send AT commands",
             stop,
@@ -217,16 +182,14 @@ def _user(case: DiagnosisCase, port: str, what: str, error: DeviceError | None) 
     return None
 
 
-def _latency(case: DiagnosisCase, users: Mapping[str, str], usable: frozenset[str]) -> DoctorStepOut:
-    name, looked = "latency timer", "how long adapters hold answers back"
-    timers = {port: case.computer.latency_timer_s(port) for port in users if port in usable}
+def judge_latency(case: DiagnosisCase, readings: Readings) -> Judgement:
+    """Adapters that hold answers back."""
+    timers = {port: readings.timers_s[port] for port in readings.ports if port in readings.usable}
     known = {port: timer for port, timer in timers.items() if timer is not None}
-    if not usable:
-        return skip_step(name, looked, _NONE_TO_OPEN)
     findings = [
-        warning_finding(
+        warning(
             Cause.LATENCY_TIMER,
-            f"port {port} ({users[port]})",
+            name_port(case.rig, port),
             f"its adapter holds every answer back for up to {timer * 1e3:g} ms",
             "all servos are read some 30 times a second instead of several hundred times"
             if port == case.rig.bus.port
@@ -234,9 +197,9 @@ def _latency(case: DiagnosisCase, users: Mapping[str, str], usable: frozenset[st
             f"echo 1 | sudo tee {case.computer.latency_timer_path(port)}",
         )
         for port, timer in known.items()
-        if timer > _MAX_LATENCY_TIMER_S
+        if is_timer_long(timer)
     ]
-    return finish_step(name, looked, _timers_in_words(list(known.values())), findings)
+    return _timers_in_words(list(known.values())), findings
 
 
 def _timers_in_words(known: Sequence[float]) -> str:

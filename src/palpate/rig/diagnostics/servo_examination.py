@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.config.diagnosis_results import BusLoopOut, ServoCheckOut, SettingOut
+from palpate.config.diagnosis_results import BusCountsOut, BusLoopOut
 from palpate.drivers.dynamixel import (
     RETURN_DELAY_UNIT_S,
     Bus,
@@ -24,48 +24,11 @@ from palpate.drivers.dynamixel import (
     read_health,
 )
 from palpate.drivers.transport import Clock
-from palpate.rig.diagnostics.steps import DiagnosisCase
+from palpate.rig.diagnostics.steps import Device, DiagnosisCase, name_servo
 from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problem
 
 LOOP_S = 1.0
 """How long servos are read over and over."""
-
-_WARM_MARGIN_C = 10  # below the limit
-
-
-def check_servo(bus: Bus, wanted: ServoSettings) -> ServoCheckOut:
-    """Look at one servo; it counts as answering if it does, as the model that the rig file says.
-
-    Raises PortFailed if the port itself fails.
-    """
-    servo = wanted.servo
-    blank = ServoCheckOut(id=servo.dxl_id, owner=wanted.owner, model=servo.model.name, answers=False)
-    try:
-        reply = servo.check()
-        eeprom = wanted.eeprom()
-        health = read_health(bus, servo, eeprom)
-    except PortFailed:
-        raise
-    except (DeviceError, InputError) as error:
-        return blank.model_copy(update={"problems": (str(error),)})
-    settings = tuple(
-        SettingOut(item=name, found=health.settings[name], wanted=value)
-        for name, value in eeprom.items()
-        if health.settings[name] != value
-    )
-    return ServoCheckOut.of(
-        health,
-        id=servo.dxl_id,
-        owner=wanted.owner,
-        model=servo.model.name,
-        answers=True,
-        firmware=reply.firmware,
-        hardware_error=tuple(_words(str(flag.name)) for flag in health.hardware_error),
-        return_delay_us=round(health.settings["Return Delay Time"] * RETURN_DELAY_UNIT_S * 1e6),
-        settings=settings,
-        problems=tuple(_servo_problems(health)),
-        warnings=tuple(_servo_warnings(health, settings)),
-    )
 
 
 def check_loop(
@@ -98,42 +61,9 @@ def check_loop(
 
 
 def rate_in_run_hz(loop: BusLoopOut, return_delays_s: Sequence[float]) -> float:
-    """How often a run can read all servos: it sets their Return Delay Times, which took part here, to 0."""
+    """Rate at which a run can read all servos: it sets their Return Delay Times, here included, to 0."""
     delay_s = max(return_delays_s, default=0.0) if loop.fast else sum(return_delays_s)
     return 1 / max(1 / loop.rate_hz - delay_s, 1e-6)
-
-
-def _servo_problems(health: Health) -> list[str]:
-    problems = []
-    if health.hardware_error:
-        causes = " and ".join(_words(str(flag.name)) for flag in health.hardware_error)
-        problems.append(f"it reports a hardware error ({causes}); remove the cause, then reboot the servo")
-    low, high = health.voltage_limits_v
-    if not low <= health.voltage_v <= high:
-        problems.append(
-            f"its supply is {health.voltage_v:.1f} V, outside {low:.1f} … {high:.1f} V; check the supply"
-        )
-    if health.temperature_c >= health.temperature_limit_c:
-        problems.append(
-            f"it is at {health.temperature_c} °C, its limit {health.temperature_limit_c} °C; let it cool down"
-        )
-    if health.torque_on:
-        problems.append("its torque is on, and nothing should hold it now; `palpate stop` switches it off")
-    return problems
-
-
-def _servo_warnings(health: Health, settings: Sequence[SettingOut]) -> list[str]:
-    warnings = []
-    if settings:
-        differing = ", ".join(f"{item.item} {item.found} → {item.wanted}" for item in settings)
-        warnings.append(f"not set up yet: {differing}")
-    if health.temperature_limit_c - _WARM_MARGIN_C <= health.temperature_c < health.temperature_limit_c:
-        warnings.append(f"it is warm: {health.temperature_c} °C of {health.temperature_limit_c} °C")
-    return warnings
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ").lower()
 
 
 EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
@@ -159,9 +89,9 @@ class ExaminedServo:
     unable: bool = False
 
     @property
-    def name(self) -> str:
-        """How findings call it."""
-        return f"servo {self.dxl_id} ({self.owner})"
+    def device(self) -> Device:
+        """The servo as findings call it."""
+        return name_servo(self.owner, self.dxl_id)
 
     @property
     def differing(self) -> dict[str, tuple[int, int]]:
@@ -177,36 +107,41 @@ class ExaminedServo:
 
     @property
     def return_delay_s(self) -> float:
-        """How long it waits before it answers."""
+        """Time that it waits before it answers."""
         return (self.setting("Return Delay Time") or 0) * RETURN_DELAY_UNIT_S
 
 
 @dataclass(frozen=True, eq=False)
 class ExaminedServos:
-    """All servos that were looked at. `lost`: answers lost or damaged, of `asked` questions.
-    `starts`: for each finger whose servos could be read, why a run would not start from where it stands.
-    `failure` of the bus as a whole; then nothing else is known.
+    """All servos that were examined, and what the bus has been through.
+
+    `loop_failure`: why they could not be read together. `starts`: for each finger whose servos could be read,
+    why a run would not start from where it stands.
     """
 
     servos: tuple[ExaminedServo, ...]
-    states: Mapping[int, ServoState]
     loop: BusLoopOut | None
-    asked: int
-    lost: int
-    stale: int
+    loop_failure: str | None
+    counts: BusCountsOut
     starts: Mapping[str, str | None]
-    failure: str | None = None
+
+    @property
+    def lost(self) -> int:
+        """Answers that were lost or damaged."""
+        return self.counts.damaged + self.counts.silent
+
+    @property
+    def delays_s(self) -> list[float]:
+        """Time that each servo that could be read waits before it answers."""
+        return [item.return_delay_s for item in self.servos if item.health is not None]
 
 
 def examine_servos(case: DiagnosisCase, sound: frozenset[int]) -> ExaminedServos:
-    """Read the servos whose ids are `sound`."""
+    """Read the servos whose ids are `sound`. Raises DeviceError if the port fails."""
     rate = case.rig.bus.baudrate_bps
-    try:
-        port = case.place.open(rate)
-        with closing(Bus(port, case.place.clock, rate, latency_s=case.place.latency_s)) as bus:
-            return _read(case, bus, sound)
-    except DeviceError as error:
-        return ExaminedServos((), {}, None, 0, 0, 0, {}, str(error))
+    port = case.place.open(rate)
+    with closing(Bus(port, case.place.clock, rate, latency_s=case.place.latency_s)) as bus:
+        return _read(case, bus, sound)
 
 
 def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServos:
@@ -222,6 +157,7 @@ def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServo
         if servo.health is not None and not servo.health.hardware_error
     ]
     loop: BusLoopOut | None = None
+    loop_failure: str | None = None
     states: Mapping[int, ServoState] = {}
     if able:
         delays = [servo.return_delay_s for _, servo in able]
@@ -231,18 +167,10 @@ def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServo
             )
         except PortFailed:
             raise
-        except (DeviceError, InputError):  # what was lost is counted
-            pass
-    counts = bus.counts
-    return ExaminedServos(
-        tuple(seen),
-        states,
-        loop,
-        counts.instructions,
-        counts.damaged + counts.silent,
-        counts.stale,
-        _starts(case, bus, states),
-    )
+        except (DeviceError, InputError) as error:
+            loop_failure = str(error)
+    counts = BusCountsOut(**bus.counts.as_dict())
+    return ExaminedServos(tuple(seen), loop, loop_failure, counts, _starts(case, bus, states))
 
 
 def _starts(case: DiagnosisCase, bus: Bus, states: Mapping[int, ServoState]) -> dict[str, str | None]:

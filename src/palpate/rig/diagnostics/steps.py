@@ -1,11 +1,12 @@
-"""Steps of a diagnosis: the case that is examined, and how steps and findings are made."""
+"""Steps of a diagnosis: the case that is examined, devices in words, and how findings are made."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from enum import Flag
 
-from palpate.config import RigFile
-from palpate.config.diagnosis_results import Cause, DoctorStepOut, FindingOut, Outcome, Severity
+from palpate.config import FingerConfig, RigFile
+from palpate.config.diagnosis_results import Cause, FindingOut, Severity
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
@@ -14,7 +15,14 @@ from palpate.rig.pads import has_pads
 NOTHING_TO_DO = "nothing"
 """How the next thing to do begins where there is none."""
 
+CHECK_LISTEN_S = 1.0
+FULL_LISTEN_S = 3.0
+"""How long arrays stream, untouched, for a check and for a full one."""
+
 _MAX_LISTED = 6
+
+Judgement = tuple[str, Sequence[FindingOut]]
+"""What a step saw, in words, and what is not as it should be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +33,7 @@ class DiagnosisCase:
     place: BusEndpoint
     computer: Computer
     tell: Callable[[str], None] = lambda _: None
+    listen_s: float = FULL_LISTEN_S
 
     @property
     def rig(self) -> RigFile:
@@ -40,34 +49,89 @@ class DiagnosisCase:
         return by_hand if has_pads(self.rig) else self.command("palpate calibrate --rig RIG")
 
 
-def finish_step(name: str, looked_at: str, saw: str, findings: Sequence[FindingOut] = ()) -> DoctorStepOut:
-    """A step that was carried out."""
-    worst = {item.severity for item in findings}
-    outcome = (
-        Outcome.WRONG
-        if Severity.WRONG in worst
-        else Outcome.WARNING
-        if Severity.WARNING in worst
-        else Outcome.WELL
-    )
-    return DoctorStepOut(step=name, outcome=outcome, looked_at=looked_at, saw=saw, findings=tuple(findings))
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A step for which fingers move, once nothing else is wrong: what it does, or why it was not asked for.
+
+    What it does ends in a judgement, or in the reason why it was not done.
+    """
+
+    name: str
+    looked_at: str
+    carry_out: Callable[[], Judgement | str] | str
 
 
-def skip_step(name: str, looked_at: str, because: str) -> DoctorStepOut:
-    """A step that was not carried out."""
-    return DoctorStepOut(
-        step=name, outcome=Outcome.SKIPPED, looked_at=looked_at, saw="", skipped_because=because
-    )
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A device or several in words, with the ids of servos and names of arrays among them."""
+
+    name: str
+    servos: tuple[int, ...] = ()
+    arrays: tuple[str, ...] = ()
 
 
-def error_finding(cause: Cause, device: str, saw: str, means: str, do: str) -> FindingOut:
+BUS = Device("the servos' bus")
+
+
+def name_servo(owner: str, dxl_id: int) -> Device:
+    """A servo as findings call it."""
+    return Device(f"servo {dxl_id} ({owner})", (dxl_id,))
+
+
+def name_array(spec: FingerConfig) -> Device:
+    """A finger's array as findings call it."""
+    return Device(f"array {spec.name}", arrays=(spec.name,))
+
+
+def name_port(rig: RigFile, port: str) -> Device:
+    """A port of the rig file, with what hangs on it."""
+    arrays = tuple(finger.name for finger in rig.fingers if finger.array.port == port)
+    user = f"array {arrays[-1]}" if arrays else BUS.name
+    return Device(f"port {port} ({user})", arrays=arrays)
+
+
+def name_together(name: str, devices: Iterable[Device]) -> Device:
+    """Several devices by a name of their own."""
+    found = tuple(devices)
+    servos = tuple(dxl_id for item in found for dxl_id in item.servos)
+    return Device(name, servos, tuple(array for item in found for array in item.arrays))
+
+
+def wrong(cause: Cause, device: Device, saw: str, means: str, do: str) -> FindingOut:
     """A finding with which the rig cannot be worked."""
-    return FindingOut(cause=cause, severity=Severity.WRONG, device=device, saw=saw, means=means, next=do)
+    return _finding(cause, Severity.WRONG, device, (saw, means, do))
 
 
-def warning_finding(cause: Cause, device: str, saw: str, means: str, do: str) -> FindingOut:
+def warning(cause: Cause, device: Device, saw: str, means: str, do: str) -> FindingOut:
     """A finding with which it can."""
-    return FindingOut(cause=cause, severity=Severity.WARNING, device=device, saw=saw, means=means, next=do)
+    return _finding(cause, Severity.WARNING, device, (saw, means, do))
+
+
+def _finding(cause: Cause, severity: Severity, device: Device, said: tuple[str, str, str]) -> FindingOut:
+    saw, means, do = said
+    return FindingOut(
+        cause=cause,
+        severity=severity,
+        device=device.name,
+        servos=device.servos,
+        arrays=device.arrays,
+        saw=saw,
+        means=means,
+        next=do,
+    )
+
+
+def port_failed(case: DiagnosisCase, failure: str) -> Judgement:
+    """The bus's port, which was there, has failed."""
+    means = "the adapter broke off while it was used"
+    do = "plug the adapter in directly, without a hub, and run this again"
+    found = wrong(Cause.PORT_UNUSABLE, Device(f"port {case.rig.bus.port}"), failure, means, do)
+    return "the port failed", [found]
+
+
+def name_flag(flag: Flag) -> str:
+    """A device's flag in words."""
+    return str(flag.name).replace("_", " ").lower()
 
 
 def join_words(items: Sequence[str], most: int = _MAX_LISTED) -> str:

@@ -1,6 +1,7 @@
 """Fixtures of the hardware tests. A device of the rig file that does not answer is an error in them."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import NoReturn
 
@@ -8,36 +9,38 @@ import pytest
 
 from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig, RigFile
-from palpate.drivers.dynamixel import Ping
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.diagnostics.servo_bus import RigServo, list_servos
+from palpate.rig.diagnostics.diagnosis import STEPS, Diagnosis, diagnose
+from palpate.rig.diagnostics.host_ports import Computer
+from palpate.rig.diagnostics.servo_bus import RigServo, endpoint_of_rig, list_servos
+from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.motion.hand import Hand
-from palpate.testing.hardware.bench import (
-    AirPaths,
-    ArrayRecording,
-    ArrayUnderTest,
-    Note,
-    ServoUnderTest,
-    air_paths,
-    ping_all,
-    record_arrays,
-)
+from palpate.testing.hardware.bench import AirPaths, Note, air_paths
 from palpate.testing.hardware.plugin import RIG, ask_to_move
+
+LISTEN_S = 5.0
+"""How long all arrays stream at once."""
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """One test for each servo and each array of the rig file."""
-    rig = metafunc.config.stash.get(RIG, None)
+    """One test for each step and each device that it judges, and for the rig as a whole."""
+    found = metafunc.config.stash.get(RIG, None)
+    servos = () if found is None else list_servos(found.rig)
+    arrays = () if found is None else found.rig.fingers
     if "wanted_servo" in metafunc.fixturenames:
-        servos = () if rig is None else list_servos(rig.rig)
-        names = [f"{servo.dxl_id}-{servo.owner.replace(' ', '-')}" for servo in servos]
-        metafunc.parametrize("wanted_servo", servos or [None], ids=names or ["no rig"])
-    if "wanted_array" in metafunc.fixturenames:
-        fingers = () if rig is None else rig.rig.fingers
-        metafunc.parametrize(
-            "wanted_array", fingers or [None], ids=[finger.name for finger in fingers] or ["no rig"]
-        )
+        metafunc.parametrize("wanted_servo", servos or [None], ids=[*map(_name, servos)] or ["no rig"])
+    if "step" in metafunc.fixturenames:
+        devices = {"servo": servos, "array": arrays, None: ()}
+        pairs = [(step, device) for step in STEPS for device in (None, *devices[step.about])]
+        ids = ["-".join(filter(None, (step.name, _name(device)))).replace(" ", "-") for step, device in pairs]
+        metafunc.parametrize(("step", "device"), pairs, ids=ids)
+
+
+def _name(device: RigServo | FingerConfig | None) -> str:
+    if isinstance(device, RigServo):
+        return f"{device.dxl_id}-{device.owner.replace(' ', '-')}"
+    return "" if device is None else device.name
 
 
 @pytest.fixture
@@ -81,55 +84,19 @@ def permission(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.fixture(scope="session")
-def pings(rig: RigFile) -> Mapping[int, Ping | DeviceError]:
-    """Answers of all servos, by id."""
-    return ping_all(rig)
+def diagnosis(on_bench: RigOnBench) -> Diagnosis:
+    """A diagnosis of the rig, once."""
+    place = endpoint_of_rig(on_bench.described)
+    return diagnose(DiagnosisCase(on_bench, place, Computer(), listen_s=LISTEN_S), datetime.now(UTC))
 
 
 @pytest.fixture
-def servo(wanted_servo: RigServo, pings: Mapping[int, Ping | DeviceError], note: Note) -> ServoUnderTest:
-    """A servo that answers; an error if it does not."""
-    note("servo", f"{wanted_servo.dxl_id} ({wanted_servo.owner})")
-    note("model", wanted_servo.model)
-    ping = pings[wanted_servo.dxl_id]
-    if isinstance(ping, DeviceError):
-        _missing(ping)
-    note("firmware", ping.firmware)
-    return ServoUnderTest(wanted_servo, ping)
-
-
-@pytest.fixture
-def all_servos(pings: Mapping[int, Ping | DeviceError]) -> None:
-    """An error if a servo does not answer."""
-    for ping in pings.values():
-        if isinstance(ping, DeviceError):
-            _missing(ping)
-
-
-@pytest.fixture(scope="session")
-def recordings(rig: RigFile) -> Mapping[str, ArrayRecording | DeviceError]:
-    """Streams of all arrays at once, by finger."""
-    return record_arrays(rig)
-
-
-@pytest.fixture
-def array(
-    wanted_array: FingerConfig, recordings: Mapping[str, ArrayRecording | DeviceError], note: Note
-) -> ArrayUnderTest:
-    """An array that answers and sends frames; an error if it does not."""
-    note("array", f"{wanted_array.name} on {wanted_array.array.port}")
-    note("protocol", wanted_array.array.protocol)
-    found = recordings[wanted_array.name]
-    if isinstance(found, DeviceError):
-        _missing(found)
-    described = found.description
-    note("array_firmware", described.firmware)
-    note("unique_id", described.unique_id.hex())
-    note("geometry", f"{described.rows} x {described.cols} {described.shape.name.lower()}")
-    note("emulated", described.emulated)
-    if len(found.frames) < 2:
-        _missing(f"tactile array {wanted_array.name} sends no frames; power it off and on")
-    return ArrayUnderTest(wanted_array, found)
+def servo(wanted_servo: RigServo, diagnosis: Diagnosis) -> RigServo:
+    """A servo that answers as the rig file says; an error if it does not."""
+    bus = diagnosis.readings.bus
+    if bus is None or wanted_servo.dxl_id not in bus.sound:
+        _missing(f"servo {wanted_servo.dxl_id} ({wanted_servo.owner}) does not answer as the rig file says")
+    return wanted_servo
 
 
 @pytest.fixture

@@ -1,61 +1,155 @@
-"""Nothing moves, torque stays off: every device answers, is as a run wants it, and is fast enough."""
+"""Nothing moves, torque stays off: every device answers, is as a run wants it, and is fast enough.
+
+The steps are those of `palpate check --full`, with more frames. What a first run would put right, and what
+makes it slow, fails here, too.
+"""
+
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
 
 from palpate.base.errors import SafetyStop
-from palpate.config import RigFile
-from palpate.config.diagnosis_results import ServoCheckOut
-from palpate.drivers.dynamixel import (
-    RETURN_DELAY_UNIT_S,
-    Bus,
-    OperatingMode,
-    StateReader,
-    StatusError,
-    guarded_move,
-    model_by_name,
-)
+from palpate.config import FingerConfig, RigFile
+from palpate.config.diagnosis_results import Cause, FindingOut, Outcome, Severity
+from palpate.drivers.dynamixel import OperatingMode, StateReader, StatusError, guarded_move
 from palpate.drivers.tactile import ContactExtractor
-from palpate.drivers.transport import MonotonicClock, open_port
-from palpate.rig.arrays import calibration_of, threshold_problem
-from palpate.rig.diagnostics.array_examination import (
-    check_array,
-    frame_rate_hz,
-    is_loss_too_high,
-    is_rate_too_low,
-)
-from palpate.rig.diagnostics.servo_examination import check_loop, check_servo, rate_in_run_hz
-from palpate.rig.fingers import ServoSettings, servo_settings
-from palpate.testing.hardware.bench import ArrayUnderTest, Note, ServoUnderTest, open_bus
+from palpate.drivers.transport import MonotonicClock
+from palpate.rig.arrays import calibration_of
+from palpate.rig.diagnostics.array_examination import UntouchedArray, frame_rate_hz
+from palpate.rig.diagnostics.diagnosis import Diagnosis, Step
+from palpate.rig.diagnostics.readings import Readings
+from palpate.rig.diagnostics.servo_bus import RigServo
+from palpate.rig.fingers import servo_settings
+from palpate.testing.hardware.bench import Note, open_bus
 
+_STRICT = {Cause.LIMITS_NOT_SET, Cause.FRAMES_SLOW, Cause.BUS_SLOW}
 _BEYOND_RANGE_RAD = 0.02
 
 
-def test_servo_is_of_the_named_model(servo: ServoUnderTest) -> None:
-    """Its model number is that of the rig file's model."""
-    assert servo.ping.model_number == model_by_name(servo.wanted.model).number
+def test_step(step: Step, device: RigServo | FingerConfig | None, diagnosis: Diagnosis, note: Note) -> None:
+    """A step finds nothing wrong with a device, or with the rig as a whole."""
+    result = next(item for item in diagnosis.steps if item.step == step.name)
+    if result.outcome is Outcome.SKIPPED:
+        pytest.skip(str(result.skipped_because))
+    found = [item for item in result.findings if _is_about(item, step, device)]
+    if not found and _is_unseen(step, device, diagnosis.readings):
+        pytest.skip("it was not looked at: see the steps before")
+    if device is None:
+        note("saw", result.saw)
+    for name, value in _figures(step, device, diagnosis).items():
+        note(name, value)
+    wrong = []
+    for item in found:
+        text = f"{item.device}: {item.saw}; {item.next}"
+        if item.severity is Severity.WRONG or item.cause in _STRICT:
+            wrong.append(text)
+        else:
+            note("warning", text)
+    if wrong:
+        pytest.fail("\n".join(wrong), pytrace=False)
 
 
-def test_servo_is_healthy(servo: ServoUnderTest, rig: RigFile, note: Note) -> None:
-    """Supply, temperature, no hardware error, torque off."""
-    found = _servo_check(rig, servo)
-    note("supply_v", found.voltage_v)
-    note("temperature_c", found.temperature_c)
-    assert not found.problems
+def _is_about(finding: FindingOut, step: Step, device: RigServo | FingerConfig | None) -> bool:
+    if device is None:
+        return step.about is None or not (finding.servos or finding.arrays)
+    return device.dxl_id in finding.servos if isinstance(device, RigServo) else device.name in finding.arrays
 
 
-def test_servo_has_the_limits_of_a_run_in_its_eeprom(servo: ServoUnderTest, rig: RigFile) -> None:
-    """What a run would write before it moves is there already: `palpate setup-motors` has been here."""
-    found = _servo_check(rig, servo)
-    assert found.answers, found.problems
-    differing = [f"{item.item} {item.found} → {item.wanted}" for item in found.settings]
-    assert not differing, "`palpate setup-motors` writes them"
+def _is_unseen(step: Step, device: RigServo | FingerConfig | None, readings: Readings) -> bool:
+    """Return whether what is wrong with a device in an earlier step hides it from this one."""
+    if device is None or step.name in ("baud rate", "ids", "arrays answer"):
+        return False
+    if isinstance(device, RigServo):
+        bus = readings.bus
+        seen = {item.dxl_id for item in readings.examined}
+        return device.dxl_id not in (bus.clear if bus is not None and step.name == "models" else seen)
+    return not any(item.seen.spec.name == device.name for item in readings.untouched)
 
 
-def test_goals_out_of_range_are_refused(servo: ServoUnderTest, rig: RigFile) -> None:
+def _figures(
+    step: Step, device: RigServo | FingerConfig | None, diagnosis: Diagnosis
+) -> Mapping[str, object]:
+    """Figures of a device, or of the bus, that belong to a step."""
+    readings = diagnosis.readings
+    if device is None:
+        return _of_bus(readings) if step.name == "bus traffic" else {}
+    if isinstance(device, RigServo):
+        return _of_servo(step.name, device, readings)
+    figures = _ARRAY_FIGURES.get(step.name)
+    seen = (item for item in readings.untouched if item.seen.spec.name == device.name)
+    return {name: value for item in seen if figures for name, value in figures(diagnosis, item).items()}
+
+
+def _of_bus(readings: Readings) -> Mapping[str, object]:
+    servos = readings.servos
+    if servos is None:
+        return {}
+    counts = ", ".join(f"{name} {value}" for name, value in servos.counts)
+    if servos.loop is None:
+        return {"bus": counts}
+    loop = {f"loop_{name}": value for name, value in servos.loop}
+    return loop | {"bus": counts}
+
+
+def _of_servo(step: str, device: RigServo, readings: Readings) -> Mapping[str, object]:
+    for item in readings.examined:
+        if item.dxl_id == device.dxl_id and step == "firmware":
+            name = f"{device.dxl_id} ({device.owner})"
+            return {"servo": name, "model": device.model, "firmware": item.firmware}
+        if item.dxl_id == device.dxl_id and item.health is not None and step == "hardware errors":
+            return {"supply_v": item.health.voltage_v, "temperature_c": item.health.temperature_c}
+    return {}
+
+
+def _identity(_diagnosis: Diagnosis, array: UntouchedArray) -> Mapping[str, object]:
+    described, spec = array.seen.description, array.seen.spec
+    assert described is not None
+    return {
+        "array": f"{spec.name} on {spec.array.port}",
+        "protocol": spec.array.protocol,
+        "array_firmware": described.firmware,
+        "unique_id": described.unique_id.hex(),
+        "geometry": f"{described.rows} x {described.cols} {described.shape.name.lower()}",
+        "emulated": described.emulated,
+    }
+
+
+def _stream(_diagnosis: Diagnosis, array: UntouchedArray) -> Mapping[str, object]:
+    frames = array.seen.frames
+    return {"frames": len(frames), "lost": array.seen.lost, "rate_hz": frame_rate_hz(frames)}
+
+
+def _taxels(_diagnosis: Diagnosis, array: UntouchedArray) -> Mapping[str, object]:
+    shown = array.shown
+    if shown is None:
+        return {}
+    bad = [(int(row), int(col)) for row, col in np.argwhere(shown.dead | shown.hot | shown.unsteady)]
+    untold = "too quiet at rest to tell: press it all over in `palpate watch`"
+    return {"bad_taxels": bad or "none"} | ({} if shown.tells_dead else {"dead_taxels": untold})
+
+
+def _noise(diagnosis: Diagnosis, array: UntouchedArray) -> Mapping[str, object]:
+    described, spec = array.seen.description, array.seen.spec
+    if array.shown is None or described is None:
+        return {}
+    extractor = ContactExtractor(described, calibration_of(diagnosis.case.rig, spec, described))
+    extractor.tare(array.seen.frames)
+    return {"noise_counts": array.shown.noise_counts, "least_contact_force_n": extractor.least_force_n}
+
+
+_ARRAY_FIGURES: Mapping[str, Callable[[Diagnosis, UntouchedArray], Mapping[str, object]]] = {
+    "arrays answer": _identity,
+    "frames": _stream,
+    "taxel map": _taxels,
+    "noise and drift": _noise,
+}
+
+
+def test_goals_out_of_range_are_refused(servo: RigServo, rig: RigFile) -> None:
     """By the host, with nothing sent; and by the servo itself where its mode has limits. Torque is off."""
     with open_bus(rig) as bus:
-        item = _settings(rig, servo, bus)
+        item = next(item for item in servo_settings(rig, bus) if item.servo.dxl_id == servo.dxl_id)
         item.servo.check()
         assert item.servo.read("Torque Enable") == 0
         reader = StateReader(bus, [item.servo])
@@ -75,73 +169,3 @@ def test_goals_out_of_range_are_refused(servo: ServoUnderTest, rig: RigFile) -> 
         with pytest.raises(StatusError):
             bus.write(item.servo.dxl_id, item.servo.item("Goal Position"), highest + 1)
         assert item.servo.read("Goal Position") == before
-
-
-@pytest.mark.usefixtures("all_servos")
-def test_all_servos_are_read_at_the_sample_rate(rig: RigFile, note: Note) -> None:
-    """As often as `sample_rate_hz`, over a second, but for the Return Delay Times that a run sets to 0."""
-    with open_bus(rig) as bus:
-        servos = [item.servo for item in servo_settings(rig, bus)]
-        delays = [servo.read("Return Delay Time") * RETURN_DELAY_UNIT_S for servo in servos if servo.check()]
-        loop, _ = check_loop(bus, MonotonicClock(), servos, rig.bus.baudrate_bps, delays)
-        counts = bus.counts.as_dict()
-    note("loop_hz", loop.rate_hz)
-    note("median_ms", loop.median_ms)
-    note("p99_ms", loop.p99_ms)
-    note("wire_ms", loop.wire_ms)
-    note("fast_sync_read", loop.fast)
-    note("bus", ", ".join(f"{name} {value}" for name, value in counts.items()))
-    assert rate_in_run_hz(loop, delays) >= rig.closing.sample_rate_hz, (
-        "an adapter's latency timer of 1 ms and a higher baud rate help; or lower sample_rate_hz"
-    )
-
-
-def test_array_streams_without_loss(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
-    """All arrays at once, for 5 s: frames arrive at the rate that was asked for, and hardly any gets lost."""
-    found = array.recording
-    rate, gone = frame_rate_hz(found.frames), found.gone
-    note("frames", len(found.frames))
-    note("lost", gone)
-    note("rate_hz", rate)
-    assert not is_loss_too_high(gone, len(found.frames)), "lost or damaged"
-    assert not is_rate_too_low(rate, rig.closing.sample_rate_hz)
-
-
-def test_array_is_quiet(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
-    """Untouched, its noise stays below `contact_force_n`."""
-    found = array.recording
-    extractor = ContactExtractor(found.description, calibration_of(rig, array.spec, found.description))
-    extractor.tare(found.frames)
-    note("noise_counts", found.noise_counts())
-    note("least_contact_force_n", extractor.least_force_n)
-    assert threshold_problem(extractor, rig.closing) is None
-
-
-def test_array_has_no_dead_taxels(array: ArrayUnderTest, note: Note) -> None:
-    """None is dead, at full scale or unsteady but those that its calibration leaves out."""
-    shown = array.untouched()
-    if shown is None:
-        pytest.skip("it sends too few frames to tell its dead taxels")
-    taxels = array.spec.array.taxels
-    known = set() if taxels is None else {(int(row), int(col)) for row, col in taxels.unusable}
-    found = {(int(row), int(col)) for row, col in np.argwhere(shown.dead | shown.hot | shown.unsteady)}
-    note("bad_taxels", sorted(found) or "none")
-    assert found <= known, "(row, column)"
-    if not shown.tells_dead:
-        pytest.skip("it is too quiet at rest to tell its dead taxels: press it all over in `palpate watch`")
-
-
-def test_array_examines_itself(array: ArrayUnderTest, rig: RigFile, note: Note) -> None:
-    """Its self-test, if it has one, and a second of frames find nothing wrong."""
-    found = check_array(rig, array.spec, MonotonicClock(), open_port)
-    note("bad_taxels", "no self-test" if found.bad_taxels is None else found.bad_taxels)
-    assert not found.problems
-
-
-def _settings(rig: RigFile, servo: ServoUnderTest, bus: Bus) -> ServoSettings:
-    return next(item for item in servo_settings(rig, bus) if item.servo.dxl_id == servo.wanted.dxl_id)
-
-
-def _servo_check(rig: RigFile, servo: ServoUnderTest) -> ServoCheckOut:
-    with open_bus(rig) as bus:
-        return check_servo(bus, _settings(rig, servo, bus))
