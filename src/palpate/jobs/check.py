@@ -36,7 +36,7 @@ from palpate.rig.diagnostics.directions import (
 from palpate.rig.diagnostics.hold_check import check_hold, judge_hold, least_threshold_n, with_light_touch
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
-from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, Motion, warning
+from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, MotionStep, warning
 from palpate.rig.pads import refuse_pads
 from palpate.rig.workers import BackgroundCall
 from palpate.views.doctor import doctor_report
@@ -167,7 +167,7 @@ def check_rig(
         failure = show.late_failure
         return judged
 
-    motions = [] if moving is None else [Motion(moving.name, moving.looked_at, carry_out)]
+    motions = [] if moving is None else [MotionStep(moving.name, moving.looked_at, carry_out)]
     found = diagnose(case, datetime.now(UTC), motions)
     return CheckAnswer(check_out(found, measured), on_bench, failure)
 

@@ -32,7 +32,7 @@ from palpate.drivers.tactile import (
 )
 from palpate.drivers.transport import has_baudrate
 from palpate.rig.arrays import array_of, array_plugin
-from palpate.rig.diagnostics.steps import Device, DiagnosisCase, name_array
+from palpate.rig.diagnostics.steps import DiagnosisCase, NamedDevice, name_array
 
 _MIN_RATE_SHARE = 0.95  # of the wanted rate: arrays have clocks of their own
 _MAX_LOST_SHARE = 0.005
@@ -89,7 +89,7 @@ class ExaminedArray:
     broken: str | None = None
 
     @property
-    def device(self) -> Device:
+    def device(self) -> NamedDevice:
         """The array as findings call it."""
         return name_array(self.spec)
 

@@ -9,9 +9,9 @@ from palpate.drivers.dynamixel import ALL_IDS, Bus, DamagedAnswer, FoundServo, N
 from palpate.rig.diagnostics.readings import AnsweringServos, Readings
 from palpate.rig.diagnostics.servo_bus import RigServo, baudrates_to_try, list_servos
 from palpate.rig.diagnostics.steps import (
-    Device,
     DiagnosisCase,
     Judgement,
+    NamedDevice,
     join_words,
     name_servo,
     name_together,
@@ -196,10 +196,10 @@ def _model(item: FoundServo) -> str:
     return model_name(item.ping) or f"model number {item.ping.model_number}"
 
 
-def _named(servo: RigServo) -> Device:
+def _named(servo: RigServo) -> NamedDevice:
     return name_servo(servo.owner, servo.dxl_id)
 
 
-def _named_together(servos: Sequence[RigServo]) -> Device:
+def _named_together(servos: Sequence[RigServo]) -> NamedDevice:
     devices = [_named(servo) for servo in servos]
     return name_together(join_words([item.name for item in devices]), devices)

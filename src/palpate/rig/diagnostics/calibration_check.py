@@ -51,9 +51,9 @@ from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.servo_bus import list_servos
 from palpate.rig.diagnostics.steps import (
     NOTHING_TO_DO,
-    Device,
     DiagnosisCase,
     Judgement,
+    NamedDevice,
     join_words,
     warning,
     wrong,
@@ -97,7 +97,7 @@ def _judge_slide(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> Fi
     allowed_a, dxl_id = spec.slide.friction_a, spec.slide.dxl_id
     more_n = slide_force_n(spec.slide, allowed_a - measured_a)
     left_n = rig.closing.max_force_n + more_n
-    device = Device(f"finger {spec.name}", (dxl_id,))
+    device = NamedDevice(f"finger {spec.name}", (dxl_id,))
     if more_n > 0:
         return warning(
             Cause.FRICTION,
@@ -284,7 +284,7 @@ def judge_touch(rig: RigFile, found: Retouch) -> Judgement:
     return f"{touch.touches} touches differ by {saw}", findings
 
 
-CALIBRATION = Device("calibration")
+CALIBRATION = NamedDevice("calibration")
 
 
 def need_calibrated_device(case: DiagnosisCase, readings: Readings) -> str | None:
@@ -339,7 +339,7 @@ def _exchanged(
         return [
             wrong(
                 Cause.ARRAYS_SWAPPED,
-                Device(join_words([f"array {name}" for name in swapped]), arrays=tuple(swapped)),
+                NamedDevice(join_words([f"array {name}" for name in swapped]), arrays=tuple(swapped)),
                 "each answers on a port on which another finger's array was calibrated: "
                 + join_words([f"finger {name} has that of {owner}" for name, owner in swapped.items()]),
                 "cables were plugged in crosswise, or ports have other names since; a contact would count as "

@@ -90,7 +90,7 @@ from palpate.rig.diagnostics.steps import (
     NOTHING_TO_DO,
     DiagnosisCase,
     Judgement,
-    Motion,
+    MotionStep,
     join_words,
     name_flag,
 )
@@ -256,7 +256,7 @@ class Diagnosis:
         return f"{join_words(alike)}: {first.next}"
 
 
-def diagnose(case: DiagnosisCase, now: datetime, motions: Sequence[Motion] = ()) -> Diagnosis:
+def diagnose(case: DiagnosisCase, now: datetime, motions: Sequence[MotionStep] = ()) -> Diagnosis:
     """Examine a set-up, then carry out the motions, only if nothing is wrong.
 
     Failures of devices are findings. Raises what the motions raise.

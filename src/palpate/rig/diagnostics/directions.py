@@ -13,7 +13,7 @@ from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.dynamixel import Servo, ServoMover
 from palpate.drivers.slide_kinematics import SlideKinematics
 from palpate.rig.bench import BenchRig
-from palpate.rig.diagnostics.steps import Device, Judgement, Motion, name_servo, wrong
+from palpate.rig.diagnostics.steps import Judgement, MotionStep, NamedDevice, name_servo, wrong
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.fingers import HostFinger
 from palpate.rig.motion.guarded_approach import retract_all
@@ -139,7 +139,7 @@ def _move_joint(
     )
 
 
-def directions_step(examine: Callable[[], Judgement] | None) -> Motion:
+def directions_step(examine: Callable[[], Judgement] | None) -> MotionStep:
     """The step that moves joints: `examine` connects and calls `examine_directions`; None if not asked for.
 
     If it raises InputError the step is skipped for that reason.
@@ -154,11 +154,11 @@ def directions_step(examine: Callable[[], Judgement] | None) -> Motion:
         except DeviceError as error:
             means = "a motion did not end where it should; torque is off"
             do = "see what holds the finger, with the supply off"
-            found = wrong(Cause.MOTION_FAILED, Device("fingers"), str(error), means, do)
+            found = wrong(Cause.MOTION_FAILED, NamedDevice("fingers"), str(error), means, do)
             return "a motion failed", [found]
 
     looked = "moved each joint a little, and asked which way the tip went"
-    return Motion("directions", looked, _NOT_ALLOWED if examine is None else carry_out)
+    return MotionStep("directions", looked, _NOT_ALLOWED if examine is None else carry_out)
 
 
 _NOT_ALLOWED = "fingers move for it only if asked to: palpate doctor --move"

@@ -19,7 +19,7 @@ from palpate.drivers.tactile import ContactPatch
 from palpate.recognizer import FingerApproach, approach_lines, offset_from_lines
 from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
 from palpate.rig.diagnostics.readings import Readings
-from palpate.rig.diagnostics.steps import Device, DiagnosisCase, Judgement, warning
+from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, NamedDevice, warning
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -137,7 +137,7 @@ def judge_hold(rig: RigFile, found: HoldCheckOut) -> Judgement:
         findings.append(
             warning(
                 Cause.PART_SLIDES,
-                Device("the rig file"),
+                NamedDevice("the rig file"),
                 f"it declares part_holds_n = {declared:g} N, and this part was only certain to hold "
                 f"{found.part_holds_n:g} N",
                 "parts may move under touches that are taken for harmless",
@@ -193,7 +193,7 @@ def _harder_than_allowed(rig: RigFile, expected: TouchForceOut) -> FindingOut | 
 
 
 def _too_hard(saw: str, means: str, do: str) -> FindingOut:
-    return warning(Cause.TOUCH_TOO_HARD, Device("touches"), saw, means, do)
+    return warning(Cause.TOUCH_TOO_HARD, NamedDevice("touches"), saw, means, do)
 
 
 def _locate_part(hand: Hand, reach: Reach) -> list[Touch]:

@@ -24,7 +24,7 @@ from palpate.drivers.dynamixel import (
     read_health,
 )
 from palpate.drivers.transport import Clock
-from palpate.rig.diagnostics.steps import Device, DiagnosisCase, name_servo
+from palpate.rig.diagnostics.steps import DiagnosisCase, NamedDevice, name_servo
 from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problem
 
 LOOP_S = 1.0
@@ -89,7 +89,7 @@ class ExaminedServo:
     unable: bool = False
 
     @property
-    def device(self) -> Device:
+    def device(self) -> NamedDevice:
         """The servo as findings call it."""
         return name_servo(self.owner, self.dxl_id)
 

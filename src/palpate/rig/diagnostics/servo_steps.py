@@ -11,9 +11,9 @@ from palpate.rig.diagnostics.servo_examination import ExaminedServo, ExaminedSer
 from palpate.rig.diagnostics.steps import (
     BUS,
     NOTHING_TO_DO,
-    Device,
     DiagnosisCase,
     Judgement,
+    NamedDevice,
     join_words,
     name_flag,
     name_together,
@@ -381,7 +381,7 @@ def judge_zeros(case: DiagnosisCase, readings: Readings) -> Judgement:
     findings = [
         wrong(
             Cause.ZERO_OFF,
-            Device(f"finger {name}", ids[name]),
+            NamedDevice(f"finger {name}", ids[name]),
             problem.partition("; ")[0],
             "it was pushed there by hand, or zeros in the rig file are off",
             problem.partition("; ")[2],
@@ -405,7 +405,7 @@ def _nominal(item: ExaminedServo) -> float:
     return low if found is None else found.nominal_v
 
 
-def _together(items: Sequence[ExaminedServo]) -> Device:
+def _together(items: Sequence[ExaminedServo]) -> NamedDevice:
     if len(items) == 1:
         return items[0].device
     name = f"servos {join_words([str(item.dxl_id) for item in items])}"

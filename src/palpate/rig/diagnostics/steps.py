@@ -50,7 +50,7 @@ class DiagnosisCase:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionStep:
     """A step for which fingers move, once nothing else is wrong: what it does, or why it was not asked for.
 
     What it does ends in a judgement, or in the reason why it was not done.
@@ -62,7 +62,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
+class NamedDevice:
     """A device or several in words, with the ids of servos and names of arrays among them."""
 
     name: str
@@ -70,44 +70,44 @@ class Device:
     arrays: tuple[str, ...] = ()
 
 
-BUS = Device("the servos' bus")
+BUS = NamedDevice("the servos' bus")
 
 
-def name_servo(owner: str, dxl_id: int) -> Device:
+def name_servo(owner: str, dxl_id: int) -> NamedDevice:
     """A servo as findings call it."""
-    return Device(f"servo {dxl_id} ({owner})", (dxl_id,))
+    return NamedDevice(f"servo {dxl_id} ({owner})", (dxl_id,))
 
 
-def name_array(spec: FingerConfig) -> Device:
+def name_array(spec: FingerConfig) -> NamedDevice:
     """A finger's array as findings call it."""
-    return Device(f"array {spec.name}", arrays=(spec.name,))
+    return NamedDevice(f"array {spec.name}", arrays=(spec.name,))
 
 
-def name_port(rig: RigFile, port: str) -> Device:
+def name_port(rig: RigFile, port: str) -> NamedDevice:
     """A port of the rig file, with what hangs on it."""
     arrays = tuple(finger.name for finger in rig.fingers if finger.array.port == port)
     user = f"array {arrays[-1]}" if arrays else BUS.name
-    return Device(f"port {port} ({user})", arrays=arrays)
+    return NamedDevice(f"port {port} ({user})", arrays=arrays)
 
 
-def name_together(name: str, devices: Iterable[Device]) -> Device:
+def name_together(name: str, devices: Iterable[NamedDevice]) -> NamedDevice:
     """Several devices by a name of their own."""
     found = tuple(devices)
     servos = tuple(dxl_id for item in found for dxl_id in item.servos)
-    return Device(name, servos, tuple(array for item in found for array in item.arrays))
+    return NamedDevice(name, servos, tuple(array for item in found for array in item.arrays))
 
 
-def wrong(cause: Cause, device: Device, saw: str, means: str, do: str) -> FindingOut:
+def wrong(cause: Cause, device: NamedDevice, saw: str, means: str, do: str) -> FindingOut:
     """A finding with which the rig cannot be worked."""
     return _finding(cause, Severity.WRONG, device, (saw, means, do))
 
 
-def warning(cause: Cause, device: Device, saw: str, means: str, do: str) -> FindingOut:
+def warning(cause: Cause, device: NamedDevice, saw: str, means: str, do: str) -> FindingOut:
     """A finding with which it can."""
     return _finding(cause, Severity.WARNING, device, (saw, means, do))
 
 
-def _finding(cause: Cause, severity: Severity, device: Device, said: tuple[str, str, str]) -> FindingOut:
+def _finding(cause: Cause, severity: Severity, device: NamedDevice, said: tuple[str, str, str]) -> FindingOut:
     saw, means, do = said
     return FindingOut(
         cause=cause,
@@ -125,7 +125,7 @@ def port_failed(case: DiagnosisCase, failure: str) -> Judgement:
     """The bus's port, which was there, has failed."""
     means = "the adapter broke off while it was used"
     do = "plug the adapter in directly, without a hub, and run this again"
-    found = wrong(Cause.PORT_UNUSABLE, Device(f"port {case.rig.bus.port}"), failure, means, do)
+    found = wrong(Cause.PORT_UNUSABLE, NamedDevice(f"port {case.rig.bus.port}"), failure, means, do)
     return "the port failed", [found]
 
 
