@@ -142,8 +142,7 @@ def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
     """
     refuse_pads(
         rig,
-        "pads cannot be calibrated: measure the rig by hand and state its bounds (docs/rig-file.md, "
-        "Measuring a rig with pads)",
+        "pads cannot be calibrated: measure the rig by hand and state its bounds (docs/pads.md)",
     )
     found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
     if not found:

@@ -205,7 +205,7 @@ heading_deg = 2.0
 """
 
 _BOUNDS_BY_HAND = """
-[fingers.bounds]                # MEASURE, by hand: docs/rig-file.md, Measuring a rig with pads
+[fingers.bounds]                # MEASURE, by hand: docs/pads.md
 base_mm = 2.0
 heading_deg = 2.0
 """

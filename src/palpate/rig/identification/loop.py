@@ -363,7 +363,7 @@ def check_accuracy(rig: RigFile, file: str | None) -> None:
         if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
             size = "half its pad's width" if finger.tip.is_pad else "its tip's radius"
             remedy = (
-                "measure it more finely (docs/rig-file.md, Measuring a rig with pads), and narrow its bounds"
+                "measure it more finely (docs/pads.md), and narrow its bounds"
                 if has_pads(rig)
                 else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
                 "if they hold"

@@ -115,7 +115,7 @@ def with_motion(rig: RigFile, objects: ObjectsFile, motion: PartMotion) -> tuple
         if rig.emulation is None:
             raise InputError(
                 f'rig "{rig.name}" describes real devices, and nothing of parts that move; add [emulation] '
-                "with [emulation.part] (docs/rig-file.md), or let parts lie still"
+                "with [emulation.part] (docs/emulated-rig.md), or let parts lie still"
             )
         part = rig.emulation.part or EmulatedPartConfig(engine="quasi-static")
         return _with_part(rig, part.model_copy(update={"engine": "quasi-static"})), objects
