@@ -477,7 +477,7 @@ def test_a_rig_that_is_not_known_well_is_not_identified_with(
     ended = run_here(["identify", "--rig", rig, "--sessions", rig.parent / "s"], monkeypatch, capsys)
     assert ended.code == 2
     said = " ".join(ended.err.split())
-    assert "may be off by 13.5 mm, more than its tip's radius (5 mm)" in said
+    assert "may be off by 13.5 mm, more than radius_mm (5 mm)" in said
     assert "palpate calibrate --rig" in said
 
 

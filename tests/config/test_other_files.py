@@ -77,7 +77,7 @@ def without(entry: dict[str, Any], *keys: str) -> dict[str, Any]:
 def test_the_length_of_a_tip(tmp_path: Path) -> None:
     (grip,) = load_contacts(write(tmp_path, contacts(TOUCH | {"tip_length": 12.0}, MISS))).grips
     assert [item.tip_length for item in grip.contacts] == [12.0, 0.0]
-    with pytest.raises(InputError, match=r"tip_length.*: is 21: half of that is more than height \(10\)"):
+    with pytest.raises(InputError, match=r"tip_length.*: is 21, too much for a tip at height 10"):
         load_contacts(write(tmp_path, contacts(TOUCH | {"tip_length": 21})))
 
 

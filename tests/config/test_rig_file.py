@@ -129,7 +129,7 @@ bound_deg = 0.02
 CASES = [
     (
         changed(BENCH, "stiffness_n_per_mm", "length_mm = 20.5\nstiffness_n_per_mm"),
-        'fingers[0].tip.length_mm ("f1"): is 20.5: half of that is more than height_mm (10), so the tip '
+        'fingers[0].tip.length_mm ("f1"): is 20.5, too much at height_mm (10): the tip '
         "would reach below the support plane",
     ),
     (
@@ -142,8 +142,7 @@ CASES = [
             "stiffness_n_per_mm",
             "length_mm = 24.0\nstiffness_n_per_mm",
         ),
-        'fingers[0].links.links_height_mm ("a1"): is 30, below the tip\'s upper end (32): half of length_mm '
-        "above height_mm",
+        'fingers[0].links.links_height_mm ("a1"): is 30, below the tip\'s upper end (32, by its length_mm)',
     ),
     (
         changed(BENCH, "dxl_id = 22", "dxl_id = 12"),

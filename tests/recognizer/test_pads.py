@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import TipShape
 from palpate.config import RigFile
 from palpate.recognizer import (
     Approach,

@@ -10,11 +10,11 @@ from shapely import affinity
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import TipShape
 from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
-from palpate.recognizer import Catalogue, Finger, recognise
-from palpate.recognizer.ball_obstacle import ball_obstacle, is_exact
+from palpate.recognizer import Catalogue, Finger, is_exact, recognise
+from palpate.recognizer.ball_obstacle import ball_obstacle
 from palpate.recognizer.tip_obstacle import uncovered_polygons, union_circles
 from support.campaign.sampling import sample
 from support.oracles.kernel import needs_kernel, without_kernel
@@ -224,7 +224,7 @@ def test_a_cone_is_met_where_its_wall_leans_against_the_ball(tolerance: float) -
 
 
 def test_a_ball_has_no_length() -> None:
-    with pytest.raises(InputError, match="a ball has no length"):
+    with pytest.raises(InputError, match="a ball has a radius only"):
         Finger(5.0, 10.0, 3.0, TipShape.BALL)
     assert ball(5.0, 10.0).span_mm == (5.0, 15.0)
 

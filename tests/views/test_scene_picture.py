@@ -354,7 +354,7 @@ def test_of_a_round_part_theta_is_any() -> None:
 
 def test_a_pad_is_a_line_across_its_way() -> None:
     shown = picture()
-    pads = replace(shown, touches=tuple(replace(touch, is_pad=True) for touch in shown.touches))
+    pads = replace(shown, touches=tuple(replace(touch, has_face=True) for touch in shown.touches))
     before, after = (
         [item.attrib for item in ET.fromstring(draw(item)).iter(f"{NS}line")] for item in (shown, pads)
     )
@@ -459,7 +459,7 @@ def test_the_report_lists_the_points(session: Path, points: Sequence[dict[str, A
     assert "approach, and the tip in contact" not in words
 
 
-MARK = TouchMark("f1", 1, (0.0, 80.0), (0.0, 15.0), 5.0, True, is_pad=True, points_mm=((-4.75, 15.0),))
+MARK = TouchMark("f1", 1, (0.0, 80.0), (0.0, 15.0), 5.0, True, has_face=True, points_mm=((-4.75, 15.0),))
 
 
 def test_pictures_mark_where_pads_were_touched() -> None:
@@ -468,7 +468,7 @@ def test_pictures_mark_where_pads_were_touched() -> None:
     assert "approach, pad, and where it was touched" in svg
     assert "approach, and the tip in contact" not in svg
     assert 'stroke-linecap="butt"' in svg, "a miss has swept what its face passed, and no round end"
-    both = draw(replace(pads, touches=(MARK, replace(MARK, finger="f2", is_pad=False, points_mm=()))))
+    both = draw(replace(pads, touches=(MARK, replace(MARK, finger="f2", has_face=False, points_mm=()))))
     assert "approach, pad, and where it was touched" in both
     assert "approach, and the tip in contact" in both
     moved = draw(replace(pads, touches=(replace(MARK, points_mm=((4.75, 15.0),)), *pads.touches[1:])))

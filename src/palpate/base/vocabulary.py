@@ -10,20 +10,8 @@ LEAST_BUDGET = 10_000
 """Units of work for one recognition (docs/recogniser.md, "The work budget")."""
 
 
-LEAST_BALL_SHARE = 0.5
-"""A ball touches parts where its circle is at least this share of its radius: within 60° of its equator."""
-
-
 SESSIONS_FOLDER = "palpate-sessions"
 """In which commands keep the sessions of runs, where they are started."""
-
-
-class TipShape(StrEnum):
-    """Shape of a fingertip: an upright cylinder, a ball or a flat pad (docs/recogniser.md)."""
-
-    CYLINDER = "cylinder"
-    BALL = "ball"
-    PAD = "pad"
 
 
 class RecognitionVerdict(StrEnum):

@@ -56,11 +56,9 @@ def fit_gains(
             f"array {description.unique_id.hex()}: only arrays bent round a cylindrical tip are calibrated "
             "by presses; give the gains of this one in the rig file"
         )
-    if spec.tip.is_ball and not description.emulated:
-        raise InputError(
-            f"finger {spec.name}: gains of an array on a ball are not measured by presses, as its rows do "
-            "not bear even shares; give them in the rig file, and do without a calibration"
-        )
+    why = spec.tip.kind.cannot.get("calibrate taxels")
+    if why is not None and not description.emulated:
+        raise InputError(f"finger {spec.name}: its tip is {spec.tip.kind.with_article}, and {why}")
     full = description.max_count - 0.5 - idle.zero_counts
     used = informative_presses(presses, idle.live, full, idle.noise_counts)
     columns = _fit_columns(used, full, description, idle, spec)

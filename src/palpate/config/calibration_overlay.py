@@ -85,8 +85,8 @@ def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: 
 
     `name`, `rig_name`: what messages call the two files. Raises InputError.
     """
-    pads = any(finger.tip.is_pad for finger in rig.fingers)
-    again = "" if pads else f"calibrate again with `palpate calibrate --rig {rig_name}`, or "
+    by_hand = rig.why_not("calibrate")
+    again = "" if by_hand else f"calibrate again with `palpate calibrate --rig {rig_name}`, or "
     remedy = f"{again}move this file away"
     if file.rig != rig.name:
         raise InputError(

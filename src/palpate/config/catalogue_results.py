@@ -5,7 +5,8 @@ Formats `palpate/import@1`, `palpate/objects-listing@1` and `palpate/objects-che
 
 from typing import Literal
 
-from palpate.base.vocabulary import PushResponse, TipShape
+from palpate.base.tips import TipShape
+from palpate.base.vocabulary import PushResponse
 from palpate.config.result_model import Interval, Out, Rounded
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from palpate.base.tips import TipShape
 from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, Point
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import problem
@@ -41,8 +42,8 @@ class ContactEntry(FileModel):
     touched: Flag
     height: Length = Field(description="Height of the contact above the support plane, mm.")
     tip_radius: Length = Field(description="Radius of the tip, mm; 0 is the point finger.")
-    tip_shape: Literal["cylinder", "ball"] = Field(
-        default="cylinder",
+    tip_shape: TipShape = Field(
+        default=TipShape.CYLINDER,
         description="Shape of the tip: an upright cylinder, or a ball with its equator at `height`.",
     )
     tip_length: Annotated[Length, Field(le=1e4)] = Field(
@@ -90,20 +91,18 @@ class ContactEntry(FileModel):
         return self
 
     def _check_tip(self) -> None:
-        """Refuse a tip that would reach below the support plane, and a ball with a length."""
-        if self.tip_shape == "ball" and self.tip_length:
-            raise problem("is for cylinders; a ball has a radius only", "tip_length")
-        if self.tip_shape == "ball" and self.tip_radius > self.height:
+        """Refuse a tip that reaches below the support plane, or of which contacts in files say too little."""
+        tip = self.tip_shape.tip
+        if (why := tip.cannot.get("plan")) is not None:
+            raise problem(f'is "{self.tip_shape}"; {why}', "tip_shape")
+        if self.tip_length and "length_mm" in tip.lacks:
+            raise problem(tip.lacks["length_mm"], "tip_length")
+        if tip.half_height_mm(self.tip_radius, self.tip_length / 2) > self.height:
+            key = "tip_" + tip.half_height_key.removesuffix("_mm")
             raise problem(
-                f"is {self.tip_radius:g}, more than height ({self.height:g}), "
-                "so the ball would reach below the support plane",
-                "tip_radius",
-            )
-        if self.tip_length > 2 * self.height:
-            raise problem(
-                f"is {self.tip_length:g}: half of that is more than height ({self.height:g}), "
-                "so the tip would reach below the support plane",
-                "tip_length",
+                f"is {getattr(self, key):g}, too much for a {tip.noun} at height {self.height:g}: it would "
+                "reach below the support plane",
+                key,
             )
 
     def _check_travel(self, end: tuple[float, float], *place: str) -> None:

@@ -324,7 +324,7 @@ def _wrong_value(  # noqa: PLR0911 - a table with logic
         return f"is {excerpt(value)}; it {words} {context[key]:g}"
     if kind == "finite_number":
         return f"is {excerpt(value)}; it must be a finite number"
-    if kind == "literal_error":
+    if kind in {"literal_error", "enum"}:
         allowed = str(context["expected"]).replace("'", '"').replace(" or ", ", ")
         return f"is {excerpt(value)}; allowed: {allowed}"
     if kind in {"too_short", "too_long"}:

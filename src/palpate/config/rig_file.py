@@ -16,6 +16,8 @@ from typing import Literal, Self
 import shapely
 from pydantic import Field, model_validator
 
+from palpate.base.errors import InputError
+from palpate.base.tips import Ability
 from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import Place, problem
@@ -164,16 +166,18 @@ def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
 
 
-def check_pads(fingers: Sequence[FingerConfig], holds_n: float | None, drawn: EmulationConfig | None) -> None:
-    """Refuse parts that move under pads: how they do is not known."""
+def check_parts_move(
+    fingers: Sequence[FingerConfig], holds_n: float | None, drawn: EmulationConfig | None
+) -> None:
+    """Refuse parts that move under tips of which it is not known how they move them."""
     for index, finger in enumerate(fingers):
-        if not finger.tip.is_pad:
+        if (why := finger.tip.kind.cannot.get("move parts")) is None:
             continue
-        why = f'is there, and fingers[{index}] ("{finger.name}") has a pad: how pads move parts is not known'
+        text = f'is there, and the tip of fingers[{index}] ("{finger.name}") is a {finger.tip.shape}; {why}'
         if holds_n is not None:
-            raise problem(f"{why}; hold parts down, and leave it out", "search", "part_holds_n")
+            raise problem(text, "search", "part_holds_n")
         if drawn is not None and drawn.part is not None:
-            raise problem(f"{why}; leave it out, so that parts lie still", "emulation", "part")
+            raise problem(text, "emulation", "part")
 
 
 def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
@@ -359,7 +363,7 @@ class RigFile(FileModel):
         check_identities(self.fingers, self.bus, self.stage)
         check_places(self.fingers, self.clear_radius_mm, clearance)
         check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
-        check_pads(self.fingers, self.search.part_holds_n, self.emulation)
+        check_parts_move(self.fingers, self.search.part_holds_n, self.emulation)
         if self.search.check_slips:
             check_stops_known(self.fingers)
         if self.emulation is None:
@@ -382,6 +386,22 @@ class RigFile(FileModel):
     def emulated(self) -> bool:
         """True if the devices are emulated rather than real."""
         return self.emulation is not None
+
+    def why_not(self, ability: Ability) -> str | None:
+        """Reason why the rig cannot do something, by the first tip that cannot; None if it can."""
+        return next(
+            (
+                f"finger {finger.name}: its tip is {finger.tip.kind.with_article}, and {why}"
+                for finger in self.fingers
+                if (why := finger.tip.kind.cannot.get(ability)) is not None
+            ),
+            None,
+        )
+
+    def require(self, ability: Ability) -> None:
+        """Raise InputError with that reason, if there is one."""
+        if (why := self.why_not(ability)) is not None:
+            raise InputError(why)
 
 
 def load_rig(source: Source) -> RigFile:

@@ -23,7 +23,7 @@ from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, registe
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
 from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
-from palpate.config.rig_tips import TipConfig
+from palpate.config.rig_tips import TipConfig, check_keys
 
 PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
@@ -219,37 +219,17 @@ class _MountedFinger(FileModel):
 
     @model_validator(mode="after")
     def _stands_clear(self) -> Self:
-        if self.tip.is_pad and self.array.heading_deg != 0:
-            raise problem(
-                f"is {self.array.heading_deg:g}; a pad looks along the slide (0)", "array", "heading_deg"
-            )
-        if self.tip.is_pad != (self.array.pitch_mm is not None):
-            if self.tip.is_pad:
-                raise problem(
-                    'the key "pitch_mm" is missing: how far apart the columns of a pad\'s array are at most',
-                    "array",
-                )
-            raise problem(f'is for tip.shape = "pad"; the tip is a {self.tip.shape}', "array", "pitch_mm")
+        tip = self.tip.kind
+        check_keys(tip, self.array, "array")
+        check_keys(tip, self.bounds, "bounds")
         pitch_mm, width_mm = self.array.pitch_mm, self.tip.width_mm
         if pitch_mm is not None and width_mm is not None and pitch_mm > width_mm:
             raise problem(f"is {pitch_mm:g}; it is at most tip.width_mm ({width_mm:g})", "array", "pitch_mm")
-        if self.tip.is_pad and self.array.coverage_deg != _COVERAGE_DEG:
+        if self.tip.half_height_mm > self.height_mm:
             raise problem(
-                "is for cylinders and balls; flat arrays cover a pad's face", "array", "coverage_deg"
-            )
-        if self.tip.is_pad and self.bounds.direction_deg is not None:
-            raise problem("is for round tips: pads cannot be calibrated", "bounds", "direction_deg")
-        if self.tip.is_ball and self.tip.radius_mm > self.height_mm:
-            raise problem(
-                f"is {self.tip.radius_mm:g}, more than height_mm ({self.height_mm:g}), "
-                "so the ball would reach below the support plane",
-                *("tip", "radius_mm"),
-            )
-        if self.tip.half_length_mm > self.height_mm:
-            raise problem(
-                f"is {self.tip.length_mm:g}: half of that is more than height_mm ({self.height_mm:g}), "
-                "so the tip would reach below the support plane",
-                *("tip", "length_mm"),
+                f"is {getattr(self.tip, tip.half_height_key):g}, too much at height_mm "
+                f"({self.height_mm:g}): the {tip.noun} would reach below the support plane",
+                *("tip", tip.half_height_key),
             )
         return self
 
@@ -294,12 +274,8 @@ class ArmFingerConfig(_MountedFinger):
 
     @model_validator(mode="after")
     def _bends_one_way(self) -> Self:
-        if self.tip.is_pad:
-            raise problem(
-                'is "pad"; on an arm a pad turns as it travels, and palpate does not know how: '
-                "use a cylinder or a ball, or slides",
-                *("tip", "shape"),
-            )
+        if (why := self.tip.kind.cannot.get("turn on the way")) is not None:
+            raise problem(f'is "{self.tip.shape}"; {why}', "tip", "shape")
         lo, hi = self.elbow.range_deg
         if lo <= 0 <= hi or max(abs(lo), abs(hi)) > 180:
             raise problem(
@@ -314,8 +290,8 @@ class ArmFingerConfig(_MountedFinger):
             )
         if self.span_mm[1] > self.links.links_height_mm:
             raise problem(
-                f"is {self.links.links_height_mm:g}, below the tip's upper end ({self.span_mm[1]:g}): "
-                f"{'radius_mm' if self.tip.is_ball else 'half of length_mm'} above height_mm",
+                f"is {self.links.links_height_mm:g}, below the tip's upper end "
+                f"({self.span_mm[1]:g}, by its {self.tip.kind.half_height_key})",
                 *("links", "links_height_mm"),
             )
         return self

@@ -1,16 +1,14 @@
 """Tip tables of a rig file: the cylinder, ball or pad at a finger's end, in mm and N."""
 
 import math
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from palpate.base.vocabulary import LEAST_BALL_SHARE
+from palpate.base.tips import Tip, TipShape
 from palpate.config.fields import FileModel, Length, Positive
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
-
-_MAX_BALL_BOUND_SHARE = 0.1
 
 
 def _half_of_width(data: dict[str, Any]) -> float:
@@ -18,11 +16,27 @@ def _half_of_width(data: dict[str, Any]) -> float:
     return (data.get("width_mm") or 0.0) / 2
 
 
+def check_keys(tip: Tip, table: FileModel, group: str = "") -> None:
+    """Refuse a table without a key that tips of this shape need, or with one that they lack.
+
+    `group`: of the finger's table, "" for the tip's own. Raises a pydantic error.
+    """
+    place = [group] if group else []
+    for path, why in {**tip.needs, **tip.lacks}.items():
+        of, _, key = path.rpartition(".")
+        if of != group:
+            continue
+        value, is_needed = getattr(table, key), path in tip.needs
+        is_given = bool(value) and value != type(table).model_fields[key].default
+        if is_needed != is_given:
+            raise problem(why, *place, *([] if is_needed else [key]))
+
+
 class TipConfig(FileModel):
     """The fingertip: an upright cylinder, a ball, or a flat pad."""
 
-    shape: Literal["cylinder", "ball", "pad"] = Field(
-        default="cylinder",
+    shape: TipShape = Field(
+        default=TipShape.CYLINDER,
         description="Shape of what touches: an upright cylinder, a ball with its equator at height_mm, or a "
         "pad: an upright flat face across the slide, its middle where the tip is.",
     )
@@ -56,47 +70,26 @@ class TipConfig(FileModel):
     )
 
     @model_validator(mode="after")
-    def _is_there(self) -> Self:
-        if self.is_pad != (self.width_mm is not None):
-            if self.is_pad:
-                raise problem('the key "width_mm" is missing: a pad has that in place of radius_mm')
-            raise problem(f'is for shape = "pad"; a {self.shape} has radius_mm', "width_mm")
-        if self.radius_mm == 0:
-            raise problem('the key "radius_mm" is missing')
-        if self.is_pad and self.radius_mm != _half_of_width({"width_mm": self.width_mm}):
+    def _fits_its_shape(self) -> Self:
+        check_keys(self.kind, self)
+        if self.width_mm is not None and self.radius_mm != self.width_mm / 2:
             raise problem(
-                f"is {self.radius_mm:g}, not half of width_mm ({self.width_mm:g}); leave it out: pads have "
-                "width_mm alone",
+                f"is {self.radius_mm:g}, not half of width_mm ({self.width_mm:g}); leave it out: a "
+                f"{self.shape} has width_mm alone",
                 "radius_mm",
             )
-        if self.is_pad and self.max_friction:
-            raise problem("must be 0 for pads: what friction does to their skin is not known", "max_friction")
+        share, text = self.kind.max_bound_share, f"{self.kind.radius_words} ({self.radius_mm:g})"
         if self.radius_bound_mm >= self.radius_mm:
-            of = "half of width_mm" if self.is_pad else "radius_mm"
-            raise problem(
-                f"is {self.radius_bound_mm:g}, not below {of} ({self.radius_mm:g})", "radius_bound_mm"
-            )
-        if self.is_ball and self.length_mm is not None:
-            raise problem("is for cylinders; a ball has a radius only", "length_mm")
-        if not self.is_ball and self.max_latitude_deg is not None:
-            raise problem("is for balls; others touch at their own radius or width", "max_latitude_deg")
-        if self.is_ball and self.radius_bound_mm > _MAX_BALL_BOUND_SHARE * self.radius_mm:
-            raise problem(
-                f"is {self.radius_bound_mm:g}; that of a ball is at most a tenth of radius_mm "
-                f"({self.radius_mm:g}): beside its equator errors of the radius count more",
-                "radius_bound_mm",
-            )
+            raise problem(f"is {self.radius_bound_mm:g}, not below {text}", "radius_bound_mm")
+        if self.radius_bound_mm > share * self.radius_mm:
+            why = f"is {self.radius_bound_mm:g}; that of a {self.shape} is at most {share:g} of {text}"
+            raise problem(why, "radius_bound_mm")
         return self
 
     @property
-    def is_ball(self) -> bool:
-        """True if it is a ball."""
-        return self.shape == "ball"
-
-    @property
-    def is_pad(self) -> bool:
-        """True if it is a flat pad."""
-        return self.shape == "pad"
+    def kind(self) -> Tip:
+        """Facts of tips of its shape."""
+        return self.shape.tip
 
     @property
     def least_share(self) -> float:
@@ -104,10 +97,8 @@ class TipConfig(FileModel):
 
         A force on the skin there has at least this share aside, and a dent is that share of the way in.
         """
-        if not self.is_ball:
-            return 1.0
         latitude = self.max_latitude_deg
-        return LEAST_BALL_SHARE if latitude is None else math.cos(math.radians(latitude))
+        return self.kind.least_share if latitude is None else math.cos(math.radians(latitude))
 
     @property
     def half_length_mm(self) -> float:
@@ -117,4 +108,4 @@ class TipConfig(FileModel):
     @property
     def half_height_mm(self) -> float:
         """Distance from the tip's middle to its highest and lowest point."""
-        return self.radius_mm if self.is_ball else self.half_length_mm
+        return self.kind.half_height_mm(self.radius_mm, self.half_length_mm)

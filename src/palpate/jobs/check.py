@@ -37,7 +37,6 @@ from palpate.rig.diagnostics.hold_check import check_hold, judge_hold, least_thr
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
 from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, MotionStep, warning
-from palpate.rig.pads import refuse_pads
 from palpate.rig.workers import BackgroundCall
 from palpate.views.doctor import doctor_report
 
@@ -195,7 +194,7 @@ def _references_to_touch(
     on_bench: RigOnBench, references: ReferencesFile | PathLike | None
 ) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
-    refuse_pads(on_bench.rig, "touches are compared with a calibration: pads are measured by hand")
+    on_bench.rig.require("compare touches")
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
         make = f"make it with `palpate calibrate --rig {on_bench.path}`"
         remedy = SHIPPED_RIG if on_bench.path == shipped_rig() else make

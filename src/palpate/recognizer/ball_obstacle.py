@@ -25,7 +25,6 @@ import shapely
 from palpate.base.errors import InputError
 from palpate.base.geometry import Circle, Floats, Polygon, Section
 from palpate.base.geometry.outlines import polygons_of
-from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.minkowski import OrientedRing, oriented_rings
@@ -74,16 +73,6 @@ class _Part:
         return float(self.shape.area + self.shape.length * self.radius_mm + math.pi * self.radius_mm**2)
 
 
-def is_exact(item: CatalogueState, finger: Finger) -> bool:
-    """Whether outlines that a finger meets of a state have no tolerance."""
-    if item.tolerance_mm > 0 or not finger.is_ball:
-        return not item.tolerance_mm > 0
-    if len(item.state.sections_within(finger.span_mm)) < 2:
-        return True
-    met = ball_obstacle(item, finger)
-    return met is None or not met.tolerance_mm > 0
-
-
 def ball_obstacle(item: CatalogueState, finger: Finger) -> BallObstacle | None:
     """What a ball can meet of a state; None where nothing is.
 
@@ -101,7 +90,7 @@ def ball_obstacle(item: CatalogueState, finger: Finger) -> BallObstacle | None:
         return None
     steepest = min(parts, key=lambda part: part.radius_mm)
     least = steepest.radius_mm
-    if least - 2 * item.tolerance_mm < LEAST_BALL_SHARE * finger.tip_radius_mm:
+    if least - 2 * item.tolerance_mm < finger.tip.least_share * finger.tip_radius_mm:
         raise InputError(_steep_text(item, finger, steepest))
     layers = _layers(parts)
     tolerance, bound = _LEAN_TOLERANCES * item.tolerance_mm, item.normal_bound_rad

@@ -15,7 +15,6 @@ import shapely
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints, ObjectModel, Polygon, Section, State
 from palpate.recognizer.angle_pockets import Pockets, conservative_pockets
-from palpate.recognizer.ball_obstacle import is_exact
 from palpate.recognizer.contact import LARGEST_MM, Finger
 from palpate.recognizer.edges import CatalogueState, EdgeSet
 from palpate.recognizer.grown_edges import ROUND_ORDER, outline_set, pairing_set
@@ -23,6 +22,7 @@ from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.preparation import FingerPreparation
 from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrise
+from palpate.recognizer.tip_obstacle import is_exact
 from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 
 _SMALLEST_MM2, _THINNEST_MM = 1e-9, 2e-7

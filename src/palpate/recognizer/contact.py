@@ -10,7 +10,7 @@ from functools import cached_property
 
 from palpate.base.errors import InputError
 from palpate.base.short_repr import ShortRepr
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import Tip, TipShape, tip_of
 
 LARGEST_MM = 1e4
 """No coordinate, radius or bound may be larger: rounding allowances and running times hold up to here."""
@@ -66,39 +66,46 @@ class Finger:
                 f"half the length of a finger's tip must be from 0 to {LARGEST_MM:g} mm, "
                 f"not {self.half_length_mm:g}"
             )
-        if self.is_ball and self.half_length_mm:
-            raise InputError("a ball has no length, only a radius")
+        if self.half_length_mm and "length_mm" in self.tip.lacks:
+            raise InputError(f"the length of a finger's tip {self.tip.lacks['length_mm']}")
 
     @property
-    def is_ball(self) -> bool:
-        """Whether the tip is a ball."""
-        return self.shape == TipShape.BALL
+    def tip(self) -> Tip:
+        """Facts of tips of its shape."""
+        return tip_of(self.shape)
 
     @property
-    def is_pad(self) -> bool:
-        """Whether the tip is a flat pad."""
-        return self.shape == TipShape.PAD
+    def face_half_mm(self) -> float:
+        """Half of the width of the tip's flat face; 0 if it has none."""
+        return self.tip_radius_mm if self.tip.has_face else 0.0
 
     @property
     def face_point(self) -> "Finger":
-        """Any point of a pad's face, as a finger of its own; other tips themselves."""
-        return Finger(0.0, self.height_mm, self.half_length_mm) if self.is_pad else self
+        """Any point of a tip's face, as a finger of its own; tips without a face themselves."""
+        return Finger(0.0, self.height_mm, self.half_length_mm) if self.tip.has_face else self
+
+    @property
+    def touches_vertices(self) -> bool:
+        """True if it is a point, which can rest on a vertex with the normal of either edge there."""
+        return self.tip_radius_mm == 0
+
+    @property
+    def half_height_mm(self) -> float:
+        """Distance from the tip's middle to its lower and upper end."""
+        return self.tip.half_height_mm(self.tip_radius_mm, self.half_length_mm)
 
     @property
     def span_mm(self) -> tuple[float, float]:
         """Heights (from, to) of the tip's lower and upper end."""
-        half = self.tip_radius_mm if self.is_ball else self.half_length_mm
-        return self.height_mm - half, self.height_mm + half
+        return self.height_mm - self.half_height_mm, self.height_mm + self.half_height_mm
 
     def radius_beside_mm(self, z_mm: tuple[float, float]) -> float:
         """Radius of the tip's largest circle at heights (from, to); 0 above it and below."""
         low, high = self.span_mm
         if z_mm[0] > high or z_mm[1] < low:
             return 0.0
-        if not self.is_ball:
-            return self.tip_radius_mm
         away = max(z_mm[0] - self.height_mm, self.height_mm - z_mm[1], 0.0)
-        return math.sqrt(max(self.tip_radius_mm**2 - away**2, 0.0))
+        return self.tip.radius_at_mm(self.tip_radius_mm, away)
 
 
 @dataclass(frozen=True, repr=False)
@@ -190,7 +197,7 @@ class Contact(ShortRepr):
 
     @cached_property
     def _outward_normals(self) -> NormalRange | None:
-        if self.normal is not None and self.finger.tip_radius_mm == 0:
+        if self.normal is not None and self.finger.touches_vertices:
             return self.normal
         cone = math.pi / 2 if self.friction is None else math.atan(self.friction)
         half = min(math.pi, cone + self.direction_bound_rad + 1e-9)

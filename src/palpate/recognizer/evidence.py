@@ -158,7 +158,8 @@ def candidate_touches(
 ) -> CandidateTouches:
     """What may be touched next; `predictions` (n, h) are those of `before`. Pads measure no normals."""
     first = np.zeros(1, np.int64)
-    halves = np.array([math.pi if item.finger.is_pad else normal_half_rad for item in approaches])
+    measures = np.array([item.finger.tip.measures_normal for item in approaches], dtype=bool)
+    halves = np.where(measures, normal_half_rad, math.pi)
     return CandidateTouches(
         _known_touches(before, first), _predicted_touches(before, approaches, halves, predictions, first)
     )

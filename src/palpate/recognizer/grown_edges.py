@@ -23,13 +23,12 @@ from scipy.spatial import cKDTree
 from palpate.base.geometry import Bools, Circle, Floats, Ints, Section
 from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import cross, rotation_matrix
-from palpate.recognizer.ball_obstacle import is_exact
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow, simplify_outline
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
-from palpate.recognizer.tip_obstacle import tip_obstacle, uncovered_circles, union_circles
+from palpate.recognizer.tip_obstacle import is_exact, tip_obstacle, uncovered_circles, union_circles
 from palpate.recognizer.tolerance_band import PairingEdges, ToleranceBand, pairing_edges
 
 ROUND_ORDER = 48

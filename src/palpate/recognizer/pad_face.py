@@ -43,7 +43,7 @@ def face_points(approach: Approach) -> list[Approach]:
             approach.travel_mm,
             approach.position_bound_mm,
         )
-        for left in face_offsets_mm(approach.finger.tip_radius_mm).tolist()
+        for left in face_offsets_mm(approach.finger.face_half_mm).tolist()
     ]
 
 

@@ -102,7 +102,7 @@ def predict(
     for finger in dict.fromkeys(approach.finger for approach in approaches):
         rows = [k for k, approach in enumerate(approaches) if approach.finger == finger]
         some = [approaches[k] for k in rows]
-        met = (_predict_pads if finger.is_pad else _predict_tips)(catalogue, cells, anchor_mm, some)
+        met = (_predict_faces if finger.face_half_mm else _predict_tips)(catalogue, cells, anchor_mm, some)
         for to, value, combine in (
             (found.earliest, met.earliest, np.minimum),
             (found.latest, met.latest, np.maximum),
@@ -123,17 +123,17 @@ def predict(
     )
 
 
-def _predict_pads(
+def _predict_faces(
     catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> Predictions:
-    """The same for pads. No stop is promised but those that points of the face, the evidence, prove."""
+    """The same for flat faces. No stop is promised but those that points of the face, the evidence, prove."""
     points = [point for approach in approaches for point in face_points(approach)]
     latest = _predict_tips(catalogue, cells, anchor_mm, points).latest
     latest = latest.reshape(len(cells), len(approaches), -1).min(axis=2)
     finger = approaches[0].finger
     edges = catalogue.outlines(finger.face_point)
     rays = rays_of(edges, cells, anchor_mm, approaches)
-    first, last = strip_extents(edges, rays, finger.tip_radius_mm + rays.rho)
+    first, last = strip_extents(edges, rays, finger.face_half_mm + rays.rho)
     first, last, rho = (each.reshape(latest.shape) for each in (first, last, rays.rho))
     return Predictions(
         np.maximum(first - rho, 0.0),
@@ -155,7 +155,7 @@ def _predict_tips(
     rays = rays_of(edges, cells, anchor_mm, approaches)
     lean = np.array([2 * item.position_bound_mm / max(item.travel_mm, 1e-9) for item in approaches])
     lean = np.pi / 2 + np.maximum(_LEAST_LEAN_RAD, np.arcsin(np.minimum(lean, 1.0)))
-    if approaches[0].finger.tip_radius_mm == 0:
+    if approaches[0].finger.touches_vertices:
         lean = np.full(len(approaches), np.pi)  # on a vertex, the normal of either edge there
     against = np.array([item.direction_rad + np.pi for item in approaches])
     row, column = np.divmod(np.arange(len(rays)), len(approaches))

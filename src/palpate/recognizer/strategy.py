@@ -83,7 +83,7 @@ def used_approaches(contacts: Sequence[Contact], candidates: Sequence[FingerAppr
     A pad does if both ends of its face run along paths.
     """
     start, angle = approach_lines(candidates)
-    half = np.array([item.finger.tip_radius_mm if item.finger.is_pad else 0.0 for item in candidates])
+    half = np.array([item.finger.face_half_mm for item in candidates])
     left, right = np.zeros((2, len(candidates)), dtype=bool)
     for contact in contacts:
         same = np.array([item.finger.face_point == contact.finger for item in candidates], dtype=bool)

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Circle, Floats, Polygon, Section
+from palpate.base.tips import TipShape, implementation_for
 from palpate.recognizer.ball_obstacle import ball_obstacle
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
@@ -43,10 +44,11 @@ def tip_obstacle(item: CatalogueState, finger: Finger, covered_mm: float | None 
 
     Left out is what others are certain to cover if outlines are within `covered_mm`; None: the tolerance.
     """
-    if finger.is_pad:
-        raise ValueError("sections are met by points of a pad's face (Finger.face_point), not by the pad")
-    if finger.is_ball:
-        return _obstacle_of_ball(item, finger)
+    obstacle = implementation_for(finger.shape, _OBSTACLES, "what it meets of a part's sections")
+    return obstacle(item, finger, covered_mm)
+
+
+def _obstacle_of_column(item: CatalogueState, finger: Finger, covered_mm: float | None) -> TipObstacle | None:
     met = item.state.sections_within(finger.span_mm)
     if not met:
         return None
@@ -58,7 +60,7 @@ def tip_obstacle(item: CatalogueState, finger: Finger, covered_mm: float | None 
     return TipObstacle(((section, radius),), section, radius, item.tolerance_mm, item.normal_bound_rad, along)
 
 
-def _obstacle_of_ball(item: CatalogueState, finger: Finger) -> TipObstacle | None:
+def _obstacle_of_ball(item: CatalogueState, finger: Finger, _covered_mm: float | None) -> TipObstacle | None:
     ball = ball_obstacle(item, finger)
     if ball is None:
         return None
@@ -70,6 +72,29 @@ def _obstacle_of_ball(item: CatalogueState, finger: Finger) -> TipObstacle | Non
         ball.normal_bound_rad,
         len(ball.even) > 1,
     )
+
+
+def _obstacle_of_face(
+    _item: CatalogueState, _finger: Finger, _covered_mm: float | None
+) -> TipObstacle | None:
+    raise ValueError("sections are met by points of a pad's face (Finger.face_point), not by the pad")
+
+
+_OBSTACLES = {
+    TipShape.CYLINDER: _obstacle_of_column,
+    TipShape.BALL: _obstacle_of_ball,
+    TipShape.PAD: _obstacle_of_face,
+}
+
+
+def is_exact(item: CatalogueState, finger: Finger) -> bool:
+    """Return whether outlines that a finger meets of a state have no tolerance."""
+    if item.tolerance_mm > 0 or finger.tip.is_upright:
+        return not item.tolerance_mm > 0
+    if len(item.state.sections_within(finger.span_mm)) < 2:
+        return True
+    met = tip_obstacle(item, finger)
+    return met is None or not met.tolerance_mm > 0
 
 
 def uncovered_polygons(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[Polygon, ...]:

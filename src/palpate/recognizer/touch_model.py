@@ -74,11 +74,11 @@ def touch_outcomes(
         point = finger.face_point
         edges, strips = catalogue.outlines(point), catalogue.outline_strips(point)
         aside = _margin(edges, rays)
-        if finger.is_pad:
-            first, _ = strip_extents(edges, rays, finger.tip_radius_mm)
+        if finger.face_half_mm:
+            first, _ = strip_extents(edges, rays, finger.face_half_mm)
             travel[rows] = first.reshape(len(poses), len(rows)).T
             normal[rows] = np.array([[approaches[k].direction_rad + np.pi] for k in rows])
-            margin[rows] = aside.reshape(len(poses), len(rows)).T + finger.tip_radius_mm
+            margin[rows] = aside.reshape(len(poses), len(rows)).T + finger.face_half_mm
             continue
         crossing = np.flatnonzero(aside > 0)
         at, edge = _first_crossing(edges, strips, rays.select(crossing))

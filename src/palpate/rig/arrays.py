@@ -23,7 +23,6 @@ from palpate.drivers.tactile import (
 )
 from palpate.drivers.transport import Clock
 from palpate.rig.conversion import measured_force_share
-from palpate.rig.pads import has_pads
 
 ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
 
@@ -102,7 +101,7 @@ def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> 
 
 def pad_problem(spec: FingerConfig, description: Description) -> str | None:
     """Why an array does not show where along a pad's face it is touched; None if it does, or is on no pad."""
-    if not spec.tip.is_pad:
+    if not spec.tip.kind.has_face:
         return None
     if description.shape is not Shape.FLAT or description.cols < 2:
         return "its tip is a pad, and the array is not flat, of two columns or more"
@@ -137,7 +136,7 @@ def _height_problem(description: Description, length_mm: float | None) -> str | 
 
 def shape_warning(spec: FingerConfig, description: Description) -> str | None:
     """What is odd about a flat array on a tip that is no pad; None if there is nothing."""
-    if spec.tip.is_pad or description.shape is not Shape.FLAT:
+    if spec.tip.kind.has_face or description.shape is not Shape.FLAT:
         return None
     return (
         f"it is flat, and its tip is declared a {spec.tip.shape}: if the flat face is what touches, declare "
@@ -154,7 +153,7 @@ def threshold_problem(
     """
     least = extractor.least_force_n
     hidden_n = extractor.spread_hidden_n(_SEARCH_S)
-    if tip is not None and tip.is_pad and closing.contact_force_n < hidden_n:
+    if tip is not None and tip.kind.has_face and closing.contact_force_n < hidden_n:
         return (
             f"its noise and drift may hide {hidden_n:.2g} N that press evenly on all of the "
             f"pad, more than contact_force_n = {closing.contact_force_n:g} N; raise that"
@@ -190,7 +189,7 @@ def _apparent_stiffness(tip: TipConfig) -> tuple[float, float]:
     Beside its equator a ball shows the wider patterns of a softer cylinder: the circle that touches is
     smaller by some share, and dented more by the same share.
     """
-    if not tip.is_ball:
+    if tip.least_share == 1.0:
         return tip.stiffness_n_per_mm, tip.stiffness_spread
     low = (1 - tip.stiffness_spread) * tip.least_share**2
     high = 1 + tip.stiffness_spread
@@ -217,7 +216,7 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
         return alike
     gain = np.array(taxels.gain)
     if gain.shape != shape:
-        remedy = "" if has_pads(rig) else "calibrate this finger again, or "
+        remedy = "" if rig.why_not("calibrate") else "calibrate this finger again, or "
         raise InputError(
             f"finger {spec.name}: array.taxels are {gain.shape[0]} x {gain.shape[1]} and the array has "
             f"{shape[0]} x {shape[1]}; {remedy}leave array.taxels out"

@@ -7,7 +7,6 @@ and what arrays do not notice.
 import math
 
 from palpate.base.errors import InputError
-from palpate.base.vocabulary import TipShape
 from palpate.config import (
     ArmFingerConfig,
     ClosingConfig,
@@ -48,9 +47,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
             contacts.append(
                 Contact(
                     name=entry.finger,
-                    finger=Finger(
-                        entry.tip_radius, entry.height, entry.tip_length / 2, TipShape(entry.tip_shape)
-                    ),
+                    finger=Finger(entry.tip_radius, entry.height, entry.tip_length / 2, entry.tip_shape),
                     touched=entry.touched,
                     start_mm=entry.approach.start,
                     end_mm=end,
@@ -67,7 +64,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 def finger_of(finger: FingerConfig) -> Finger:
     """What of a finger decides which grown section it meets."""
     tip = finger.tip
-    return Finger(tip.radius_mm, finger.height_mm, tip.half_length_mm, TipShape(tip.shape))
+    return Finger(tip.radius_mm, finger.height_mm, tip.half_length_mm, tip.shape)
 
 
 def line_of(approach: Approach) -> Line:
@@ -145,12 +142,12 @@ def tip_bound_mm(finger: FingerConfig) -> float:
     """How much further off than its centre the tip's surface may be: what its radius may be off."""
     # What a calibration finds of the place is of the surface: touches show nothing else.
     tip = finger.tip
-    if tip.is_pad:
+    if tip.kind.has_face:
         return 0.0  # its face is where the tip is, however wide it is
     found = 0.0 if finger.bounds.position_mm is None else tip.radius_bound_mm
-    if not tip.is_ball:
+    if tip.least_share == 1.0:
         return tip.radius_bound_mm - found
-    # The circle that touches is off by more than the ball is, and calibration touches at the equator.
+    # A smaller circle that touches is off by more than the tip is, and calibration touches at the equator.
     least, off = tip.least_share * tip.radius_mm, tip.radius_bound_mm
     away = math.sqrt(tip.radius_mm**2 - least**2)
     return least - math.sqrt(max((tip.radius_mm - off) ** 2 - away**2, 0.0)) - found
@@ -199,7 +196,7 @@ def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     Pads are refused whose arrays may miss more than the threshold, spread over the whole face
     (`threshold_problem`); both may be read too low by what gains may be off.
     """
-    read_share = 1 - finger.array.gain_spread if finger.tip.is_pad else 1.0
+    read_share = 1 - finger.array.gain_spread if finger.tip.kind.has_face else 1.0
     return undetected_force_n(closing) / read_share / softest_n_per_mm(finger.tip)
 
 
@@ -250,7 +247,7 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     deepest = (force + unsure) / softest_n_per_mm(tip)
     shallowest = max(force - unsure, 0.0) / stiffest
     bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
-    if tip.is_pad:
+    if tip.kind.has_face:
         return pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
     return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
 
@@ -274,7 +271,7 @@ def resolution_of(rig: RigFile) -> Resolution:
         x, y = finger.base_mm
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
-        if finger.tip.is_pad:
+        if finger.tip.kind.has_face:
             dent = pad_place_bound_mm(finger, dent)
         servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
         bent = deflection_mm(finger, rig.closing.contact_force_n)

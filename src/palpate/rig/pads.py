@@ -1,4 +1,4 @@
-"""Pads: what points of a pad's face met, and what palpate does not do with pads.
+"""Pads: what points of a pad's face met.
 
 A pad that was touched gives contacts of points, where something certainly pressed, and the free ways of all
 points that stand for its face (docs/recogniser.md, "A pad"). Left is along the face, seen along the travel;
@@ -6,38 +6,11 @@ names say how far to the left of its middle points are.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from palpate.base.errors import InputError
-from palpate.base.geometry import ObjectModel
-from palpate.config import RigFile, TipConfig
+from palpate.config import TipConfig
 from palpate.drivers.tactile import ContactPatch
 from palpate.recognizer import Contact, Finger, NormalRange, face_offsets_mm, point_to_left
-
-
-def has_pads(rig: RigFile) -> bool:
-    """Whether some finger has a pad: such a rig is measured by hand, and not calibrated."""
-    return any(finger.tip.is_pad for finger in rig.fingers)
-
-
-def refuse_pads(rig: RigFile, why: str) -> None:
-    """Raise InputError that names the first finger with a pad, and says why not; nothing for other rigs."""
-    for finger in rig.fingers:
-        if finger.tip.is_pad:
-            raise InputError(f"finger {finger.name}: its tip is a pad, and {why}")
-
-
-def refuse_parts_that_move(rig: RigFile, models: Sequence[ObjectModel]) -> None:
-    """Raise InputError for objects of which it is declared that fingers move them, on a rig with pads."""
-    moved = [model.name for model in models if model.holds_n is not None]
-    if moved:
-        refuse_pads(
-            rig,
-            f'object "{moved[0]}" declares part_holds_n, and how pads move parts is not known: hold parts '
-            "down, and leave that out",
-        )
-
 
 _MIN_SPACING_MM = 2.5  # places that are nearer say little beside each other
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
 from palpate.base.geometry.plane import rotation_matrix
+from palpate.base.tips import TipShape
 from palpate.config import RigFile
 from palpate.config.recognition_results import HypothesisOut, InterpretationOut, RecognitionOut, StatisticsOut
 from palpate.recognizer import Contact, Hypothesis, MemoCounts, Recognition
@@ -91,7 +92,7 @@ def _contact(contact: Contact) -> dict[str, object]:
     }
     if contact.finger.half_length_mm:
         entry["tip_length"] = 2 * contact.finger.half_length_mm
-    if contact.finger.is_ball:
+    if contact.finger.shape is not TipShape.CYLINDER:
         entry["tip_shape"] = str(contact.finger.shape)
     if contact.path_bound_mm is not None:
         entry["path_bound"] = contact.path_bound_mm
@@ -142,7 +143,7 @@ def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> v
         contact.finger.tip_radius_mm,
         contact.touched,
         None if normal is None else (normal.lo_rad, normal.hi_rad),
-        contact.finger.is_pad,
+        contact.finger.tip.has_face,
         tuple(point.end_mm for point in points),
     )
 

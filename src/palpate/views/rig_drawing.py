@@ -125,7 +125,7 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
     way = {"stroke_width": 3.0} if is_slide else {"stroke_width": LINE, "stroke_dasharray": "2 3"}
     yield element("line", x1=x, y1=y, x2=tip[0], y2=tip[1], stroke=INK, **way)
-    if finger.tip.is_pad:
+    if finger.tip.kind.has_face:
         across = radius * np.array([math.sin(heading), math.cos(heading)])
         (x1, y1), (x2, y2) = tip - across, tip + across
         yield element("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=TIP, stroke_width=4.0)
@@ -186,14 +186,9 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
             moves = f", {ways[name]}"
         yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves}"
     yield f"array: {finger.array.port}"
-    long = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm long"
-    what = "ball" if finger.tip.is_ball else "tip"
-    place = f"its middle {finger.height_mm:g} mm above the table"
-    if finger.tip.is_pad:
-        high = "" if finger.tip.length_mm is None else f" and {finger.tip.length_mm:g} mm high"
-        yield f"pad: {finger.tip.width_mm:g} mm wide{high}, {place}"
-        return
-    yield f"{what}: radius {finger.tip.radius_mm:g} mm{long}, {place}"
+    high = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm high"
+    size = f"{finger.tip.kind.noun} {finger.tip.kind.size_text(finger.tip.radius_mm)}{high}"
+    yield f"{size}, its middle {finger.height_mm:g} mm above the table"
 
 
 def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
@@ -217,7 +212,7 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
             y=middle - half,
             width=2 * radius,
             height=2 * half,
-            rx=radius if finger.tip.is_ball else 2,
+            rx=2 if finger.tip.kind.is_upright else radius,
             fill=TIP_FILL,
             stroke=TIP,
             stroke_width=LINE,

@@ -15,7 +15,7 @@ from shapely import affinity
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import TipShape
 from palpate.cad.planar_congruence import PlanarMotion, stack_distance_mm
 from palpate.config import load_objects, load_rig
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers, finger_heights_text, rig_fingers

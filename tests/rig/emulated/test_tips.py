@@ -11,7 +11,8 @@ import pytest
 import shapely
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.base.vocabulary import IdentificationVerdict, PartMotion, TipShape
+from palpate.base.tips import TipShape
+from palpate.base.vocabulary import IdentificationVerdict, PartMotion
 from palpate.config import RigFile, load_contacts, load_rig
 from palpate.drivers.emulators.bench import facing_row_shares
 from palpate.drivers.emulators.part import IN_PLACE
@@ -72,7 +73,7 @@ def test_an_emulated_ball_stops_where_the_solid_does(seed: int) -> None:
     radius = float(rng.choice([3.0, 6.0]))
     height = float(rng.uniform(radius, stack.top_mm + 0.5 * radius))
     model = model_of(stack)
-    found = outline_at(Placement(model, model.states[0], 0.0, 0.0, 0.0), height, 0.0, radius)
+    found = outline_at(Placement(model, model.states[0], 0.0, 0.0, 0.0), height, 0.0, radius, TipShape.BALL)
     triangles, stopped = triangles_of(stack), 0
     for _ in range(12):
         angle = float(rng.uniform(-math.pi, math.pi))
@@ -90,7 +91,7 @@ def test_an_emulated_ball_stops_where_the_solid_does(seed: int) -> None:
 
 def test_beside_its_equator_a_ball_presses_less_aside() -> None:
     model = model_of(LOW)
-    outline = outline_at(Placement(model, model.states[0], 0.0, 0.0, 0.0), 11.0, 0.0, 5.0)
+    outline = outline_at(Placement(model, model.states[0], 0.0, 0.0, 0.0), 11.0, 0.0, 5.0, TipShape.BALL)
     assert outline is not None
     assert outline.disc_mm == pytest.approx(4.0)
     middle = (outline.start[0] + outline.end[0]) / 2
@@ -129,8 +130,8 @@ def test_the_rig_files_ball_is_the_recognisers() -> None:
     ("changes", "message"),
     [
         ({"length_mm": 12.0}, "a ball has a radius only"),
-        ({"radius_mm": 12.0}, r"is 12, more than height_mm \(10\)"),
-        ({"radius_bound_mm": 0.7}, "at most a tenth of radius_mm"),
+        ({"radius_mm": 12.0}, r"is 12, too much at height_mm \(10\)"),
+        ({"radius_bound_mm": 0.7}, "at most 0.1 of radius_mm"),
         ({"shape": "cylinder", "max_latitude_deg": 20.0}, "is for balls"),
     ],
 )
@@ -188,7 +189,10 @@ def test_contacts_of_balls_in_files(tmp_path: Path) -> None:
         "approach": {"direction": math.pi, "start": [80.0, 0.0]},
     }
     path = tmp_path / "contacts.json"
-    for change, message in ({"tip_length": 4.0}, "a radius only"), ({"tip_radius": 11.0}, "more than height"):
+    for change, message in (
+        ({"tip_length": 4.0}, "a radius only"),
+        ({"tip_radius": 11.0}, "too much for a ball"),
+    ):
         path.write_text(_contacts(touch | change), encoding="utf-8")
         with pytest.raises(InputError, match=message):
             load_contacts(path)

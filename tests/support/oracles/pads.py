@@ -9,7 +9,7 @@ import shapely
 from shapely import affinity
 
 from palpate.base.geometry import Floats
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import TipShape
 from palpate.config import TipConfig
 from palpate.drivers.emulators.pad import PadFace
 from palpate.drivers.emulators.part import IN_PLACE

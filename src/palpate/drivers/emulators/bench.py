@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
+from palpate.base.tips import TipShape
 from palpate.drivers.emulators.mechanics import (
     ArmMechanics,
     ArmTruth,
@@ -127,7 +128,7 @@ class EmulatedFinger:
 
     def _skin_beside(self, outline: PartSection | None) -> Skin | PadFace:
         """The skin of the disc that meets an outline, of the tip or of a ball's circle; or a pad's face."""
-        if self.truth.is_pad:
+        if self.truth.shape.tip.has_face:
             return PadFace(self.truth.tip_radius_mm, self.truth.stiffness_n_per_mm)
         disc = None if outline is None else outline.disc_mm
         radius = self.truth.tip_radius_mm if disc is None else disc
@@ -324,18 +325,20 @@ class Bench:
         self.supply: Callable[[], None] | None = None
 
     def put(
-        self, section_at: Callable[[float, float, float | None], PartSection | None], part: Part | None = None
+        self,
+        section_at: Callable[[float, float, float, TipShape], PartSection | None],
+        part: Part | None = None,
     ) -> None:
         """Let something else stand on the table; nothing may touch a tip now.
 
-        `section_at`: its section in W, as it is put, beside a tip with its middle at a height (mm) and half
-        of its length above and below, or a ball of some radius (None: it is none).
+        `section_at`: its section in W, as it is put, beside a tip with its middle at a height (mm), half of
+        its length, its radius and its shape.
         """
         self.catch_up()
         self.part = part or StillPart()
         for finger in self.fingers:
             truth = finger.truth
-            finger.put(section_at(truth.height_mm, truth.half_length_mm, truth.ball_mm))
+            finger.put(section_at(truth.height_mm, truth.half_length_mm, truth.tip_radius_mm, truth.shape))
 
     def advance(self, now: float) -> None:
         """Let the world go on to `now` (s), which never runs backwards.

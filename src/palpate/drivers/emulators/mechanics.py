@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Floats
+from palpate.base.tips import TipShape
 from palpate.drivers.emulators.servo import EmulatedServo
 
 _YIELD_LAG_S = 0.005  # until 63 % of what a constant force bends
@@ -135,9 +136,8 @@ class FingerTruth:
     at which the carriage that bears the tip meets its hard stops, None if it has none. `aim_yield`: how the
     aim gives way to a force across the slide; None: it bears none. `slide_yield_mm_per_n`: how far the tip
     gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with. `half_length_mm`: how
-    far the tip reaches above `height_mm` and below; 0: as thin as a disc. `is_ball`: the tip is one, its
-    equator at `height_mm`. `is_pad`: it is a flat pad, `tip_radius_mm` half of its width, that looks where
-    its array does.
+    far the tip reaches above `height_mm` and below; 0: as thin as a disc. `shape`: a ball has its equator at
+    `height_mm`; of a flat pad, which looks where its array does, `tip_radius_mm` is half of the width.
     """
 
     base_mm: tuple[float, float]
@@ -157,13 +157,7 @@ class FingerTruth:
     slide_yield_mm_per_n: float = 0.0
     cable_n: float = 0.0
     half_length_mm: float = 0.0
-    is_ball: bool = False
-    is_pad: bool = False
-
-    @property
-    def ball_mm(self) -> float | None:
-        """Radius of the ball; None if the tip is none."""
-        return self.tip_radius_mm if self.is_ball else None
+    shape: TipShape = TipShape.CYLINDER
 
 
 @dataclass(frozen=True)
@@ -184,8 +178,8 @@ class ArmTruth:
     """True geometry of an emulated two-link arm; mm, rad, N.
 
     The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
-    where the array's middle looks, from the second link's direction. `half_length_mm`, `is_ball`, `is_pad`:
-    as in `FingerTruth`; no arm has a pad.
+    where the array's middle looks, from the second link's direction. `half_length_mm`, `shape`: as in
+    `FingerTruth`; no arm has a pad.
     """
 
     base_mm: tuple[float, float]
@@ -199,13 +193,7 @@ class ArmTruth:
     stiffness_n_per_mm: float
     array_heading_rad: float
     half_length_mm: float = 0.0
-    is_ball: bool = False
-    is_pad: bool = False
-
-    @property
-    def ball_mm(self) -> float | None:
-        """Radius of the ball; None if the tip is none."""
-        return self.tip_radius_mm if self.is_ball else None
+    shape: TipShape = TipShape.CYLINDER
 
 
 class SlideMechanics:

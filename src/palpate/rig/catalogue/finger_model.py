@@ -12,11 +12,11 @@ from typing import Protocol
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel, State
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import Tip, TipShape
 from palpate.config import FingerConfig, RigFile
 from palpate.config.objects_checks import heights_in_words
 from palpate.drivers.kinematics import Line
-from palpate.recognizer import Contact, Finger
+from palpate.recognizer import Contact
 from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
 from palpate.rig.fingers import planned_turn
 
@@ -36,9 +36,9 @@ class AtHeight:
     shape: TipShape = TipShape.CYLINDER
 
     @property
-    def is_ball(self) -> bool:
-        """Whether the tips are balls."""
-        return self.shape is TipShape.BALL
+    def tip(self) -> Tip:
+        """Facts of tips of their shape."""
+        return self.shape.tip
 
     @property
     def span_mm(self) -> tuple[float, float]:
@@ -60,15 +60,15 @@ class RigFingers:
         return min(item.tip_radius_mm for item in self.at)
 
     @property
-    def all_balls(self) -> bool:
-        """Whether no tip of the rig is upright."""
-        return all(item.is_ball for item in self.at)
+    def any_upright(self) -> bool:
+        """True if some tip of the rig is upright."""
+        return any(item.tip.is_upright for item in self.at)
 
     def another(self, height_mm: float) -> AtHeight:
         """One more finger at a height, with the slimmest, shortest upright tip, or else the smallest ball."""
-        kinds = [item for item in self.at if item.is_ball == self.all_balls]
+        kinds = [item for item in self.at if item.tip.is_upright == self.any_upright]
         radius, half = min(item.tip_radius_mm for item in kinds), min(item.half_length_mm for item in kinds)
-        shape = TipShape.BALL if self.all_balls else TipShape.CYLINDER
+        shape = TipShape.CYLINDER if self.any_upright else kinds[0].shape
         return AtHeight(height_mm, radius, ("",), half, shape)
 
 
@@ -96,7 +96,7 @@ def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
     """The rig's fingers by height, ascending."""
     alike: dict[tuple[float, float, TipShape], list[FingerConfig]] = {}
     for finger in rig.fingers:
-        key = finger.height_mm, finger.tip.half_height_mm, TipShape(finger.tip.shape)
+        key = finger.height_mm, finger.tip.half_height_mm, finger.tip.shape
         alike.setdefault(key, []).append(finger)
     at = []
     for (height, half, shape), here in sorted(alike.items(), key=lambda item: item[0]):
@@ -161,14 +161,9 @@ def fingers_of(contacts: Iterable[Contact]) -> list[FingerAtHeight]:
     """The fingers that made contacts, once for each of their heights."""
     return list(
         dict.fromkeys(
-            FingerAtHeight(item.name, item.finger.height_mm, _half_height_mm(item.finger))
-            for item in contacts
+            FingerAtHeight(item.name, item.finger.height_mm, item.finger.half_height_mm) for item in contacts
         )
     )
-
-
-def _half_height_mm(finger: Finger) -> float:
-    return finger.tip_radius_mm if finger.is_ball else finger.half_length_mm
 
 
 def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) -> None:

@@ -23,7 +23,6 @@ from palpate.recognizer import CatalogueState, Symmetry, ball_obstacle
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, finger_heights_text
 from palpate.rig.catalogue.section_stack import region_within
 from palpate.rig.conversion import finger_of
-from palpate.rig.pads import refuse_parts_that_move
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
@@ -176,7 +175,7 @@ def overhangs_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Overhang,
         {
             finger.height_mm
             for finger in rig.fingers
-            if finger.tip.length_mm is None and not finger.tip.is_ball
+            if finger.tip.length_mm is None and finger.tip.kind.is_upright
         }
     )
     found = []
@@ -279,7 +278,7 @@ def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Obliqu
     balls = {
         (finger_of(finger), finger.tip.least_share): finger.name
         for finger in reversed(rig.fingers)
-        if finger.tip.is_ball
+        if not finger.tip.kind.is_upright
     }
     found = []
     for model, state in [(item, state) for item in models for state in item.states]:
@@ -350,7 +349,9 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     Empty if all states can be felt by all fingers, and as what they are. Raises InputError if none can be by
     any, one is met by a ball too far from its equator, or is moved by pads.
     """
-    refuse_parts_that_move(rig, models)
+    moved = next((model.name for model in models if model.holds_n is not None), None)
+    if moved is not None and (why := rig.why_not("move parts")) is not None:
+        raise InputError(f'object "{moved}" declares part_holds_n; {why}')
     found = findings_of(rig, models)
     lines = [_line(rig, group) for group in _groups(found)]
     states = sum(len(model.states) for model in models)

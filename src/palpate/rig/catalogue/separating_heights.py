@@ -147,11 +147,11 @@ def separating_heights(pair: StatePair) -> SeparatingHeights:
     found = [ranges[k] for k in chosen if _distinguishes(pair, _round_height_within(ranges[k]))]
     states = (pair.first.state.state, pair.second.state.state)
     known = all(state.heights_mm is None for state in states)
-    balls = pair.first.fingers.all_balls
+    upright = pair.first.fingers.any_upright
     wide = [
-        item for item in (found if balls else join_ranges(found)) if item[1] - item[0] > _MIN_SEPARATION_MM
+        item for item in (join_ranges(found) if upright else found) if item[1] - item[0] > _MIN_SEPARATION_MM
     ]
-    heights = [(_round_height_within(item), _round_height_within(item)) for item in wide] if balls else wide
+    heights = wide if upright else [(_round_height_within(item), _round_height_within(item)) for item in wide]
     return SeparatingHeights(tuple(heights), len(chosen), len(ranges), known)
 
 

@@ -24,7 +24,7 @@ import shapely
 from shapely import affinity
 
 from palpate.base.geometry import Bools, Floats
-from palpate.base.vocabulary import LEAST_BALL_SHARE
+from palpate.base.tips import Tip
 from palpate.cad.planar_congruence import PlanarMotion, find_motions, stack_distance_mm
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 from palpate.rig.catalogue.section_stack import StateSections
@@ -150,19 +150,21 @@ def fill_unreached(region: shapely.Geometry, tip_radius_mm: float) -> shapely.Ge
     return region if more.is_empty else shapely.union_all([region, more])
 
 
-def ball_region(
-    levels: Sequence[tuple[tuple[float, float], shapely.Geometry]], height_mm: float, radius_mm: float
+def reached_region(
+    levels: Sequence[tuple[tuple[float, float], shapely.Geometry]],
+    tip: Tip,
+    height_mm: float,
+    radius_mm: float,
 ) -> shapely.Geometry:
-    """What a ball with its equator at a height meets of regions from some heights to others, filled.
+    """Region that a tip, as a ball, meets of those from some heights to others, filled.
 
-    They are grown by what the ball's circle beside them has more than the least that may touch: two that
-    agree in this feel the same to the ball.
+    They are grown by what the tip's circle beside them has more than the least that may touch: two that
+    agree in this feel the same to it.
     """
-    least, grown = LEAST_BALL_SHARE * radius_mm, []
+    least, grown = tip.least_share * radius_mm, []
     for (low, high), region in levels:
-        away = max(low - height_mm, height_mm - high, 0.0)
-        if away < radius_mm:
-            circle = math.sqrt(radius_mm**2 - away**2)
+        circle = tip.radius_at_mm(radius_mm, max(low - height_mm, height_mm - high, 0.0))
+        if circle > 0:
             grown.append(region.buffer(circle - least, quad_segs=_QUARTER_CHORDS))
     return fill_unreached(shapely.union_all(grown), least)
 
@@ -207,15 +209,15 @@ class ReachableState:
         return {at: self._region(at) for at in self.known}
 
     def _region(self, at: AtHeight) -> shapely.Geometry:
-        if not at.is_ball:
+        if at.tip.is_upright:
             return fill_unreached(self.state.region_within(at.span_mm), at.tip_radius_mm)
         levels = [(level.z_mm, level.region) for level in self.state.levels if level.is_within(at.span_mm)]
-        return ball_region(levels, at.height_mm, at.tip_radius_mm)
+        return reached_region(levels, at.tip, at.height_mm, at.tip_radius_mm)
 
     def reached_by(self, at: AtHeight) -> ReachedRegion:
         """What another finger, one of `RigFingers.another`, would reach."""
         levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_within(at.span_mm))
-        key = (*levels, at.height_mm) if at.is_ball else levels
+        key = levels if at.tip.is_upright else (*levels, at.height_mm)
         if key not in self._reached:
             self._reached[key] = ReachedRegion(self._region(at))
         return self._reached[key]

@@ -55,7 +55,6 @@ from palpate.drivers.tactile import ContactExtractor, Description, TactileFrame
 from palpate.rig.arrays import calibration_of, doubt_warning
 from palpate.rig.commissioning.hand_prober import HandProber, TableOperator, approaches_of
 from palpate.rig.motion.hand import Environment
-from palpate.rig.pads import refuse_pads
 from palpate.rig.session.calibration_drift import devices_of
 from palpate.rig.workers import BackgroundCall
 
@@ -140,10 +139,7 @@ def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
 
     Or if it has pads: what they touch of a disc, and what their arrays then show, is not modelled.
     """
-    refuse_pads(
-        rig,
-        "pads cannot be calibrated: measure the rig by hand and state its bounds (docs/pads.md)",
-    )
+    rig.require("calibrate")
     found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
     if not found:
         raise InputError(f'rig "{rig.name}" has no turning stage to calibrate: calibrate the other steps')

@@ -23,8 +23,8 @@ class DescribedArray:
     description: Description
 
     @property
-    def is_pad(self) -> bool:
-        """Whether it is flat, and shows where along a face it is touched."""
+    def shows_face(self) -> bool:
+        """True if it is flat, and shows where along a face it is touched."""
         return self.description.shape is Shape.FLAT and self.description.cols > 1
 
 
@@ -57,7 +57,7 @@ def rig_text(
         if (why := without_current(servo.model)) is not None:
             raise InputError(f"the servo with id {servo.id} {why}")
     count = len(known) // 2
-    pads = any(isinstance(item, DescribedArray) and item.is_pad for item in arrays[:count])
+    pads = any(isinstance(item, DescribedArray) and item.shows_face for item in arrays[:count])
     fingers = [
         _finger(k, count, known[2 * k : 2 * k + 2], arrays[k] if k < len(arrays) else None)
         + (_BOUNDS_BY_HAND if pads else _BOUNDS)
@@ -86,7 +86,7 @@ def _finger(
         shape = array.description
         flat = ", flat" if shape.shape is Shape.FLAT else ""
         port, said = array.port, f"answered: {shape.rows} × {shape.cols} taxels{flat}"
-        tip, more = _pad(shape) if array.is_pad else _ROUND
+        tip, more = _pad(shape) if array.shows_face else _ROUND
     else:
         port = array or f"/dev/serial/by-id/array-{number + 1}"
         said = "CHANGE: did not answer" if array else "CHANGE: palpate find-port says which it is"

@@ -121,7 +121,7 @@ def find_misfits(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
                 "correct what the array says of itself (docs/tactile-protocol.md)",
             )
         ]
-    if item.spec.tip.is_pad:
+    if item.spec.tip.kind.has_face:
         return _pad_geometry(item)
     if described.shape is not Shape.CYLINDER:
         return []

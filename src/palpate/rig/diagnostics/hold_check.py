@@ -32,7 +32,6 @@ from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.load_meter import TouchStage
 from palpate.rig.motion.touch import Touch, may_touch_two_edges
-from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 
 _MAX_SEARCH_MM_S = 8.0
@@ -77,17 +76,7 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
     Raises InputError if nothing is found, or no finger can tell anything for certain, as balls and pads
     cannot; DeviceError and SafetyStop as `carry_out_grip`.
     """
-    refuse_pads(
-        hand.rig,
-        "where it pushes parts is not known well enough; parts must be held down under pads, so that "
-        "part_holds_n is not needed",
-    )
-    for spec in hand.rig.fingers:
-        if spec.tip.is_ball:
-            raise InputError(
-                f"finger {spec.name}: its tip is a ball, which may push parts down or up as well as aside, "
-                "so that what they hold is not known; measure it with cylinders, or with a spring balance"
-            )
+    hand.rig.require("check what parts hold")
     reach = reach_of(hand.rig, aims=_AIM_COUNT)
     tell("looking for the part")
     touches = _locate_part(hand, reach)
@@ -182,12 +171,13 @@ def _harder_than_allowed(rig: RigFile, expected: TouchForceOut) -> FindingOut | 
     if quick_n > most:
         saw = f"a touch that finds a part is expected to press with {quick_n:.2g} N, {limit}"
         return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
-    pads = [finger.name for finger in rig.fingers if finger.tip.is_pad]
-    if not pads or _CORNERS_AT_ONCE * quick_n <= most:
+    hit = [finger for finger in rig.fingers if finger.tip.kind.corners_at_once * quick_n > most]
+    if not hit:
         return None
+    kind = hit[0].tip.kind
     saw = (
-        f"{'pad' if len(pads) == 1 else 'pads'} {', '.join(pads)}: a face may meet two corners at once, each "
-        f"with {quick_n:.2g} N when it finds a part; {_CORNERS_AT_ONCE * quick_n:.2g} N is {limit}"
+        f"{', '.join(finger.name for finger in hit)}: a {kind.noun} may meet {kind.corners_at_once} corners at "
+        f"once, each with {quick_n:.2g} N when it finds a part; {kind.corners_at_once * quick_n:.2g} N is {limit}"
     )
     return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
 

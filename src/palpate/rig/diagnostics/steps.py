@@ -10,7 +10,6 @@ from palpate.config.diagnosis_results import Cause, FindingOut, Severity
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
-from palpate.rig.pads import has_pads
 
 NOTHING_TO_DO = "nothing"
 """How the next thing to do begins where there is none."""
@@ -46,7 +45,7 @@ class DiagnosisCase:
 
     def calibrate_or(self, by_hand: str) -> str:
         """The command that calibrates this rig; what to do `by_hand` if it has pads."""
-        return by_hand if has_pads(self.rig) else self.command("palpate calibrate --rig RIG")
+        return by_hand if self.rig.why_not("calibrate") else self.command("palpate calibrate --rig RIG")
 
 
 @dataclass(frozen=True, eq=False)

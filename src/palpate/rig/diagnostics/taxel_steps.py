@@ -13,7 +13,6 @@ from palpate.drivers.tactile import SelfTestResult, TaxelFault
 from palpate.rig.diagnostics.array_examination import ExaminedArray, UntouchedArray
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, join_words, name_flag, wrong
-from palpate.rig.pads import has_pads
 
 _MAX_TAXELS_NAMED = 6
 
@@ -21,7 +20,11 @@ _MAX_TAXELS_NAMED = 6
 def judge_taxels(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Taxels of arrays that fit the rig file."""
     arrays = readings.untouched
-    leave_out = "list it in array.taxels.unusable" if has_pads(case.rig) else "calibrate, which leaves it out"
+    leave_out = (
+        "list it in array.taxels.unusable"
+        if case.rig.why_not("calibrate")
+        else "calibrate, which leaves it out"
+    )
     findings = [found for array in arrays for found in (*_hardware(array), *_bad_taxels(array, leave_out))]
     count = sum(array.seen.description.taxels for array in arrays if array.seen.description is not None)
     known = sum(len(array.known_bad) for array in arrays)

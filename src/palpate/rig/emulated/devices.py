@@ -198,7 +198,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
         array = emulated_array(finger, taxels, advance)
-        beside = truth.height_mm, truth.half_length_mm, truth.ball_mm
+        beside = truth.height_mm, truth.half_length_mm, truth.tip_radius_mm, truth.shape
         outline = None if placement is None else outline_at(placement, *beside)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
@@ -299,7 +299,7 @@ def _column_pitch_mm(finger: FingerConfig) -> float:
 
 def _row_pitch_mm(finger: FingerConfig) -> float:
     """Distance of rows up the tip; those of a ball reach to where it may touch, and a little beyond."""
-    if not finger.tip.is_ball:
+    if finger.tip.kind.is_upright:
         return _ROW_PITCH_MM
     pitch = _BALL_ROWS_SHARE * 2 * finger.tip.radius_mm / _ROWS
     return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
@@ -310,7 +310,7 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
 
     Another seed is another array, and its id tells.
     """
-    if finger.tip.is_pad:
+    if finger.tip.kind.has_face:
         return _pad_description(finger, seed)
     per_n = _COUNTS_PER_N
     if isinstance(finger.array, MountedArrayConfig):

@@ -179,8 +179,7 @@ def _slide(
         array_heading_rad=math.radians(finger.array.heading_deg),
         stops_mm=finger.slide.stops_mm,
         half_length_mm=_half_length_mm(finger, emulation),
-        is_ball=finger.tip.is_ball,
-        is_pad=finger.tip.is_pad,
+        shape=finger.tip.shape,
     )
 
 
@@ -206,13 +205,13 @@ def _arm(
         stiffness_n_per_mm=_stiffness(finger, emulation, rng),
         array_heading_rad=math.radians(finger.array.heading_deg),
         half_length_mm=_half_length_mm(finger, emulation),
-        is_ball=finger.tip.is_ball,
+        shape=finger.tip.shape,
     )
 
 
 def _half_length_mm(finger: FingerConfig, emulation: EmulationConfig) -> float:
     """As the rig file says, unless the emulated tips are to be of another length; none reaches the table."""
-    if emulation.tip_length_mm is None or finger.tip.is_ball:
+    if emulation.tip_length_mm is None or "length_mm" in finger.tip.kind.lacks:
         return finger.tip.half_length_mm
     return min(emulation.tip_length_mm / 2, finger.height_mm)
 

@@ -19,6 +19,7 @@ from shapely import affinity
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Section, State
 from palpate.base.geometry.outlines import EdgeRings, region_of, rings_of
+from palpate.base.tips import TipShape, implementation_for
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators import Bench, Displacement, PartSection
@@ -208,20 +209,34 @@ def _furthest_mm(lies: Placement, section: Section) -> float:
 
 
 def outline_at(
-    placement: Placement, height_mm: float, half_length_mm: float = 0.0, ball_mm: float | None = None
+    placement: Placement,
+    height_mm: float,
+    half_length_mm: float = 0.0,
+    radius_mm: float = 0.0,
+    shape: TipShape = TipShape.CYLINDER,
 ) -> PartSection | None:
     """Edges of the object in W beside a tip with its middle at a height; None if it is not that high.
 
-    A tip of some length meets whatever stands out between its ends; a ball of radius `ball_mm` what it comes
-    to first (`ball_outline`).
+    A tip of some length meets whatever stands out between its ends; a ball what it comes to first.
     """
-    if ball_mm is not None:
-        return outline_beside_ball(
-            [(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
-            height_mm,
-            ball_mm,
-            placement.state.top_mm,
-        )
+    outline = implementation_for(shape, _OUTLINES, "what emulated ones meet")
+    return outline(placement, height_mm, half_length_mm, radius_mm)
+
+
+def _outline_of_ball(
+    placement: Placement, height_mm: float, _half_length_mm: float, radius_mm: float
+) -> PartSection | None:
+    return outline_beside_ball(
+        [(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
+        height_mm,
+        radius_mm,
+        placement.state.top_mm,
+    )
+
+
+def _outline_of_column(
+    placement: Placement, height_mm: float, half_length_mm: float, _radius_mm: float
+) -> PartSection | None:
     if half_length_mm > 0:
         return _outline_along(placement, height_mm - half_length_mm, height_mm + half_length_mm)
     for section in placement.state.sections:
@@ -230,6 +245,13 @@ def outline_at(
             edges = EdgeRings.of(rings)
             return PartSection(edges.start, edges.end, placement.state.top_mm)
     return None
+
+
+_OUTLINES = {
+    TipShape.CYLINDER: _outline_of_column,
+    TipShape.BALL: _outline_of_ball,
+    TipShape.PAD: _outline_of_column,
+}
 
 
 def _outline_along(placement: Placement, low_mm: float, high_mm: float) -> PartSection | None:

@@ -186,7 +186,7 @@ def _inscribed_mm(state: State, finger: Finger) -> float | None:
     Beside a ball it is less by what the ball's circle there has less than the ball.
     """
     met = state.sections_within(finger.span_mm)
-    if not finger.is_ball:
+    if finger.tip.is_upright:
         return _inscribed_in_mm(met)
     found = []
     for section in met:

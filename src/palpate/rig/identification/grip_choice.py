@@ -43,7 +43,6 @@ from palpate.rig.identification.pushing_mechanics import (
     Stability,
     stability_of,
 )
-from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 
 
@@ -302,7 +301,7 @@ def plan_grip(
     `seed` matters to `random` only. Raises InputError if no finger touched anything, one is not the rig's, or
     one has a pad.
     """
-    refuse_pads(rig, "files of contacts do not say which of them are of one touch; use palpate identify")
+    rig.require("plan")
     contacts = [contact for grip in grips for contact in grip]
     _check_fingers(rig, contacts)
     resolution = resolution_of(rig)
@@ -347,16 +346,12 @@ def _check_fingers(rig: RigFile, contacts: Sequence[Contact]) -> None:
     own = list(dict.fromkeys(finger_of(finger) for finger in rig.fingers))
     for contact in contacts:
         if contact.finger not in own:
-            has = ", ".join(f"{item.tip_radius_mm:g} mm at {_height(item)}" for item in own)
             raise InputError(
-                f"finger {contact.name} has a tip of radius {contact.finger.tip_radius_mm:g} mm at height "
-                f'{_height(contact.finger)}; rig "{rig.name}" has none like it, only: {has}'
+                f"finger {contact.name} has {_tip_text(contact.finger)}; "
+                f'rig "{rig.name}" has none like it, only: {", ".join(map(_tip_text, own))}'
             )
 
 
-def _height(finger: Finger) -> str:
-    """Of a tip, and its length if it has one, or that it is a ball."""
-    if finger.is_ball:
-        return f"{finger.height_mm:g} mm, a ball"
-    along = f" and {2 * finger.half_length_mm:g} mm long" if finger.half_length_mm else ""
-    return f"{finger.height_mm:g} mm{along}"
+def _tip_text(finger: Finger) -> str:
+    tip, long = finger.tip, f", {2 * finger.half_length_mm:g} mm long," if finger.half_length_mm else ""
+    return f"{tip.with_article} {tip.size_text(finger.tip_radius_mm)}{long} at height {finger.height_mm:g} mm"

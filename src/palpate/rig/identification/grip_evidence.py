@@ -131,7 +131,7 @@ class GripEvidence:
         self.strangers = self._with_strangers(moved, touches, predictions)
         if eliminated:
             self.detectable_shift_mm = math.inf
-        elif any(touch.finger.is_pad for touch in touches):
+        elif not all(touch.finger.tip.measures_normal for touch in touches):
             # Where along its face a pad is touched, and on what slope, only its points say.
             self.detectable_shift_mm = recognised_shift_mm(moved, contacts)
         else:
@@ -166,7 +166,7 @@ def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats
     """
 
     def half_rad(contact: Contact) -> float:
-        if contact.finger.is_pad:
+        if not contact.finger.tip.measures_normal:
             return math.pi
         item = contact.normal
         return unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2

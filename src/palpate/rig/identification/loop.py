@@ -59,7 +59,6 @@ from palpate.rig.identification.observers import (
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
-from palpate.rig.pads import has_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 
 GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
@@ -361,15 +360,14 @@ def check_accuracy(rig: RigFile, file: str | None) -> None:
         middle = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
         off = kinematics.position_bound_mm(middle) + tip_bound_mm(finger)
         if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
-            size = "half its pad's width" if finger.tip.is_pad else "its tip's radius"
             remedy = (
                 "measure it more finely (docs/pads.md), and narrow its bounds"
-                if has_pads(rig)
+                if rig.why_not("calibrate")
                 else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
                 "if they hold"
             )
             raise InputError(
                 f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
-                f"than {size} ({finger.tip.radius_mm:g} mm): too little is known of this rig to identify "
-                f"parts; {remedy}"
+                f"than {finger.tip.kind.radius_words} ({finger.tip.radius_mm:g} mm): too little is known of "
+                f"this rig to identify parts; {remedy}"
             )

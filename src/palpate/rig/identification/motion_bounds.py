@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.vocabulary import LEAST_BALL_SHARE
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, Contact, Hypotheses, Motion, Recognition
@@ -114,7 +113,7 @@ class _Pushed:
         return result
 
 
-_BALL_LIFT_FACTOR = math.hypot(1.0, MAX_TABLE_FRICTION)
+_LIFT_FACTOR = math.hypot(1.0, MAX_TABLE_FRICTION)
 """A ball may lift a part, so that it slides sooner: of what presses, this counts at most against its hold."""
 _SAME_PLACE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _MAX_NUDGE_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
@@ -250,7 +249,7 @@ def _finger_loads(
     gain = max(1 / (1 - measured_force_share(finger)), unfelt_factor)
     tip, friction = finger.tip, tip_friction(finger.tip)
     sheared = friction_factor(friction)
-    lifted = _BALL_LIFT_FACTOR if tip.is_ball else 1.0
+    lifted = 1.0 if tip.kind.is_upright else _LIFT_FACTOR
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
@@ -385,12 +384,12 @@ def _centres(table: SupportTable, hypotheses: Hypotheses) -> tuple[Floats, Float
 
 def _touched_point(contact: Contact) -> tuple[Floats, float]:
     """Where a tip touches (2,), within how many mm."""
-    centre, radius, unsure = np.array(contact.end_mm), contact.finger.tip_radius_mm, 0.0
+    centre, radius = np.array(contact.end_mm), contact.finger.tip_radius_mm
     if contact.normal is None:
         return centre, radius + contact.position_bound_mm
-    if contact.finger.is_ball:  # by which of its circles is not known
-        least = LEAST_BALL_SHARE * radius
-        radius, unsure = (radius + least) / 2, (radius - least) / 2
+    # By which of its circles is not known.
+    least = contact.finger.tip.least_share * radius
+    radius, unsure = (radius + least) / 2, (radius - least) / 2
     middle = (contact.normal.lo_rad + contact.normal.hi_rad) / 2
     half = (contact.normal.hi_rad - contact.normal.lo_rad) / 2
     at: Floats = centre - radius * np.array([math.cos(middle), math.sin(middle)])

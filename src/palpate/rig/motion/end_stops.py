@@ -20,7 +20,6 @@ from palpate.rig.fingers import HostFinger
 from palpate.rig.motion.finger_movers import ARRIVED_MM
 from palpate.rig.motion.guarded_approach import retract_all
 from palpate.rig.motion.hand import Hand
-from palpate.rig.pads import has_pads
 
 _PERIOD_S = 0.01
 _MOTION_THRESHOLD_MM = 0.03
@@ -150,7 +149,7 @@ def check_slips(hand: Hand, before: Mapping[HostFinger, float]) -> None:
         off_mm = abs(now[finger] - at_rad) * per_rad
         if off_mm > _STALL_REPEATABILITY_MM + 2 * TICK_RAD * per_rad:
             servo = finger.drive.closing_servos[0]
-            again = "measure slide.zero_mm again" if has_pads(hand.rig) else "calibrate again"
+            again = "measure slide.zero_mm again" if hand.rig.why_not("calibrate") else "calibrate again"
             raise DeviceError(
                 f"finger {finger.name}: its slide (servo {servo.dxl_id}) meets its back stop {off_mm:.2f} mm "
                 "from where it did before this run: its horn has slipped, and no answer is given; tighten "

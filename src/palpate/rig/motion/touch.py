@@ -132,7 +132,7 @@ class ApproachState:
         higher or lower, too, and of an array that is not bent round its tip.
         """
         finger, spec = self.finger, self.finger.spec
-        if spec.tip.is_ball or finger.array.description.shape is not Shape.CYLINDER:
+        if not spec.tip.kind.is_upright or finger.array.description.shape is not Shape.CYLINDER:
             return None
         columns = np.array(finger.array.description.columns)
         kinematics = finger.kinematics
@@ -243,13 +243,13 @@ class Touch(ShortRepr):
 
 def conclude(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
-    if run.finger.spec.tip.is_pad:
-        return _pad_touch(run, patch, closing, turn)
+    if run.finger.spec.tip.kind.has_face:
+        return _face_touch(run, patch, closing, turn)
     contact = _miss(run, closing, turn) if patch is None else _contact(run, patch, closing, turn)
     return Touch(run.approach.finger_index, contact, patch, run.servos, stage_rad=turn.angle_rad)
 
 
-def _pad_touch(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
+def _face_touch(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     spec, kinematics = run.finger.spec, run.finger.kinematics
     tilt = kinematics.direction_bound_rad + turn.angle_bound_rad + array_bound_rad(spec)
     facing = kinematics.facing_rad(run.servos) + turn.angle_rad
@@ -304,7 +304,7 @@ def dent_range_mm(
 
 def _pressing_n(patch: ContactPatch, tip: TipConfig, closing: ClosingConfig) -> float:
     """How hard the tip may be pressed, all its patches together: this one is the strongest."""
-    if tip.is_pad and PatchFlag.SEVERAL_PATCHES in patch.flags:
+    if tip.kind.has_face and PatchFlag.SEVERAL_PATCHES in patch.flags:
         return closing.max_force_n
     edges = _MAX_EDGES_TOUCHED if PatchFlag.SEVERAL_PATCHES in patch.flags else 1
     return min(edges * (patch.force_n + patch.force_bound_n), largest_on_skin_n(tip, closing))

@@ -240,7 +240,7 @@ def _touchable_edges(found: Hypothesis, finger: Finger) -> Floats:
     Nor where it is not by its own circle that a ball meets them.
     """
     sections = found.state.state.sections_within(finger.span_mm)
-    if finger.is_ball and any(not z[0] <= finger.height_mm <= z[1] for z in (item.z_mm for item in sections)):
+    if any(finger.radius_beside_mm(item.z_mm) < finger.tip_radius_mm for item in sections):
         return np.empty((0, 2, 2))
     rings = [ring for section in sections for ring in section.rings]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]

@@ -224,14 +224,8 @@ class PushingTouches:
         self.seconds = 0.0  # rig time in grips; turning to the next aims is not in it
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
-        spans = {
-            item.span_mm: (
-                item.height_mm,
-                item.tip.half_length_mm,
-                item.tip.radius_mm if item.tip.is_ball else None,
-            )
-            for item in rig.fingers
-        }
+        # Of cylinders alone: others are not simulated.
+        spans = {item.span_mm: (item.height_mm, item.tip.half_length_mm) for item in rig.fingers}
         self._outlines = {span: outline_at(placement, *at) for span, at in spans.items()}
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))

@@ -23,7 +23,6 @@ from palpate.rig.emulated.scene import Placement, put_down
 from palpate.rig.identification.loop import PushTables, search
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
-from palpate.rig.pads import refuse_pads
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
@@ -92,23 +91,13 @@ def motion_of(rig: RigFile) -> PartMotion:
     return PartMotion.STILL if part is None or part.engine == "still" else PartMotion.MOVING
 
 
-def _check_tips(rig: RigFile) -> None:
-    instead = (
-        "simulated touches are those of cylinders; run palpate identify with seeds on an emulated rig instead"
-    )
-    refuse_pads(rig, instead)
-    for finger in rig.fingers:
-        if finger.tip.is_ball:
-            raise InputError(f"finger {finger.name}: its tip is a ball, and {instead}")
-
-
 def with_motion(rig: RigFile, objects: ObjectsFile, motion: PartMotion) -> tuple[RigFile, ObjectsFile]:
     """The same rig and catalogue with parts that move, or that are held.
 
     Of parts that are held nothing is declared of how they slide. Raises InputError for a rig that says
     nothing of emulated devices, if parts are to move, and for one with balls or pads.
     """
-    _check_tips(rig)
+    rig.require("simulate")
     if motion is PartMotion.MOVING and motion_of(rig) is motion:
         return rig, objects
     if motion is PartMotion.MOVING:

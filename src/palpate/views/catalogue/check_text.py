@@ -5,7 +5,6 @@ from importlib.metadata import version
 from itertools import chain
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import TipShape
 from palpate.config.catalogue_results import (
     ObjectsCheckOut,
     PairOut,
@@ -71,11 +70,9 @@ def rig_words(rig: RigHeightsOut) -> list[str]:
 
 
 def _tip_words(item: RigHeightOut) -> str:
-    if item.tip_shape is TipShape.PAD:
-        pads = "a pad" if len(item.fingers) == 1 else "pads"
-        return f"{pads} {2 * item.tip_radius_mm:g} mm wide, here taken for discs of that width"
-    kind = "ball" if item.tip_shape is TipShape.BALL else "tip"
-    return f"{kind if len(item.fingers) == 1 else f'{kind}s'} of radius {item.tip_radius_mm:g} mm"
+    tip = item.tip_shape.tip
+    taken = ", here taken for discs of that width" if tip.has_face else ""
+    return f"{tip.noun}{'s'[: len(item.fingers) > 1]} {tip.size_text(item.tip_radius_mm)}{taken}"
 
 
 def fit_words(*pairs: PairOut) -> str:
@@ -117,16 +114,17 @@ def _separating_lines(pair: SeparatingOut, sign: str, rig: RigHeightsOut) -> Ite
 
 def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
     """At which heights one more finger of the rig's kind would distinguish the two."""
-    balls = [item.tip_shape is TipShape.BALL for item in rig.heights]
-    another = "a ball" if all(balls) else "an upright tip" if any(balls) else "a finger"
+    tips = [item.tip_shape.tip for item in rig.heights]
+    upright = [tip.is_upright for tip in tips]
+    another = "a finger" if all(upright) else "an upright tip" if any(upright) else tips[0].with_article
     if pair.separating_mm:
         shown = [_inside_words(found) for found in pair.separating_mm[:_MAX_RANGES]]
         more = len(pair.separating_mm) - len(shown)
-        kind = "height" if all(balls) else "range"
+        kind = "range" if any(upright) else "height"
         rest = f" and {quantity(more, f'more {kind}', f'more {kind}s')}" if more else ""
         at = " or ".join(filter(None, (", ".join(shown[:-1]), shown[-1])))
         return f"{another} at {at} mm{rest} would distinguish them"
-    if all(balls):
+    if not any(upright):
         return "no height that was tried would distinguish them for certain"
     if not pair.known:
         return "no one height at which both are known would distinguish them"

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import shapely
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import TipShape
 from palpate.rig.catalogue.finger_model import RigFingers, finger_heights_text
 from palpate.rig.catalogue.section_stack import StateSections
 from palpate.views.catalogue.card import CardFacts, draw_card, shade
@@ -111,9 +110,9 @@ def _head(
 
 def _kind(fingers: RigFingers) -> str:
     """What tips are taken for."""
-    if fingers.all_balls:
-        return "ball"
-    return "disc" if any(item.shape is TipShape.PAD for item in fingers.at) else "tip"
+    if not fingers.any_upright:
+        return fingers.at[0].tip.noun
+    return "disc" if any(item.tip.has_face for item in fingers.at) else "tip"
 
 
 def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tuple[list[str], float]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.base.geometry.plane import rotation_matrix
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import tip_of
 from palpate.config import RigFile
 from palpate.rig.session.recorded_session import EventSample, Sample, TipSample
 
@@ -220,7 +220,7 @@ def _contact(grip: int, touch: Mapping[str, Any]) -> Outline | None:
     end = np.array(contact["end_mm"], dtype=float)
     along = np.array([math.cos(angle), math.sin(angle)])
     finger = contact["finger"]
-    radius = 0.0 if finger.get("shape") == TipShape.PAD else finger["tip_radius_mm"]
+    radius = 0.0 if tip_of(finger.get("shape", "cylinder")).has_face else finger["tip_radius_mm"]
     points = np.array([end - radius * along, end + _NORMAL_LENGTH_MM * along])
     name = f"contact-{grip}-{contact['name']}"
     return Outline(name, "normal", points, contact["finger"]["height_mm"], is_closed=False)

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import tip_of
 from palpate.config import RigFile, load_objects
 from palpate.drivers.transport import SessionEvent
 from palpate.rig.calibrated_rig import load_calibrated
@@ -169,8 +169,8 @@ def _touches_with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping
 def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
     grip, touch = item
     contact, patch = touch["contact"], touch.get("patch") or {}
-    is_pad = contact["finger"].get("shape") == TipShape.PAD
-    normal = None if is_pad else contact.get("normal")
+    tip = tip_of(contact["finger"].get("shape", "cylinder"))
+    normal = contact.get("normal") if tip.measures_normal else None
     return {
         "finger": contact["name"],
         "grip": grip,
@@ -178,7 +178,7 @@ def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
         "start": contact["start_mm"],
         "end": contact["end_mm"],
         "radius": contact["finger"]["tip_radius_mm"],
-        "pad": is_pad,
+        "pad": tip.has_face,
         "places": [
             {"name": place["name"], "at": place["end_mm"], "bound": place["position_bound_mm"]}
             for place in places_touched(touch)
@@ -234,7 +234,7 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
             "base": list(finger.base_mm),
             "heading": math.radians(finger.heading_deg),
             "radius": finger.tip.radius_mm,
-            "pad": finger.tip.is_pad,
+            "pad": finger.tip.kind.has_face,
         }
         for finger in rig.fingers
     ]

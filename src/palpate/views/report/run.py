@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
-from palpate.base.vocabulary import TipShape
+from palpate.base.tips import Tip, tip_of
 from palpate.config import RigFile
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.session_results import SessionOut
@@ -48,7 +48,7 @@ def grip_sections(
         marks = tuple(_mark(item.number, touch) for item in grips[: at + 1] for touch in item.touches)
         parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
         parts.append(columns(_touches(grip), _hypotheses(grip)))
-        parts += [paragraph(_POINT_ROWS)] if any(map(_is_of_pad, grip.touches)) else []
+        parts += [paragraph(_POINT_ROWS)] if any(_tip(touch).has_face for touch in grip.touches) else []
         parts.append(paragraph(_words(grip, before)))
         found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
         before = grip if grip.verdict is not None else before
@@ -164,8 +164,8 @@ def _picture(
 
 
 def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
-    contact, is_pad = touch["contact"], _is_of_pad(touch)
-    normal = None if is_pad else contact.get("normal")
+    contact, tip = touch["contact"], _tip(touch)
+    normal = contact.get("normal") if tip.measures_normal else None
     return TouchMark(
         contact["name"],
         number,
@@ -174,13 +174,13 @@ def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
         contact["finger"]["tip_radius_mm"],
         contact["touched"],
         None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
-        is_pad,
-        tuple(tuple(item["end_mm"]) for item in places_touched(touch) if is_pad and item["touched"]),
+        tip.has_face,
+        tuple(tuple(item["end_mm"]) for item in places_touched(touch) if tip.has_face and item["touched"]),
     )
 
 
-def _is_of_pad(touch: Mapping[str, Any]) -> bool:
-    return bool(touch["contact"]["finger"].get("shape") == TipShape.PAD)
+def _tip(touch: Mapping[str, Any]) -> Tip:
+    return tip_of(touch["contact"]["finger"].get("shape", "cylinder"))
 
 
 def _pose(item: Mapping[str, Any]) -> BoundedPose:

@@ -231,7 +231,7 @@ def _approach(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
         stroke=MISS,
         stroke_opacity=0.12,
         stroke_width=2 * touch.tip_radius_mm * view.scale,
-        stroke_linecap="butt" if touch.is_pad else "round",
+        stroke_linecap="butt" if touch.has_face else "round",
     )
     return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
 
@@ -256,7 +256,7 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
             placer.add_line(
                 np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0
             )
-    for u, v in map(view.at, touch.points_mm) if touch.is_pad else [centre]:
+    for u, v in map(view.at, touch.points_mm) if touch.has_face else [centre]:
         shown.append(element("circle", cx=u, cy=v, r=2.6, fill=TIP))
     return "".join(shown)
 
@@ -264,7 +264,7 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
 def _outline_of_tip(touch: TouchMark, view: View, **style: str | float) -> str:
     """A disc where the tip was in the end, or a pad's face."""
     (x, y), radius = view.at(touch.end_mm).tolist(), touch.tip_radius_mm * view.scale
-    if not touch.is_pad:
+    if not touch.has_face:
         return element("circle", cx=x, cy=y, r=radius, **style)
     along = view.at(touch.end_mm) - view.at(touch.start_mm)
     u, v = (radius * along / max(float(np.hypot(*along)), 1e-9)).tolist()

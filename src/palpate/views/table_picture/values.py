@@ -39,8 +39,8 @@ class TouchMark:
     """One approach of one finger: the tip's centre went from `start_mm` to `end_mm`, touching or missing.
 
     `normal_rad`: the object's outward normals that the contact allows, counter-clockwise from lo to hi.
-    `is_pad`: the tip is a pad across its way, `tip_radius_mm` half of its width; `points_mm`: where it was
-    touched.
+    `has_face`: the tip is a flat face across its way, `tip_radius_mm` half of its width; `points_mm`: where
+    it was touched.
     """
 
     finger: str
@@ -50,7 +50,7 @@ class TouchMark:
     tip_radius_mm: float
     touched: bool
     normal_rad: tuple[float, float] | None = None
-    is_pad: bool = False
+    has_face: bool = False
     points_mm: tuple[tuple[float, float], ...] = ()
 
 
