@@ -175,9 +175,9 @@ def check_parts_move(
             continue
         text = f'is there, and the tip of fingers[{index}] ("{finger.name}") is a {finger.tip.shape}; {why}'
         if holds_n is not None:
-            raise problem(text, "search", "part_holds_n")
+            raise problem(f"{text}; hold parts down, and leave it out", "search", "part_holds_n")
         if drawn is not None and drawn.part is not None:
-            raise problem(text, "emulation", "part")
+            raise problem(f"{text}; leave it out, so that parts lie still", "emulation", "part")
 
 
 def check_stops_known(fingers: Sequence[FingerConfig]) -> None:

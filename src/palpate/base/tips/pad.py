@@ -35,7 +35,7 @@ class Pad(Cylinder):
         "emulated rig instead",
         "check what parts hold": "where it pushes parts is not known well enough; parts must be held down "
         "under pads, so that part_holds_n is not needed",
-        "move parts": "how pads move parts is not known; hold parts down, and leave it out",
+        "move parts": "how pads move parts is not known",
         "turn on the way": "on an arm a pad turns as it travels, and palpate does not know how: use a "
         "cylinder or a ball, or slides",
     }

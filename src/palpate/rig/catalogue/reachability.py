@@ -351,7 +351,7 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     """
     moved = next((model.name for model in models if model.holds_n is not None), None)
     if moved is not None and (why := rig.why_not("move parts")) is not None:
-        raise InputError(f'object "{moved}" declares part_holds_n; {why}')
+        raise InputError(f'object "{moved}" declares part_holds_n; {why}: hold parts down, and leave it out')
     found = findings_of(rig, models)
     lines = [_line(rig, group) for group in _groups(found)]
     states = sum(len(model.states) for model in models)
