@@ -282,7 +282,7 @@ def scene(folder: Path, **part: Any) -> Path:
 
 def test_a_scene_may_say_mass_and_friction(tmp_path: Path) -> None:
     found = load_scene(scene(tmp_path, mass_kg=0.3))
-    assert (found.mass_kg, found.friction) == (0.3, None)
+    assert (found.part.mass_kg, found.part.friction) == (0.3, None)
     (tmp_path / "again.json").write_text(file_text(found), encoding="utf-8")
     assert load_scene(tmp_path / "again.json") == found
     with pytest.raises(InputError, match=r"part\.friction: is -1; it must be above 0"):
