@@ -308,7 +308,9 @@ def test_parts_that_move_are_refused() -> None:
     with pytest.raises(ValueError, match="leave it out, so that parts lie still"):
         pad_rig(emulation={"part": {"engine": "quasi-static"}})
     models = [replace(model, holds_n=3.0) for model in small_objects().objects]
-    with pytest.raises(InputError, match=r'f1: its tip is a pad, and object "ell" declares part_holds_n'):
+    with pytest.raises(
+        InputError, match=r'object "ell" declares part_holds_n; finger f1: its tip is a pad, and'
+    ):
         finding_lines(pad_rig(), models, "parts.json")
     assert finding_lines(pad_rig(), small_objects().objects, "parts.json") == []
 
