@@ -323,7 +323,7 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     ("most_n", "said"),
     [
         (8.0, None),
-        (4.0, "a face may meet two corners at once, each with 3.3 N when it finds a part; 6.6 N is above"),
+        (4.0, "a pad may meet 2 corners at once, each with 3.3 N when it finds a part; 6.6 N is above"),
         (
             2.0,
             "a touch that finds a part is expected to press with 4.2 N, above max_force_n = 2 N, and would",

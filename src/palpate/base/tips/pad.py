@@ -27,8 +27,7 @@ class Pad(Cylinder):
         "bounds.direction_deg": "is for round tips: pads cannot be calibrated",
     }
     cannot: ClassVar[Refusals] = {
-        "calibrate": "pads cannot be calibrated: measure the rig by hand and state its bounds "
-        "(docs/pads.md)",
+        "calibrate": "pads cannot be calibrated: measure the rig by hand and state its bounds (docs/pads.md)",
         "compare touches": "touches are compared with a calibration: pads are measured by hand",
         "plan": "files of contacts do not say which of them are of one touch; use palpate identify",
         "simulate": "simulated touches are those of cylinders; run palpate identify with seeds on an "

@@ -40,7 +40,6 @@ _MIN_CONTACT_N = 0.05
 _NOISE_MARGIN = 1.5  # times the least threshold that noise lets arrays have
 _MAX_PUSH_N = 3.0
 _MAX_PUSH_SHARE = 0.5  # of max_force_n
-_CORNERS_AT_ONCE = 2  # corners that a pad's face may meet
 _AIM_COUNT = 81
 _MIN_DISC_RADIUS_MM = 10.0  # radius of a disc that the part has room for: a smaller one may be missed
 _READ_S = 0.02  # between two looks at the servos while nothing is touched
@@ -174,10 +173,10 @@ def _harder_than_allowed(rig: RigFile, expected: TouchForceOut) -> FindingOut | 
     hit = [finger for finger in rig.fingers if finger.tip.kind.corners_at_once * quick_n > most]
     if not hit:
         return None
-    kind = hit[0].tip.kind
+    names, kind = ", ".join(finger.name for finger in hit), hit[0].tip.kind
     saw = (
-        f"{', '.join(finger.name for finger in hit)}: a {kind.noun} may meet {kind.corners_at_once} corners at "
-        f"once, each with {quick_n:.2g} N when it finds a part; {kind.corners_at_once * quick_n:.2g} N is {limit}"
+        f"{names}: a {kind.noun} may meet {kind.corners_at_once} corners at once, each with {quick_n:.2g} N "
+        f"when it finds a part; {kind.corners_at_once * quick_n:.2g} N is {limit}"
     )
     return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
 
