@@ -109,6 +109,7 @@ def files_of_the_source(folder: Path) -> None:
 PREPARED: dict[str, tuple[Callable[[Path], None], ...]] = {
     "README.md": (files_of_the_source, a_run),
     "adding-an-object.md": (parts_files,),
+    "importing.md": (parts_files,),
     "planning.md": (files_of_the_source,),
     "session-log.md": (a_run,),
     "study.md": (four_parts,),

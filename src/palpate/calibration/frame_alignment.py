@@ -4,7 +4,7 @@ Touches of references at unknown places say where fingers stand to one another, 
 its table (gauge freedom). So W is defined by the rig file: it is the frame in which bases and headings are,
 all in all, nearest to what the file says. The bound on a finger's contacts is a sum of parts, so that it can
 be read and argued with: what the fit leaves open, what touches differ by, encoder steps, the aim's play,
-what stopping adds (docs/calibration.md).
+what stopping adds (docs/calibration-method.md).
 """
 
 import math
