@@ -18,6 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config import ARM_MARGIN_MM, ArmFingerConfig, SlideFingerConfig
 from palpate.drivers.arm_kinematics import ArmKinematics
@@ -48,12 +49,24 @@ class ServoLimits:
     current_a: float
 
     def write(self, servo: Servo) -> None:
-        """Write what differs, with torque off, and read it back."""
+        """Write what differs, with torque off, and read it back. Raises InputError as `eeprom`."""
+        self.eeprom(servo)
         servo.prepare(self.mode, self.current_a)
 
     def eeprom(self, servo: Servo) -> dict[str, int]:
-        """The items and their values. Raises ValueError for a current that the model cannot keep."""
-        return servo.eeprom(self.mode, self.current_a)
+        """The items and their values. Raises InputError for limits that the model cannot keep."""
+        try:
+            wanted = servo.eeprom(self.mode, self.current_a)
+        except ValueError as error:
+            do = "lower max_force_n in the rig file, or take a stronger model"
+            raise InputError(f"{error}; {do}") from error
+        try:
+            for name, value in wanted.items():
+                servo.model.check(name, value)
+        except ValueError as error:
+            do = "correct zero or range of its joint in the rig file, or mount its horn turned"
+            raise InputError(f"{error} (servo {servo.dxl_id}); {do}") from error
+        return wanted
 
 
 class Drive(Protocol):

@@ -222,10 +222,8 @@ class ServoSettings:
         """Items and values. Raises InputError for limits that the model cannot keep."""
         try:
             return self.limits.eeprom(self.servo)
-        except ValueError as error:
-            raise InputError(
-                f"{self.owner}: {error}; lower max_force_n in the rig file, or take a stronger model"
-            ) from error
+        except InputError as error:
+            raise InputError(f"{self.owner}: {error}") from error
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,11 +38,6 @@ def show_check(out: CheckOut, console: Console) -> None:
         console.print(f"{_WRONG} {escape(problem)}", highlight=False)
     for warning in out.warnings:
         console.print(f"{_WARNING} {escape(warning)}", highlight=False)
-    if any(item.settings for item in out.servos):
-        console.print(
-            "  a run writes these settings before anything moves; `palpate setup-motors` writes them now",
-            highlight=False,
-        )
     console.print(_verdict(out), highlight=False)
 
 

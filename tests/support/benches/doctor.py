@@ -448,6 +448,12 @@ FAULTS = (
     Fault("a warm servo", (Cause.WARM,), "22", _one_servo(22, lambda s: s.set_temperature(75.0))),
     Fault("torque left on", (Cause.TORQUE_ON,), "12", _one_servo(12, lambda s: s._unit.set_torque(on=True))),
     Fault("limits not set", (Cause.LIMITS_NOT_SET,), "32", _poke(32, "Current Limit", 1193)),
+    Fault(
+        "a range that a servo cannot keep",
+        (Cause.LIMITS_IMPOSSIBLE,),
+        "21",
+        _describe(_finger(1, "aim", zero_deg=270.0)),
+    ),
     Fault("a drive mode reversed", (Cause.DRIVE_REVERSED,), "11", _poke(11, "Drive Mode", 1)),
     Fault("a homing offset", (Cause.HOMING_OFFSET,), "21", _poke(21, "Homing Offset", 300)),
     Fault(

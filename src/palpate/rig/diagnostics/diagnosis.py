@@ -241,6 +241,12 @@ class Diagnosis:
         return [found for item in self.steps for found in item.findings]
 
     @property
+    def emulated(self) -> bool:
+        """True if the rig file or an array says so, as arrays that are served to other programs do."""
+        seen = (item.description for item in self.readings.arrays)
+        return self.case.rig.emulated or any(item is not None and item.emulated for item in seen)
+
+    @property
     def well(self) -> bool:
         """True if nothing is wrong; there may be warnings."""
         return not _has_wrong(self.steps)
@@ -326,7 +332,7 @@ def doctor_out(found: Diagnosis) -> DoctorOut:
     """The result of `palpate doctor`: the steps."""
     return DoctorOut(
         rig=found.case.rig.name,
-        emulated=found.case.rig.emulated,
+        emulated=found.emulated,
         well=found.well,
         device_missing=any(item.cause in DEVICE_CAUSES for item in found.findings),
         moved=found.moved,
@@ -351,7 +357,7 @@ def check_out(found: Diagnosis, measured: Retouch | HoldCheckOut | None = None) 
     blocked = any(item.skipped_because == _BLOCKED for item in found.steps)
     return CheckOut(
         rig=rig.name,
-        emulated=any(item.emulated for item in arrays) or rig.emulated,
+        emulated=found.emulated,
         well=found.well,
         adapter=AdapterCheckOut(
             port=rig.bus.port,
@@ -375,7 +381,7 @@ def check_out(found: Diagnosis, measured: Retouch | HoldCheckOut | None = None) 
 def _in_words(findings: Sequence[FindingOut], severity: Severity, *, named: bool = True) -> tuple[str, ...]:
     """Findings of a severity: what was seen, and what to do next."""
     return tuple(
-        f"{item.device}: {item.saw}; {item.next}" if named else f"{item.saw}; {item.next}"
+        (f"{item.device}: " if named else "") + f"{item.saw}; {item.next.removeprefix(f'{NOTHING_TO_DO}: ')}"
         for item in findings
         if item.severity is severity
     )

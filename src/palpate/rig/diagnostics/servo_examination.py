@@ -188,7 +188,7 @@ def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:
     seen = ExaminedServo(item.owner, servo.dxl_id, servo.model, {})
     try:
         seen = replace(seen, firmware=servo.check().firmware, model=servo.model)
-        wanted = item.eeprom()
+        wanted = item.limits.eeprom(servo)
     except PortFailed:
         raise
     except InputError as error:

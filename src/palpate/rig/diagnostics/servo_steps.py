@@ -230,7 +230,7 @@ def _limits_not_set(unset: Mapping[ExaminedServo, Mapping[str, tuple[int, int]]]
         f"{quantity(sum(map(len, unset.values())), 'item', 'items')} of EEPROM not as runs want them "
         f"(servo {first.dxl_id}: {shown})",
         "limits of current and position are not in the servos yet; runs write them first",
-        f"{NOTHING_TO_DO}: the first run writes them",
+        f"{NOTHING_TO_DO}: the first run writes them, palpate setup-motors at once",
     )
 
 
