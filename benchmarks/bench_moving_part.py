@@ -36,7 +36,7 @@ from palpate.rig.emulated.part_truth import draw_part, support_of
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, StageEvent
-from palpate.rig.identification.result import identification_out
+from palpate.rig.identification.result import RunFacts, identification_out
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json
 
@@ -153,14 +153,7 @@ def run(job: Job) -> None:
         "rig_s": bench.clock.now(),
     }
     if result is not None:
-        out = identification_out(
-            result,
-            None,
-            emulated=True,
-            rig_seconds=bench.clock.now(),
-            wall_seconds=0.0,
-            session=None,
-        )
+        out = identification_out(result, None, RunFacts(emulated=True, rig_seconds=bench.clock.now()))
         (folder / "result.json").write_text(out.model_dump_json())
         contacts = contacts_json([[touch.contact for touch in grip] for grip in result.grips])
         (folder / "contacts.json").write_text(json.dumps(contacts))

@@ -296,7 +296,7 @@ def test_a_computer_of_which_nothing_is_known_says_nothing(tmp_path: Path) -> No
     assert not nothing.may_be_probed("/dev/ttyUSB0")
     assert nothing.user_of("/dev/ttyUSB0") is None
     assert nothing.latency_timer_s("/dev/ttyUSB0") is None
-    assert nothing.taken_by_brltty() is None
+    assert nothing.find_brltty_claim() is None
     assert nothing.group_of("/dev/no-such-port") is None
 
 

@@ -143,7 +143,7 @@ def _examine(asked: "_Asked", *, move: bool, verbose: bool) -> int:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What both forms of the command were asked."""
+    """Options that both forms of the command have."""
 
     rig: Path | None
     json: bool
@@ -215,7 +215,7 @@ class _Looking:
             self.err.print(f"report for a bug tracker: {self.asked.report}", highlight=False)
 
     def console(self, *, soft_wrap: bool = False) -> "Console":
-        """Where people read the result."""
+        """Console on which people read the result."""
         from palpate.cli.terminal import Terminal
 
         return self.err if self.asked.json else Terminal(soft_wrap=soft_wrap)

@@ -45,7 +45,7 @@ ResultT = TypeVar("ResultT", CheckOut, DoctorOut)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DiagnosisAnswer(Generic[ResultT]):
-    """What was found, step by step."""
+    """Findings of a diagnosis, step by step."""
 
     result: ResultT
     on_bench: RigOnBench
@@ -83,7 +83,7 @@ class DiagnosisAnswer(Generic[ResultT]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CheckAnswer(DiagnosisAnswer[CheckOut]):
-    """What a check found (`palpate/check@1`). `failure`: of the display, at the end; the check is whole."""
+    """Findings of a check (`palpate/check@1`). `failure`: of the display, at the end; the check is whole."""
 
     failure: PalpateError | None = None
 
@@ -99,7 +99,7 @@ class CheckAnswer(DiagnosisAnswer[CheckOut]):
 
 
 class DoctorAnswer(DiagnosisAnswer[DoctorOut]):
-    """What `Rig.doctor` found (`palpate/doctor@1`)."""
+    """Findings of `Rig.doctor` (`palpate/doctor@1`)."""
 
 
 Show = Callable[[str], None]
@@ -193,7 +193,7 @@ def _push_part(
 def _references_to_touch(
     on_bench: RigOnBench, references: ReferencesFile | PathLike | None
 ) -> ReferencesFile:
-    """What is to be touched; InputError if there is nothing to compare touches with."""
+    """References to be touched; InputError if there is nothing to compare touches with."""
     on_bench.rig.require("compare touches")
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
         make = f"make it with `palpate calibrate --rig {on_bench.path}`"

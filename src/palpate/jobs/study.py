@@ -31,7 +31,14 @@ from palpate.rig.conversion import finger_of
 from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.study.campaign import Executor, RunsFile, carry_out_runs, cluster_executor, simulate_here
 from palpate.rig.study.simulation import Simulation, has_probabilities, motion_of, state_shares, with_motion
-from palpate.rig.study.summary import StudyAdvice, StudyDraws, StudyGoals, confusion_of, study_out
+from palpate.rig.study.summary import (
+    StudyAdvice,
+    StudyDraws,
+    StudyGoals,
+    StudySetting,
+    confusion_of,
+    study_out,
+)
 from palpate.rig.study.variations import (
     UNVARIED,
     at_heights,
@@ -104,11 +111,7 @@ def study(
         found = carry_out_runs(simulations, file, progress, execute)
     return study_out(
         found[UNVARIED],
-        objects=name,
-        rig=rig.name,
-        strategy=chosen,
-        seed=seed,
-        parts=motion,
+        StudySetting(name, rig.name, chosen, seed, motion),
         limits=StudyGoals.of(rig),
         drawn=StudyDraws(
             simulation.within_mm, state_shares(objects), sum(map(_is_by_probability, objects.objects))

@@ -119,7 +119,7 @@ class ArrayConformance:
 
     @property
     def patience_s(self) -> float:
-        """How long a frame may take."""
+        """Time that a frame may take."""
         return 5 / self.rate_hz
 
     def test_describes_itself_as_often_as_it_is_asked(self, bench: ArrayBench) -> None:

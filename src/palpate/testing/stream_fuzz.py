@@ -20,13 +20,13 @@ Edit = Callable[[np.random.Generator, Bytes], Bytes]
 
 
 class StreamDecoder(Protocol):
-    """What is fuzzed: `faults` counts by kind, `waiting` is the number of bytes kept between calls."""
+    """Decoder to be fuzzed: `faults` counts by kind, `waiting` is the number of bytes kept between calls."""
 
     faults: Counter[Any]
 
     @property
     def waiting(self) -> int:
-        """How many bytes are kept between calls."""
+        """Number of bytes kept between calls."""
         ...
 
     def feed(self, data: bytes, /) -> Sequence[object]:
@@ -36,7 +36,7 @@ class StreamDecoder(Protocol):
 
 @dataclass(frozen=True)
 class FuzzTally:
-    """What came of it.
+    """Tally of a fuzzed stream.
 
     `items` counts what `feed` returned by the name of its type, `faults` is what the decoders counted
     themselves, by kind. `recovered` counts the items of each type that the valid stream gave after each round

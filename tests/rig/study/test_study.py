@@ -19,7 +19,7 @@ from palpate.config.schema import schema_text
 from palpate.config.study_result import StudyRunOut
 from palpate.jobs.study import study
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
-from palpate.rig.study.summary import is_wrong, study_out
+from palpate.rig.study.summary import StudySetting, is_wrong, study_out
 from palpate.rig.study.variations import UNVARIED, compare_runs, error_variations, noise_budget
 from palpate.views.report.study_text import study_lines
 from support.benches.parts import L_SHAPE, objects, section, stacked_part
@@ -60,7 +60,7 @@ def test_what_feels_the_same_is_left_at_the_end(tmp_path: Path) -> None:
     rows = [some.run(number) for number in range(4)]
     assert all(row.left == (("again", "flat"), ("ell", "flat")) for row in rows)
     assert not any(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows)
-    out = study_out(rows, objects="twins", rig="r", strategy=Strategy.PLANNED, seed=3)
+    out = study_out(rows, StudySetting("twins", "r", Strategy.PLANNED, seed=3))
     assert (out.wrong, out.lost) == (0, 0)
     assert sum(pair.left for pair in out.hardest) == 4
     assert all(state.identified == 0 for state in out.states)
@@ -186,7 +186,7 @@ def test_parts_that_do_not_fit_into_the_workspace_are_counted() -> None:
     for one in (rig, narrow):
         simulation = Simulation(*with_motion(one, objects, PartMotion.STILL), Strategy.RANDOM, 0)
         rows = [simulation.run(number) for number in range(3)]
-        out = study_out(rows, objects="shipped", rig="r", strategy=Strategy.RANDOM, seed=0)
+        out = study_out(rows, StudySetting("shipped", "r", Strategy.RANDOM, seed=0))
         counts.append(out.sticking_out)
         assert ("parts sticking out" in "\n".join(study_lines(out, [10.0]))) is bool(out.sticking_out)
     assert counts[0] == 0

@@ -17,7 +17,7 @@ from palpate.config.study_result import ComparedOut, PairStudiedOut, RivalOut, S
 from palpate.jobs.study import study
 from palpate.rig.study.campaign import RunsFile
 from palpate.rig.study.simulation import Simulation, draw_placement, state_shares, with_motion
-from palpate.rig.study.summary import StudyGoals, study_out
+from palpate.rig.study.summary import StudyGoals, StudySetting, study_out
 from palpate.rig.study.variations import MIN_PAIRS, compare_runs
 from palpate.views.report.study_text import hard_pairs
 
@@ -61,7 +61,7 @@ def ended(
 
 
 def of(runs: list[StudyRunOut]) -> StudyOut:
-    return study_out(runs, objects="o", rig="r", strategy=Strategy.PLANNED, seed=0, limits=LIMITS)
+    return study_out(runs, StudySetting("o", "r", Strategy.PLANNED, seed=0), limits=LIMITS)
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=60))

@@ -23,7 +23,7 @@ from palpate.rig.bench import BenchRig, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.result import identification_out
+from palpate.rig.identification.result import RunFacts, identification_out
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
@@ -203,9 +203,7 @@ def identify_checked(session: EmulatedSession, catalogue: Catalogue) -> Identifi
     assert not any(session.torque().values())
     assert all(f.hardest_n <= session.rig.closing.max_force_n for f in session.bench.fingers)
     assert result.recognition is not None
-    out = identification_out(
-        result, session.placement, emulated=True, rig_seconds=1.0, wall_seconds=1.0, session=None
-    )
+    out = identification_out(result, session.placement, RunFacts(emulated=True, rig_seconds=1.0))
     assert out.truth is not None
     assert out.truth.named, json.dumps(out.model_dump(mode="json"))
     assert out.truth.inside_bounds, json.dumps(out.model_dump(mode="json"))

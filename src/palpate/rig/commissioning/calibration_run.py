@@ -99,7 +99,7 @@ class RunRecordStore(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class CalibrationJob:
-    """What to calibrate: the rig as its file describes it, the references, the steps, and what was known.
+    """Job of a calibration: the rig as its file describes it, the references, the steps, what was known.
 
     `rig_sha256`: of the rig file's bytes. `before`: the rig's calibration so far, None if it has none.
     """
@@ -293,7 +293,7 @@ class _CalibrationRun:
         """Fingers with what is not known of them: from this run's fit, else from the file."""
         if not self._record.touched:
             return KnownFingers.from_calibration(rig.fingers, self._file_with_places().fingers)
-        fitted = self._fitted()
+        fitted = self._fit_places()
         return KnownFingers(fitted.models, fitted.hand.values, fitted.hand.covariance)
 
     def _file_of_devices(self) -> CalibrationFile:
@@ -334,7 +334,7 @@ class _CalibrationRun:
 
     def _with_places(self, file: CalibrationFile) -> CalibrationFile:
         """The file with fingers' places and bounds."""
-        specs, fitted = self._rig_so_far().fingers, self._fitted()
+        specs, fitted = self._rig_so_far().fingers, self._fit_places()
         models, hand, touched = fitted.models, fitted.hand, fitted.touched
         touches, fit, without = fitted.touches, fitted.fit, fitted.without
         out = hold_out(len(touched))
@@ -364,7 +364,7 @@ class _CalibrationRun:
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
-    def _fitted(self) -> "_FittedPlaces":
+    def _fit_places(self) -> "_FittedPlaces":
         """The fit of the fingers' places; it is made once for the same touches."""
         touched = [item for touches in self._record.touched for item in touches]
         if self._last_fit is None or self._last_fit.touched != touched:
@@ -384,13 +384,13 @@ class _CalibrationRun:
         return apply_calibration(self._job.rig, self._file_of_devices())
 
     def _actuators(self, index: int) -> Actuators | None:
-        """What is known of a finger's actuators: from this run, else from before."""
+        """Calibration of a finger's actuators: from this run, else from before."""
         if self._record.actuators is not None:
             return self._record.actuators[index]
         return None if self._job.before is None else self._job.before.fingers[index].actuators
 
     def _tactile(self, index: int) -> TactileCalibration | None:
-        """Likewise of its array."""
+        """Calibration of a finger's array: from this run, else from before."""
         if self._record.tactile is not None:
             return self._record.tactile[index]
         return None if self._job.before is None else self._job.before.fingers[index].tactile
@@ -422,7 +422,7 @@ class _CalibrationRun:
 
 
 def _record_summary(record: RunRecord) -> str:
-    """What a record holds, in words."""
+    """Contents of a record, in words."""
     parts = [step for step in STEPS if getattr(record, step, None) is not None]
     if record.touched:
         parts.append(f"{len(record.touched)} placings")
@@ -452,7 +452,7 @@ class RunRecordFile:
         self._path = path
 
     def load(self) -> RunRecord | None:
-        """What is there; InputError if it cannot be read."""
+        """Load what is there; InputError if it cannot be read."""
         if not self._path.exists():
             return None
         try:

@@ -74,7 +74,7 @@ class HandProber:
         self._hand, self._table, self._tell = hand, table, tell
         self._specs = [finger.spec for finger in hand.fingers]
         self._kinematics = [finger.kinematics for finger in hand.fingers]
-        self._reach, self._number = (_turned_reach if turned else _middle_reach)(hand.rig)
+        self._reach, self._number = (_stage_reach if turned else _middle_reach)(hand.rig)
         self.approaches: Sequence[ServoPath] = [
             _approach(hand.rig, self._reach, index, self._kinematics) for index in self._number
         ]
@@ -105,7 +105,7 @@ class HandProber:
             done = carry_out_grip(self._hand, approaches, self._tell, measure_quasi_statically)
             touches = {touch.finger_index: touch for touch in done}
             for probe, item, way in zip(some, approaches, ways, strict=True):
-                found[probe.approach] = self._touched(touches[item.finger_index], item, placing, way)
+                found[probe.approach] = self._probe_touch(touches[item.finger_index], item, placing, way)
         return [found[probe.approach] for probe in grip]
 
     def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
@@ -233,7 +233,7 @@ class HandProber:
             self._ways(probe.approach)
 
     def _ways(self, number: int) -> tuple[int, int] | None:
-        """From which side the aim will come to its angle, as far as that is sure; noted for the next.
+        """Sides from which the aim will come to its angle, as far as that is sure; noted for the next.
 
         None for an arm: its joints move all of the way, and how they came shows where it stands.
         """
@@ -252,7 +252,7 @@ class HandProber:
         self._aims[item.finger] = (at, way)
         return way, 0
 
-    def _touched(
+    def _probe_touch(
         self, touch: Touch, approach: FingerApproach, placing: int, ways: tuple[int, int] | None
     ) -> TouchMeasurement | None:
         patch = touch.patch
@@ -283,7 +283,7 @@ class HandProber:
 
 def approaches_of(rig: RigFile, *, turned: bool = False) -> list[ServoPath]:
     """Every way that the fingers of a rig can go, as their servos go it; `turned`: at all stage angles."""
-    reach, numbers = (_turned_reach if turned else _middle_reach)(rig)
+    reach, numbers = (_stage_reach if turned else _middle_reach)(rig)
     kinematics = [kinematics_of(finger) for finger in rig.fingers]
     return [_approach(rig, reach, index, kinematics) for index in numbers]
 
@@ -294,7 +294,7 @@ def _middle_reach(rig: RigFile) -> tuple[Reach, list[int]]:
     return reach, reach.of_stage(reach.middle_rad)
 
 
-def _turned_reach(rig: RigFile) -> tuple[Reach, list[int]]:
+def _stage_reach(rig: RigFile) -> tuple[Reach, list[int]]:
     """The reach at several angles of the stage, and those of its approaches whose play is taken up."""
     reach = reach_of(rig, aims=_TURNED_ARM_AIMS if _has_arms(rig) else _TURNED_AIMS)
     kinds = [kinematics_of(spec) for spec in rig.fingers]
@@ -320,7 +320,7 @@ def _home_rad(spec: SlideFingerConfig) -> float:
 
 
 def joint_sides(spec: ArmFingerConfig, servos_rad: Floats) -> tuple[int, int]:
-    """From which side both joints of an arm came, +1 from below, as servo angles (2, 2) show; 0 if not sure.
+    """Sides from which both joints of an arm came, +1 from below, by servo angles (2, 2); 0 if not sure.
 
     Sure is what has moved on by more than all of the play, and what encoders may be off.
     """

@@ -73,7 +73,7 @@ class MotorSetup:
     problem: str | None = None
 
     def out(self) -> SetupServoOut:
-        """How it stands, for the result."""
+        """State of the set-up, for the result."""
         at = self.found
         firmware = None if at is None or at.ping is None else at.ping.firmware
         return SetupServoOut(

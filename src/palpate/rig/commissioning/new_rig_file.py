@@ -107,7 +107,7 @@ def _finger(
 
 
 def _pad(array: Description) -> tuple[str, str]:
-    """What a rig file says of a pad and of the flat array on it, as far as the array does."""
+    """Lines of a rig file on a pad and the flat array on it, as far as the array says it."""
     pitches = [after - before for before, after in pairwise(array.columns)]
     width = array.columns[-1] - array.columns[0] + (pitches[0] + pitches[-1]) / 2
     pitch = math.ceil(1e3 * max(pitches) - 1e-3) / 1e3  # columns are no further apart

@@ -51,7 +51,7 @@ def is_rate_too_low(rate_hz: float, wanted_hz: float) -> bool:
     return rate_hz < _MIN_RATE_SHARE * wanted_hz
 
 
-def lost_frames(counters: ArrayCounters) -> int:
+def count_lost_frames(counters: ArrayCounters) -> int:
     """Frames that never came, or came damaged, so far: also what boards send while they start."""
     return counters.lost + counters.faults + counters.misshapen
 
@@ -138,7 +138,7 @@ class _Stream:
             self.array.description,
             report=self.report,
             frames=tuple(self.frames),
-            lost=lost_frames(self.array.counters) - self.lost_before,
+            lost=count_lost_frames(self.array.counters) - self.lost_before,
             broken=self.broken,
         )
 
@@ -171,7 +171,7 @@ def _stream_all(case: DiagnosisCase, streams: Sequence[_Stream]) -> None:
     clock, rate_hz = case.place.clock, case.rig.closing.sample_rate_hz
     case.tell("listening to all arrays")
     for item in streams:
-        item.lost_before = lost_frames(item.array.counters)
+        item.lost_before = count_lost_frames(item.array.counters)
         item.attempt(partial(item.array.start, rate_hz))
     end = clock.now() + (case.listen_s if streams else 0.0)
     while clock.now() < end:
@@ -255,7 +255,7 @@ _DRIFT_STRETCHES = 12
 
 @dataclass(frozen=True, eq=False)
 class UntouchedStatistics:
-    """What frames of an untouched array show, by taxel (rows, cols).
+    """Statistics of an untouched array's frames, by taxel (rows, cols).
 
     `dead` never change, which is certain only where there is noise enough (`tells_dead`); `at_zero` of them
     read 0, as one does whose zero has drifted below what can be read. `noise_counts`: median of the live

@@ -53,7 +53,7 @@ def _all_silent(case: DiagnosisCase) -> FindingOut:
     rates = join_words([str(rate) for rate in baudrates_to_try(case.place)], 8)
     return wrong(
         Cause.BUS_SILENT,
-        name_together(f"port {case.rig.bus.port}", map(_named, list_servos(case.rig))),
+        name_together(f"port {case.rig.bus.port}", map(_name, list_servos(case.rig))),
         f"the port opens, and no servo answers at {rates} baud",
         "the servos have no supply, the first cable is not plugged in, or this is another device's port",
         "switch the servos' supply on and check the cable from the adapter to the first servo",
@@ -75,7 +75,7 @@ def judge_baud_rate(case: DiagnosisCase, readings: Readings) -> Judgement:
     if moved and len(moved) == len(seen.owned) and len(rates) == 1:
         finding = wrong(
             Cause.BAUD_RATE,
-            name_together("all servos", map(_named, seen.owned)),
+            name_together("all servos", map(_name, seen.owned)),
             f"every servo answers at {rates[0]} baud, not at the rig file's {rate}",
             "servos and rig file agree in all but the rate",
             f"write baudrate_bps = {rates[0]} below [bus] in the rig file, or set up the servos anew",
@@ -84,7 +84,7 @@ def judge_baud_rate(case: DiagnosisCase, readings: Readings) -> Judgement:
     return saw, [
         wrong(
             Cause.BAUD_RATE,
-            _named(servo),
+            _name(servo),
             f"it answers at {item.baudrate} baud, not at the rig file's {rate}",
             "it has not been set up for this rig, or was reset",
             case.command(f"palpate setup-motors --rig RIG --id {servo.dxl_id}"),
@@ -101,23 +101,23 @@ def judge_ids(case: DiagnosisCase, readings: Readings) -> Judgement:
     missing = [servo for servo in seen.missing if servo.dxl_id not in at_other_rate]
     crowded = [item for item in (*seen.here, *seen.elsewhere) if item.crowded]
     strangers = [item for item in seen.strangers if not item.crowded]
-    findings = [_crowded(case, item, seen.owned, missing) for item in crowded]
+    findings = [_id_clash(case, item, seen.owned, missing) for item in crowded]
     if missing and not crowded:
         findings.append(_other_ids(case, missing, strangers) if strangers else _silent(missing))
     ids = sorted(item.dxl_id for item in seen.here)
     return f"ids {join_words([str(i) for i in ids], 16)} answer", findings
 
 
-def _crowded(
+def _id_clash(
     case: DiagnosisCase, item: FoundServo, owned: Sequence[RigServo], missing: Sequence[RigServo]
 ) -> FindingOut:
     owner = next((servo for servo in owned if servo.dxl_id == item.dxl_id), None)
-    also = f", and {_named_together(missing).name} does not answer" if missing else ""
+    also = f", and {_name_servos(missing).name} does not answer" if missing else ""
     target = missing[0] if missing else owner
-    name = f"id {item.dxl_id}" if owner is None else _named(owner).name
+    name = f"id {item.dxl_id}" if owner is None else _name(owner).name
     return wrong(
         Cause.DUPLICATE_ID,
-        name_together(name, map(_named, missing if owner is None else (owner, *missing))),
+        name_together(name, map(_name, missing if owner is None else (owner, *missing))),
         f"two servos or more answer to id {item.dxl_id} at once, and spoil each other's answers{also}",
         "one of them was never given an id of its own",
         "connect only the servo that has the wrong id, then: "
@@ -139,7 +139,7 @@ def _other_ids(
     verb = "does" if len(missing) == 1 else "do"
     return wrong(
         Cause.WRONG_ID,
-        _named_together(missing),
+        _name_servos(missing),
         f"{'it' if len(missing) == 1 else 'they'} {verb} not answer, and {join_words(there)}, which the rig "
         f"file does not have, {'does' if len(there) == 1 else 'do'}",
         "a servo has another id than the rig file says; new ones have id 1 at 57600 baud",
@@ -151,7 +151,7 @@ def _silent(missing: Sequence[RigServo]) -> FindingOut:
     one, ids = len(missing) == 1, join_words([str(servo.dxl_id) for servo in missing])
     return wrong(
         Cause.SERVO_SILENT,
-        _named_together(missing),
+        _name_servos(missing),
         f"{'it does' if one else 'they do'} not answer at any baud rate, and other servos do",
         "its cable or plug is loose, or it is broken"
         if one
@@ -170,7 +170,7 @@ def judge_models(_case: DiagnosisCase, readings: Readings) -> Judgement:
     findings = [
         wrong(
             Cause.WRONG_MODEL,
-            _named(servo),
+            _name(servo),
             f"it answers as {models[servo.dxl_id]}, not as the rig file's {servo.model}",
             _why_other_model(servo, models, other),
             f'write model = "{models[servo.dxl_id]}" for it in the rig file, or mount one of the other model',
@@ -196,10 +196,10 @@ def _model(item: FoundServo) -> str:
     return model_name(item.ping) or f"model number {item.ping.model_number}"
 
 
-def _named(servo: RigServo) -> NamedDevice:
+def _name(servo: RigServo) -> NamedDevice:
     return name_servo(servo.owner, servo.dxl_id)
 
 
-def _named_together(servos: Sequence[RigServo]) -> NamedDevice:
-    devices = [_named(servo) for servo in servos]
+def _name_servos(servos: Sequence[RigServo]) -> NamedDevice:
+    devices = [_name(servo) for servo in servos]
     return name_together(join_words([item.name for item in devices]), devices)

@@ -125,7 +125,7 @@ _BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the
 
 @dataclass(frozen=True, eq=False)
 class Retouch:
-    """What came of a re-touch: how all touches agree with the calibration, and every finger's mean.
+    """Result of a re-touch: how all touches agree with the calibration, and every finger's mean.
 
     `friction_a`: current that slides need to move freely, by fingers' names, as far as it was measured.
     """
@@ -219,7 +219,7 @@ def _surface_contacts(
     touches: TouchArrays,
     fit: FingerFit,
 ) -> SurfaceContacts:
-    """Where all touches, outliers of the fit among them, met the disc."""
+    """Places where all touches, outliers of the fit among them, met the disc."""
     fingers = touches.finger.tolist()
     travel = np.empty(len(fingers))
     for k, model in enumerate(models):
@@ -311,7 +311,7 @@ def judge_calibration(case: DiagnosisCase, readings: Readings) -> Judgement:
         return "there is none: the rig file's own numbers and bounds hold", []
     servos, arrays = _answering(readings)
     age = _age_days(file, readings)
-    findings = _exchanged(case, file, servos, arrays)
+    findings = _exchange_findings(case, file, servos, arrays)
     again = case.calibrate_or("move the calibration away: pads are measured by hand")
     if age > MAX_AGE_DAYS and not findings:
         saw = f"it is {age} days old"
@@ -330,11 +330,11 @@ def _age_days(file: CalibrationFile, readings: Readings) -> int:
     return max((readings.now - file.made).days, 0)
 
 
-def _exchanged(
+def _exchange_findings(
     case: DiagnosisCase, file: CalibrationFile, servos: Mapping[int, str], arrays: Mapping[str, str]
 ) -> list[FindingOut]:
     """Devices that are not those that were calibrated, or hang on each other's ports."""
-    swapped = _swapped_arrays(file, arrays)
+    swapped = _array_swaps(file, arrays)
     if swapped:
         return [
             wrong(
@@ -376,7 +376,7 @@ def calibration_out(case: DiagnosisCase, readings: Readings) -> CalibrationCheck
     )
 
 
-def _swapped_arrays(file: CalibrationFile, arrays: Mapping[str, str]) -> dict[str, str]:
+def _array_swaps(file: CalibrationFile, arrays: Mapping[str, str]) -> dict[str, str]:
     """Fingers whose array was calibrated on another finger, and on which."""
     ids = [device.id for device in file.devices if device.kind == "array"]
     if len(ids) != len(file.fingers):

@@ -228,7 +228,7 @@ _NOT_TOUCHED = "nothing was touched: first put right what is wrong"
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was read of a case, and all steps. `moved`: whether fingers have moved."""
+    """Readings of a case, and all steps. `moved`: whether fingers have moved."""
 
     case: DiagnosisCase
     readings: Readings
@@ -253,7 +253,7 @@ class Diagnosis:
 
     @property
     def next(self) -> str | None:
-        """What to do first: about the first finding that is wrong, else the first warning, and all alike."""
+        """The next thing to do: about the first wrong finding, else the first warning, and all alike."""
         open_ones = [item for item in self.findings if not item.next.startswith(NOTHING_TO_DO)]
         if not open_ones:
             return None

@@ -249,7 +249,7 @@ def _touch(hand: Hand, approach: FingerApproach, measure: Measure | None) -> Tou
 
 
 def _push_result(rig: RigFile, push: SlipPush, touch: Touch) -> FingerHoldOut:
-    """What came of a finger's push, which ended its touch."""
+    """Result of a finger's push, which ended its touch."""
     moved_mm = _slide_mm(rig, touch, TouchStage.QUICK)
     if push.slid:
         moved_mm += _slide_mm(rig, touch, TouchStage.SLOW)

@@ -50,7 +50,9 @@ class Computer:
 
     def runs(self, program: str) -> bool:
         """Return whether a program of that name is running."""
-        return any(_read_text(folder / "comm") == program[:15] for folder in _numbered(self.root / "proc"))
+        return any(
+            _read_text(folder / "comm") == program[:15] for folder in _process_folders(self.root / "proc")
+        )
 
     def latency_timer_s(self, port: str) -> float | None:
         """The latency timer of a port's adapter, None if it is not known."""
@@ -68,7 +70,7 @@ class Computer:
         known = _read_text(self.root / "run/udev/data" / f"c{number}") if number else ""
         return "ID_MM_CANDIDATE=1" in known and not any(word in known for word in _MODEM_MANAGER_EXCLUSIONS)
 
-    def taken_by_brltty(self) -> str | None:
+    def find_brltty_claim(self) -> str | None:
         """USB id of an adapter that has no port while brltty is running, which takes such; None without."""
         if not self.runs("brltty"):
             return None
@@ -95,7 +97,7 @@ def _user() -> str:
         return ""
 
 
-def _numbered(folder: Path) -> Iterator[Path]:
+def _process_folders(folder: Path) -> Iterator[Path]:
     return (entry for entry in _entries(folder) if entry.name.isdecimal())
 
 

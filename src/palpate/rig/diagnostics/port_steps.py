@@ -80,7 +80,7 @@ def _with_user(case: DiagnosisCase, port: str) -> str:
 
 def _missing(case: DiagnosisCase, missing: Sequence[str], *, nothing: bool) -> list[FindingOut]:
     """Findings on ports that are not there; a single one if `nothing` is, unless brltty took an adapter."""
-    taken = case.computer.taken_by_brltty() if missing else None
+    taken = case.computer.find_brltty_claim() if missing else None
     devices = {port: name_port(case.rig, port) for port in missing}
     if nothing and taken is None:
         return [

@@ -58,7 +58,7 @@ class AnsweringServos:
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What was read. `ports`: why each port of the rig file does not open, None if it does.
+    """All that was read. `ports`: why each port of the rig file does not open, None if it does.
 
     `bus` is None if its port does not open or failed, `servos` if none was examined. `bus_error`: why the
     bus could not be read. `misfits`: of arrays that introduced themselves; `untouched` are those that fit.

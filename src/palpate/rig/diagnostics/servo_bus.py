@@ -59,7 +59,7 @@ class BusEndpoint:
 
     @property
     def emulated(self) -> bool:
-        """Whether nothing real hangs on it, as far as the host can tell."""
+        """True if nothing real hangs on it, as far as the host can tell."""
         return self.port.startswith("mock://")
 
     def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
@@ -146,7 +146,7 @@ def baudrates_to_try(place: BusEndpoint) -> Sequence[int]:
 
 
 def scan_result(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequence[int]) -> ScanOut:
-    """What was found beside what the rig file says."""
+    """Result of a scan: what was found beside what the rig file says."""
     owned = {servo.dxl_id: servo for servo in list_servos(place.rig)}
     servos = tuple(_servo_out(item, owned) for item in found.found)
     warnings = [
@@ -165,7 +165,7 @@ def scan_result(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequ
 
 
 def is_scan_well(out: ScanOut, place: BusEndpoint) -> bool:
-    """Whether servos answer, each by an id of its own, and those of the rig are as its file says."""
+    """Return whether servos answer, each by an id of its own, and those of the rig as its file says."""
     models = {servo.id: servo.model for servo in out.servos if servo.baudrate_bps == place.baudrate}
     return (
         bool(out.servos)
@@ -210,7 +210,7 @@ def _scan_warnings(servos: Sequence[ScannedServoOut]) -> list[str]:
 def _rig_warnings(
     servos: Sequence[ScannedServoOut], owned: Sequence[RigServo], baudrate: int | None
 ) -> list[str]:
-    """What the rig file has otherwise."""
+    """Warnings of what the rig file has otherwise."""
     warnings = []
     for wanted in owned:
         there = [servo for servo in servos if servo.id == wanted.dxl_id]

@@ -78,7 +78,7 @@ def judge_supply(_case: DiagnosisCase, readings: Readings) -> Judgement:
         if item not in low and health.voltage_v < _WEAK_SUPPLY_SHARE * _nominal(item)
     ]
     servos = [item for item, _ in there]
-    findings = [_mixed(text, servos) for text in supply_warnings(item.model.name for item in servos)]
+    findings = [_supply_mix(text, servos) for text in supply_warnings(item.model.name for item in servos)]
     if low:
         findings.append(_low(low, len(there), serious=True))
     if high:
@@ -113,7 +113,7 @@ def _span(volts: Sequence[float]) -> str:
     return f"{low:.1f} V" if low == high else f"{low:.1f} to {high:.1f} V"
 
 
-def _mixed(text: str, servos: Sequence[ExaminedServo]) -> FindingOut:
+def _supply_mix(text: str, servos: Sequence[ExaminedServo]) -> FindingOut:
     saw, _, rest = text.partition(": ")
     means, _, do = rest.partition("; ")
     every = name_together("all servos", (item.device for item in servos))
@@ -151,7 +151,9 @@ def _high(items: Sequence[ExaminedServo]) -> FindingOut:
 def judge_hardware(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Servos that are hot or warm, or report an error that supply and heat do not explain."""
     there = _read_servos(readings)
-    findings = [found for item, health in there for found in (*_heat(item, health), *_latched(item, health))]
+    findings = [
+        found for item, health in there for found in (*_heat(item, health), *_latched_error(item, health))
+    ]
     errors = sum(bool(health.hardware_error) for _, health in there)
     reported = f"{quantity(errors, 'servo reports', 'servos report')} an error" if errors else "none reported"
     return f"{reported}, {max(health.temperature_c for _, health in there)} °C at most", findings
@@ -168,7 +170,7 @@ def _heat(item: ExaminedServo, health: Health) -> list[FindingOut]:
     return []
 
 
-def _latched(item: ExaminedServo, health: Health) -> list[FindingOut]:
+def _latched_error(item: ExaminedServo, health: Health) -> list[FindingOut]:
     low, high = health.voltage_limits_v
     hot = health.temperature_c >= health.temperature_limit_c
     explained = HardwareError.OVERHEATING if hot else HardwareError(0)
@@ -295,12 +297,12 @@ def judge_traffic(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Answers that were lost or late, and how often all servos can be read."""
     seen = readings.servos
     assert seen is not None, "the step needs servos"
-    findings = _lost_answers(seen) or _late_answers(seen) or _slow_reads(case, readings, seen)
+    findings = _answer_loss(seen) or _late_answers(seen) or _slow_reads(case, readings, seen)
     rate = "not read together" if seen.loop is None else f"{seen.loop.rate_hz:.0f} reads of all a second"
     return f"{rate}, {seen.lost} of {seen.counts.instructions} answers lost", findings
 
 
-def _lost_answers(seen: ExaminedServos) -> list[FindingOut]:
+def _answer_loss(seen: ExaminedServos) -> list[FindingOut]:
     failed = [item for item in seen.servos if item.failure is not None and not (item.old or item.unable)]
     asked = seen.counts.instructions
     many = seen.lost >= _MIN_LOST_ANSWERS and seen.lost > _MAX_LOST_SHARE * asked

@@ -26,7 +26,7 @@ Judgement = tuple[str, Sequence[FindingOut]]
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisCase:
-    """What is examined: a rig, where its ports are, the computer; `tell` hears what is looked at now."""
+    """Case that is examined: a rig, where its ports are, the computer; `tell` hears what is looked at now."""
 
     on_bench: RigOnBench
     place: BusEndpoint
@@ -134,7 +134,7 @@ def name_flag(flag: Flag) -> str:
 
 
 def join_words(items: Sequence[str], most: int = _MAX_LISTED) -> str:
-    """Some items in words: "a, b and c"; of more than `most` the first ones, and how many there are."""
+    """List of items in words: "a, b and c"; of more than `most` the first ones, and how many there are."""
     if len(items) > most:
         return f"{', '.join(items[:most])} and {len(items) - most} more"
     return " and ".join(filter(None, (", ".join(items[:-1]), items[-1]))) if items else "none"

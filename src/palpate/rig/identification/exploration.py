@@ -32,7 +32,7 @@ _INWARD_MM = 6.0
 
 
 def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerApproach]:
-    """For each finger the approach that passes nearest to the target.
+    """Grip of each finger's approach that passes nearest to the target.
 
     None that passes too near to an earlier one of that finger is taken.
     """
@@ -97,7 +97,7 @@ def inscribed_discs(catalogue: Catalogue, fingers: Iterable[Finger]) -> dict[Tip
     """The largest such disc beside each tip, by its ends' heights; without tips beside which nothing is."""
     found: dict[TipSpan, InscribedDisc] = {}
     for finger in sorted(set(fingers)):
-        inscribed = [_inscribed_mm(item.state, finger) for item in catalogue.states]
+        inscribed = [_disc_radius_mm(item.state, finger) for item in catalogue.states]
         met = {
             index: radius - catalogue.states[index].tolerance_mm
             for index, radius in enumerate(inscribed)
@@ -114,7 +114,7 @@ def inscribed_discs(catalogue: Catalogue, fingers: Iterable[Finger]) -> dict[Tip
 def unswept_places(
     contacts: Sequence[Contact], discs: Mapping[TipSpan, InscribedDisc], workspace_radius_mm: float
 ) -> dict[TipSpan, shapely.Geometry]:
-    """Where in W the centre of each tip's disc may be after misses; everything else is certainly free."""
+    """Places in W where the centre of each tip's disc may be after misses; all others are certainly free."""
     around = 1 / math.cos(
         math.pi / (4 * _CHORDS_PER_QUARTER)
     )  # chords of the workspace's rim must not cut it short
@@ -129,7 +129,7 @@ def unswept_places(
 
 
 def is_swept(left: Mapping[TipSpan, shapely.Geometry], discs: Mapping[TipSpan, InscribedDisc]) -> bool:
-    """Whether no state that some finger can feel lies inside the workspace."""
+    """Return whether no state that some finger can feel lies inside the workspace."""
     felt = frozenset().union(*(disc.states for disc in discs.values()))
     excluded = frozenset().union(*(discs[span].states for span, place in left.items() if place.is_empty))
     return bool(felt) and felt == excluded
@@ -141,7 +141,7 @@ def sweeping_grip(
     left: Mapping[TipSpan, shapely.Geometry],
     discs: Mapping[TipSpan, InscribedDisc],
 ) -> list[FingerApproach]:
-    """For each finger the unused approach that would free most of the places.
+    """Grip of each finger's unused approach that would free most of the places.
 
     Fingers that would free nothing stay where they wait.
     """
@@ -163,7 +163,7 @@ def sweeping_grip(
 
 
 def _corridor(contact: Contact, disc: InscribedDisc) -> shapely.Geometry:
-    """Where the disc's centre cannot be, because the tip passed."""
+    """Region where the disc's centre cannot be, because the tip passed."""
     free_mm = contact.finger.tip_radius_mm - contact.free_path_bound_mm
     if contact.touched or free_mm + disc.radius_mm <= 0:
         return shapely.Polygon()
@@ -173,30 +173,30 @@ def _corridor(contact: Contact, disc: InscribedDisc) -> shapely.Geometry:
 
 
 def _planned_corridor(approach: Approach, disc: InscribedDisc) -> shapely.Geometry:
-    """What `_corridor` will be if the finger goes all the way and touches nothing."""
+    """Corridor that will be free if the finger goes all the way and touches nothing."""
     (x, y), angle = approach.start_mm, approach.direction_rad
     end = (x + approach.travel_mm * math.cos(angle), y + approach.travel_mm * math.sin(angle))
     miss = Contact("", approach.finger, False, approach.start_mm, end, approach.position_bound_mm)
     return _corridor(miss, disc)
 
 
-def _inscribed_mm(state: State, finger: Finger) -> float | None:
+def _disc_radius_mm(state: State, finger: Finger) -> float | None:
     """Radius of a disc that fits inside of what a tip can meet; None if there is nothing.
 
     Beside a ball it is less by what the ball's circle there has less than the ball.
     """
     met = state.sections_within(finger.span_mm)
     if finger.tip.is_upright:
-        return _inscribed_in_mm(met)
+        return _disc_radius_in_mm(met)
     found = []
     for section in met:
-        circle, inside = finger.radius_beside_mm(section.z_mm), _inscribed_in_mm([section])
+        circle, inside = finger.radius_beside_mm(section.z_mm), _disc_radius_in_mm([section])
         if circle > 0 and inside is not None:
             found.append(inside + circle - finger.tip_radius_mm)
     return max(found, default=None)
 
 
-def _inscribed_in_mm(sections: Sequence[Section]) -> float | None:
+def _disc_radius_in_mm(sections: Sequence[Section]) -> float | None:
     polygons = [p for section in sections for p in section.polygons]
     region = region_of(polygons)
     if region.is_empty:

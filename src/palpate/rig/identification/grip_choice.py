@@ -98,13 +98,13 @@ class StabilityTable:
         hypotheses = () if recognition is None else recognition.hypotheses
         for index in dict.fromkeys(item.state_index for item in hypotheses):
             item, stability = self.catalogue.states[index], self.of(index)
-            if stability.response is not PushResponse.SLIDES and not self._stood(index, pushed_n):
+            if stability.response is not PushResponse.SLIDES and not self._is_upright(index, pushed_n):
                 names = item.object_name, item.state.name
                 found.append(NotBounded(*names, stability.response, stability.why))
         return tuple(found)
 
-    def _stood(self, state: int, pushed_n: float) -> bool:
-        """Whether a state has not tipped: a part that holds F weighs F / μ at least."""
+    def _is_upright(self, state: int, pushed_n: float) -> bool:
+        """Return whether a state has not tipped: a part that holds F weighs F / μ at least."""
         stability, item = self.of(state), self.catalogue.states[state]
         holds = item.holds_n or self.rig.search.part_holds_n
         if holds is None or stability.response is PushResponse.MAY_ROLL:
@@ -113,16 +113,16 @@ class StabilityTable:
         return pushed_n * stability.height_mm * INERTIA_RESERVE <= weight * stability.margin_mm
 
     @cached_property
-    def _found(self) -> dict[int, tuple[Stability, Floats]]:
+    def _by_state(self) -> dict[int, tuple[Stability, Floats]]:
         return {}
 
     def _of(self, state: int) -> tuple[Stability, Floats]:
-        if state not in self._found:
+        if state not in self._by_state:
             item = self.catalogue.states[state]
             spans = [finger.span_mm for finger in self.rig.fingers]
             stability = stability_of(item.state, item.tolerance_mm, spans)
-            self._found[state] = stability, stability.safe_heights_mm()
-        return self._found[state]
+            self._by_state[state] = stability, stability.safe_heights_mm()
+        return self._by_state[state]
 
 
 _MAX_IDLE_TOUCHES = 3  # as many without gain, and more will not help
@@ -137,6 +137,11 @@ class GripChoice:
     verdict: IdentificationVerdict | None
     grip: Grip | None = None
     is_check: bool = False
+
+
+def strategy_rng(seed: int) -> np.random.Generator:
+    """Generator of what the strategy `random` draws."""
+    return np.random.default_rng([seed, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +161,7 @@ class GripChooser:
 
     @cached_property
     def resolution(self) -> Resolution:
-        """What touches resolve."""
+        """Resolution of touches."""
         return self.feels or resolution_of(self.rig)
 
     def choose(self, evidence: GripEvidence, recognition: Recognition) -> GripChoice:
@@ -194,17 +199,17 @@ class GripChooser:
         return IdentificationVerdict.INDISTINGUISHABLE if self.twins(recognition).all() else None
 
     def twins(self, recognition: Recognition) -> Bools:
-        """Which hypotheses no approach that is left tells apart: (h, h)."""
+        """Pairs of hypotheses that no approach that is left tells apart: (h, h)."""
         used = used_approaches(recognition.contacts, self.reach.approaches)
         return twins(recognition, self.reach, self.resolution, used)
 
     def is_fine(self, recognition: Recognition) -> bool:
-        """Whether every hypothesis is placed as finely as the rig file's goals ask."""
+        """Return whether every hypothesis is placed as finely as the rig file's goals ask."""
         goals = goals_of(self.rig)
         return all(goals.met_by(item.search_bounds) for item in recognition.hypotheses)
 
     def is_confirmed(self, evidence: GripEvidence) -> bool:
-        """Whether enough came out as predicted, and the last grip would have detected a shift of the part.
+        """Return whether enough came out as predicted, and the last grip would have detected a shift.
 
         On some parts no reachable touches detect it: then the checks that were made must do. Where it is
         declared what force parts bear, it is known how far touches shift them.
@@ -229,7 +234,7 @@ class GripChooser:
         )
 
     def _is_vain(self, grip: Grip) -> bool:
-        """Whether even the best grip would hardly place things more finely."""
+        """Return whether even the best grip would hardly place things more finely."""
         return self.strategy is Strategy.PLANNED and grip.remaining > _VAIN_SHARE
 
     def _check(self, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
@@ -245,7 +250,7 @@ class GripChooser:
         return self._plan(recognition, one_class=True)
 
     def _limits(self, recognition: Recognition) -> PushLimits:
-        """What pushes may do to the parts of the recognition's catalogue."""
+        """Limits of what pushes may do to the parts of the recognition's catalogue."""
         catalogue = recognition.catalogue
         if catalogue not in self.tables:
             self.tables[catalogue] = StabilityTable(self.rig, catalogue)
@@ -254,7 +259,7 @@ class GripChooser:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GripPlan(ShortRepr):
-    """What is left after some contacts, and the grip that comes next; None if there is none.
+    """Plan after some contacts: what is left, and the grip that comes next; None if there is none.
 
     `alike`: sets of hypotheses, by ascending index, of which no approach that is left tells any two apart.
     `fine`: every hypothesis is placed as finely as the rig file's goals ask. `verdict`: what `identify` would
@@ -280,13 +285,13 @@ class GripPlan(ShortRepr):
 
     @property
     def hopeless(self) -> bool:
-        """Whether several hypotheses are left, and nothing within reach tells any of them apart."""
+        """True if several hypotheses are left, and nothing within reach tells any of them apart."""
         count = len(self.recognition.hypotheses)
         return count > 1 and any(len(group) == count for group in self.alike)
 
     @property
     def is_dead_end(self) -> bool:
-        """Whether no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
+        """True if no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
         if self.recognition.verdict is RecognitionVerdict.NONE or self.hopeless:
             return True
         return self.grip is None and self.verdict is not IdentificationVerdict.IDENTIFIED
@@ -313,7 +318,7 @@ def plan_grip(
     recognition = evidence.recognition or recognise(catalogue, contacts, budget=budget)
     if recognition.verdict is RecognitionVerdict.NONE:
         return GripPlan(rig, strategy, recognition, None, resolution, (), False)
-    chooser = GripChooser(rig, reach_of(rig), strategy, np.random.default_rng([seed, 2]))
+    chooser = GripChooser(rig, reach_of(rig), strategy, strategy_rng(seed))
     choice = chooser.choose(evidence, recognition)
     alike = indistinguishable_sets(chooser.twins(recognition))
     fine = chooser.is_fine(recognition)
@@ -353,5 +358,6 @@ def _check_fingers(rig: RigFile, contacts: Sequence[Contact]) -> None:
 
 
 def _tip_text(finger: Finger) -> str:
+    """Shape, size, length and height of a tip, in words."""
     tip, long = finger.tip, f", {2 * finger.half_length_mm:g} mm long," if finger.half_length_mm else ""
     return f"{tip.with_article} {tip.size_text(finger.tip_radius_mm)}{long} at height {finger.height_mm:g} mm"

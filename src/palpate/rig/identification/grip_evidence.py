@@ -36,7 +36,7 @@ _PATH_EXTENSION_MM = 50.0  # than a finger got: it might have been stopped there
 
 @dataclass
 class GripEvidence:
-    """What some grips say, those before a move of the part left out.
+    """Evidence of some grips, those before a move of the part left out.
 
     `recognition`: None before enough contacts were made. `idle`: touches in a row without gain. `predicted`:
     touches that came out as the hypotheses had predicted, and `strangers`: how probable that is if the part
@@ -100,7 +100,7 @@ class GripEvidence:
     def _with_strangers(
         self, moved: Recognition, contacts: Sequence[Contact], predictions: Predictions
     ) -> StrangerEvidence | None:
-        """What is known of strangers once contacts have agreed."""
+        """Evidence with what is known of strangers once contacts have agreed."""
         if self.strangers is None or not moved.hypotheses:
             return self.strangers
         halves = normal_halves_rad(contacts, self.resolution.normal_half_rad)
@@ -175,7 +175,7 @@ def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats
 
 
 def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:
-    """How far the part may have been shifted before these contacts, though they came out as predicted."""
+    """Distance by which the part may have been shifted before these contacts, which came out as predicted."""
     rows = [k for k, contact in enumerate(contacts) if contact.touched]
     some = [contacts[k] for k in rows]
     return detectable_shift_mm(
@@ -194,7 +194,7 @@ def _extent(recognition: Recognition) -> tuple[float, float]:
 
 
 def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
-    """Whether some part of a hypothesis's region is still among the hypotheses."""
+    """Return whether some part of a hypothesis's region is still among the hypotheses."""
     return any(
         item.state_index == hypothesis.state_index and _overlap(item, hypothesis)
         for item in recognition.hypotheses

@@ -31,7 +31,6 @@ from palpate.recognizer import (
     Hypothesis,
     Motion,
     Recognition,
-    Resolution,
     contact_in_motion,
     is_explained,
 )
@@ -45,7 +44,7 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.grip_choice import GripChooser, StabilityTable
+from palpate.rig.identification.grip_choice import GripChooser, StabilityTable, strategy_rng
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
 from palpate.rig.identification.observers import (
@@ -71,7 +70,7 @@ _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping o
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """What a run found. `grips` holds the touches of every grip; `ruled_out` what earlier grips allowed.
+    """Result of a run. `grips` holds the touches of every grip; `ruled_out` what earlier grips allowed.
 
     `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
     (from 1) before which the part seems to have been moved. `predicted`: touches that came out as everything
@@ -105,14 +104,14 @@ class Identification:
 
 @dataclass(frozen=True, eq=False)
 class PushTables:
-    """What is worked out once of a rig and a catalogue: how pushes move its parts, and which may tip."""
+    """Tables of a rig and a catalogue: how pushes move its parts, and which may tip."""
 
     bounds: MotionBounds
     stability: StabilityTable
 
     @classmethod
     def of(cls, rig: RigFile, catalogue: Catalogue) -> Self:
-        """Nothing is worked out before it is asked for."""
+        """Return tables, of which none is worked out before it is asked for."""
         bounds = MotionBounds(rig, catalogue)
         return cls(bounds, StabilityTable(rig, catalogue, bounds))
 
@@ -207,7 +206,7 @@ class _Search:
 
     @cached_property
     def _discs(self) -> dict[tuple[float, float], InscribedDisc]:
-        """What fits into every state of the catalogue, beside the fingers' tips."""
+        """Discs that fit into every state of the catalogue, beside the fingers' tips."""
         return inscribed_discs(self._catalogue, {finger_of(finger) for finger in self._rig.fingers})
 
     def _last_verdict(self) -> IdentificationVerdict:
@@ -225,7 +224,7 @@ class _Search:
         return answer if answer is not None and confirmed else IdentificationVerdict.UNRESOLVED
 
     def _may_have_moved(self) -> bool:
-        """Whether the last grip contradicts the earlier ones, but nothing speaks against it by itself."""
+        """Return whether the last grip contradicts earlier ones, but nothing speaks against it by itself."""
         last = self._contacts()
         return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
@@ -250,7 +249,7 @@ class _Search:
         self._understand()
 
     def _touch_mm_s(self) -> float:
-        """How fast the next grip may meet the part."""
+        """Speed at which the next grip may meet the part."""
         closing, lighter = self._rig.closing, _LIGHTER_SPEED_SHARE if self._moved_before else 1.0
         if (
             self._evidence.recognition is None
@@ -259,11 +258,11 @@ class _Search:
         return lighter * (self._bounds.touch_mm_s(self._states()) or closing.search_mm_s)
 
     def _contacts(self) -> list[Contact]:
-        """Those of the last grip, of the part as it lay when they were measured."""
-        return self._felt([contact for touch in self._grips[-1] for contact in touch.evidence])
+        """Contacts of the last grip, of the part as it lay when they were measured."""
+        return self._in_motion([contact for touch in self._grips[-1] for contact in touch.evidence])
 
-    def _felt(self, contacts: Sequence[Contact]) -> list[Contact]:
-        """Some of the last grip, of the part as it lay when they were measured."""
+    def _in_motion(self, contacts: Sequence[Contact]) -> list[Contact]:
+        """Some contacts of the last grip, of the part as it lay when they were measured."""
         before, states = self._motions[-1].before, self._states()
         return [contact_in_motion(before, self._catalogue, contact, states) for contact in contacts]
 
@@ -279,7 +278,7 @@ class _Search:
 
     def _add(self, motion: Motion | None) -> None:
         number, contacts = len(self._grips), self._contacts()
-        paths = self._felt([touch.contact for touch in self._grips[-1]])
+        paths = self._in_motion([touch.contact for touch in self._grips[-1]])
         self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion, paths)]
         declared = self._bounds.holds_n(self._states()) is not None
         self._evidence.is_bounded = declared and not self._hold_contradicted
@@ -297,7 +296,7 @@ class _Search:
         return motion.furthest_mm(self._catalogue, self._states()) <= _MAX_CARRIED_MOTION_MM
 
     def _final_recognition(self) -> Recognition | None:
-        """What is known of the part as it lies when the fingers have left; None if it may be anywhere."""
+        """Recognition of the part as it lies when the fingers have left; None if it may be anywhere."""
         recognition = self._evidence.recognition
         if recognition is None or not self._motions:
             return recognition
@@ -331,17 +330,21 @@ def search(
     *,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
-    feels: Resolution | None = None,
-    pushes: PushTables | None = None,
 ) -> Identification:
-    """As `identify`, with a function that carries out grips.
+    """Identify as `identify` does, with a function that carries out grips."""
+    pushes = PushTables.of(rig, catalogue)
+    chooser = GripChooser(rig, reach, strategy, strategy_rng(seed), None, {catalogue: pushes.stability})
+    return search_with(chooser, execute, catalogue, pushes, observers)
 
-    `feels`: what touches resolve, None: as the rig file says. `pushes`: of this rig and catalogue, for many
-    searches.
-    """
-    rng = np.random.default_rng([seed, 2])
-    pushes = pushes or PushTables.of(rig, catalogue)
-    chooser = GripChooser(rig, reach, strategy, rng, feels, {catalogue: pushes.stability})
+
+def search_with(
+    chooser: GripChooser,
+    execute: GripExecutor,
+    catalogue: Catalogue,
+    pushes: PushTables,
+    observers: Observers | None = None,
+) -> Identification:
+    """Search as `search` does, with what may be prepared once for many searches of a rig and a catalogue."""
     return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds).run()
 
 

@@ -70,15 +70,15 @@ def _slides_under(table: SupportTable, loads: GripLoads, leverages: Floats) -> F
         loads.stored_mj.sum(axis=0),
     )
     count, measured = len(push_n), loads.measured
-    before, after = pushed.dissipated_mj(0, measured), pushed.dissipated_mj(measured, count)
-    whole = np.minimum(pushed.dissipated_mj(0, count), before + after)
+    before, after = pushed.dissipation_mj(0, measured), pushed.dissipation_mj(measured, count)
+    whole = np.minimum(pushed.dissipation_mj(0, count), before + after)
     parts = np.stack([np.minimum(before, whole), np.minimum(after, whole), whole], axis=1)
     result: Floats = parts / table.holds_n[:, None]
     return result
 
 
 def _may_slide(table: SupportTable, loads: GripLoads, leverages: Floats, periods: Ints) -> Bools:
-    """In which of some periods (p,) each state may slide, (n, p)."""
+    """Periods (p,) in which each state may slide, (n, p)."""
     at_contact, holds = loads.at_contact_n[:, periods], table.holds_n[:, None]
     elsewhere = loads.anywhere_n[:, periods].sum(axis=0)
     push = at_contact.sum(axis=0) + elsewhere
@@ -99,7 +99,7 @@ class _Pushed:
     work_mj: Floats
     stored_mj: Floats
 
-    def dissipated_mj(self, begin: int, end: int) -> Floats:
+    def dissipation_mj(self, begin: int, end: int) -> Floats:
         """Most that friction at the table can have taken (n,) from one period to another.
 
         While the part may move: what fingers do, and what their skin has stored when it begins to.
@@ -121,7 +121,7 @@ _MAX_NUDGE_MM = 1.0  # by more a touch must not move what was known of the part,
 
 @dataclass(frozen=True, eq=False)
 class GripMotion:
-    """What a grip may have moved: `before` its contacts were measured, `after`, as fingers left, and `whole`.
+    """Motion in a grip: `before` its contacts were measured, `after`, as fingers left, and `whole`.
 
     Infinite where there is no bound.
     """
@@ -131,7 +131,7 @@ class GripMotion:
     whole: Motion
 
     def within(self, states: Ints) -> tuple[float, float] | None:
-        """How far (mm, rad) a part in one of `states` (indices) was moved at most; None: any distance."""
+        """Distance (mm, rad) by which a part in one of `states` (indices) was moved at most; None: any."""
         shift = float(self.whole.shift_mm[states].max())
         turn = float(self.whole.turn_rad[states].max())
         return (shift, turn) if math.isfinite(shift + turn) else None
@@ -146,12 +146,12 @@ class MotionBounds:
 
     @cached_property
     def supports(self) -> SupportTable:
-        """Of every state of the catalogue."""
+        """Support of every state of the catalogue."""
         height_mm = max(finger.span_mm[1] for finger in self.rig.fingers)
         return supports_of(self.catalogue, self.rig.search, height_mm)
 
     def holds_n(self, states: Ints) -> float | None:
-        """What a part in one of `states` (indices) bears; None if that is not said of all of them."""
+        """Force that a part in one of `states` (indices) bears; None if that is not said of all of them."""
         holds = self.supports.holds_n[states]
         return None if np.isinf(holds).any() else float(holds.min())
 
@@ -212,7 +212,7 @@ class MotionBounds:
         known = [trace for trace in traces if trace is not None]
         if len(known) < len(traces) or not known:
             return []
-        unfelt = [_unsensed_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
+        unfelt = [_blind_factor(touch.patch, trace) for touch, trace in zip(touches, known, strict=True)]
         if math.inf in unfelt:
             return []
         period_s = 1 / self.rig.closing.sample_rate_hz
@@ -282,8 +282,8 @@ def _finger_loads(
     return sheared * at_contact, sheared * anywhere, work, yields * normal**2 / 2
 
 
-def _unsensed_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
-    """How many times what frames show may press where a finger touches, because taxels are left out there.
+def _blind_factor(patch: ContactPatch | None, trace: LoadTrace) -> float:
+    """Factor by which a finger may press harder than frames show, because taxels are left out there.
 
     By what the patch may bear at most, and by what frames showed when it was measured.
     """
@@ -308,7 +308,7 @@ class _Periods:
 
     @classmethod
     def of(cls, trace: LoadTrace, begin_s: float, period_s: float, count: int) -> Self:
-        """Of a trace's frames. A force may have begun just after the frame before and lasted until the next.
+        """Periods of a trace's frames. A force may last from just after the frame before to the next.
 
         Both may be off by the bound of a trace's times, and so may be those of another finger, beside whose
         work it counts; work is put where its way ended, up to a period after it was done.
@@ -321,7 +321,7 @@ class _Periods:
         return cls(frames, np.minimum(first, early), last, count)
 
     def ways_mm(self, way_mm: Floats) -> Floats:
-        """How far a finger may have gone in each period, (b,), that went so far (f,) since the frame before.
+        """Distance that a finger may have gone in each period, (b,), if so far (f,) since the last frame.
 
         Where frames are missing it may have gone all the way in any one of the periods between.
         """
@@ -374,7 +374,7 @@ def _leverages(
 
 
 def _centres(table: SupportTable, hypotheses: Hypotheses) -> tuple[Floats, Floats]:
-    """Where the centres of mass of hypotheses are (h, 2), within how many mm (h,)."""
+    """Centres of mass of hypotheses (h, 2), within how many mm (h,)."""
     (x0, y0, t0), (x1, y1, t1) = hypotheses.lo.T, hypotheses.hi.T
     c, s = np.cos((t0 + t1) / 2), np.sin((t0 + t1) / 2)
     x, y = table.centre_mm[hypotheses.state].T
@@ -383,7 +383,7 @@ def _centres(table: SupportTable, hypotheses: Hypotheses) -> tuple[Floats, Float
 
 
 def _touched_point(contact: Contact) -> tuple[Floats, float]:
-    """Where a tip touches (2,), within how many mm."""
+    """Point that a tip touches (2,), within how many mm."""
     centre, radius = np.array(contact.end_mm), contact.finger.tip_radius_mm
     if contact.normal is None:
         return centre, radius + contact.position_bound_mm

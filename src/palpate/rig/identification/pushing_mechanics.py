@@ -45,7 +45,7 @@ _LOWEST_CENTRE_SHARE = 0.25  # of a convex part's height: its centre of mass is 
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """How a state takes pushes of a rig's fingers.
+    """Stability of a state under pushes of a rig's fingers.
 
     `angle_rad`, `reach_mm` (n,): directions, in the object frame, and how far the base's hull reaches in each
     from below the centre of mass at least; 0 where that is not known. `height_mm`: of the highest finger that
@@ -61,7 +61,7 @@ class Stability:
 
     @property
     def margin_mm(self) -> float:
-        """From below the centre of mass to the nearest edge of the base, at least."""
+        """Distance from below the centre of mass to the nearest edge of the base, at least."""
         return float(self.reach_mm.min())
 
     def safe_heights_mm(self) -> Floats:
@@ -102,7 +102,7 @@ def stability_of(state: State, tolerance_mm: float, spans_mm: Sequence[tuple[flo
 
 @dataclass(frozen=True, eq=False)
 class _Base:
-    """As in `Stability`; `is_round` (n,): walls lean out just above. `known_by`: if not by its sections."""
+    """Base as in `Stability`; `is_round` (n,): walls lean out just above. `known_by`: if not by sections."""
 
     angle_rad: Floats
     reach_mm: Floats
@@ -124,7 +124,7 @@ def _round_down(value: float) -> float:
 
 
 def _highest_touch_mm(state: State, span_mm: tuple[float, float]) -> float:
-    """How high at most a tip touches a state; 0 if it does not."""
+    """Greatest height at which a tip touches a state; 0 if it does not."""
     if not state.known_within(span_mm):
         return span_mm[1]
     return max((min(section.z_mm[1], span_mm[1]) for section in state.sections_within(span_mm)), default=0.0)
@@ -165,7 +165,7 @@ def _evenly_spaced() -> Floats:
 
 
 def _centre_of_mass(state: State, sections: Sequence[Section]) -> tuple[Floats | None, float]:
-    """Its place (2,) in the object frame, None if not known, and its height, mm: at least, if not known."""
+    """Place (2,) in the object frame, None if not known, and height, mm: at least, if not known."""
     lows, highs = np.array([section.z_mm for section in sections]).T
     known = state.heights_mm is None or sum(high - low for low, high in state.heights_mm) >= (
         _KNOWN_SHARE * state.top_mm
@@ -194,7 +194,7 @@ def _edge_normals(corners: Floats) -> Floats:
 
 
 def _support(corners: Floats, angle_rad: Floats) -> Floats:
-    """How far corners (m, 2) reach from the origin in directions (n,), mm."""
+    """Distance that corners (m, 2) reach from the origin in directions (n,), mm."""
     towards = np.stack([np.cos(angle_rad), np.sin(angle_rad)])
     result: Floats = (corners @ towards).max(axis=0)
     return result
@@ -203,7 +203,7 @@ def _support(corners: Floats, angle_rad: Floats) -> Floats:
 def _round_walls(
     sections: Sequence[Section], centre: Floats, angle_rad: Floats, reach_mm: Floats, top_mm: float
 ) -> tuple[Floats, Bools]:
-    """How far (n,) inside of the lowest section a round part's base may begin, and where (n,) it is round.
+    """Distance (n,) inside the lowest section at which a round part's base may begin, and where it is round.
 
     A round wall is r(z) = r₀ + √(2 R z) just above the base. The lowest section stands for some height of it;
     r₀ follows from the next one that is wider.
@@ -224,7 +224,7 @@ def _round_walls(
 
 
 def _sections_below(sections: Sequence[Section], top_mm: float) -> int:
-    """How many of the lowest sections to look at: two, and those below four times the first one's top."""
+    """Number of the lowest sections to look at: two, and those below four times the first one's top."""
     count = sum(section.z_mm[1] <= 4 * top_mm for section in sections)
     return max(count, 2)
 
@@ -238,7 +238,7 @@ _MEDIAN_TOLERANCE_MM = 1e-4
 
 @dataclass(frozen=True)
 class StateSupport:
-    """How a state rests on the table.
+    """Support of a state that rests on the table.
 
     `holds_n`: what it bears at its middle; infinite: it is taken to lie still. Per mm of slide the centroid
     moves at most `shift`, the part turns at most `turn_rad_per_mm`, and no point of its outline moves more
@@ -267,7 +267,7 @@ class SupportTable(Table):
     carried: Floats
 
     def leverage_at(self, states: Ints, distance_mm: Floats) -> Floats:
-        """As `leverage`, of points at distances (m,) from the centre of mass, of `states` (m,).
+        """Leverage as in `leverage`, of points at distances (m,) from the centre of mass, of `states` (m,).
 
         The centre of friction moves with the mean velocity, and everything turns about it.
         """

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from palpate.base.vocabulary import Strategy
 from palpate.config.identification_result import (
@@ -22,16 +23,22 @@ from palpate.rig.identification.grip_choice import NotBounded
 from palpate.rig.identification.loop import Identification
 
 
+@dataclass(frozen=True, slots=True)
+class RunFacts:
+    """Facts of a run beside its result. `session`: folder of its log; `calibration`: None if none is used."""
+
+    emulated: bool
+    rig_seconds: float
+    wall_seconds: float = 0.0
+    session: str | None = None
+    strategy: Strategy = Strategy.PLANNED
+    calibration: CalibrationUsedOut | None = None
+
+
 def identification_out(
     result: Identification,
     placement: Placement | None,
-    *,
-    emulated: bool,
-    rig_seconds: float,
-    wall_seconds: float,
-    session: str | None,
-    strategy: Strategy = Strategy.PLANNED,
-    calibration: CalibrationUsedOut | None = None,
+    facts: RunFacts,
     at_measurement: Sequence[Configuration] | None = None,
     not_bounded: Sequence[NotBounded] = (),
 ) -> IdentificationOut:
@@ -51,7 +58,7 @@ def identification_out(
         bounds=first and first.bounds,
         alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
         symmetry_order=1 if first is None else first.state.symmetry_order,
-        strategy=strategy,
+        strategy=facts.strategy,
         grips=len(result.grips),
         touches=result.touches,
         touch_records=_touch_records(result),
@@ -61,11 +68,11 @@ def identification_out(
         stranger_probability=result.stranger_probability,
         moved_before=result.moved_before,
         detectable_shift=result.detectable_shift_mm if math.isfinite(result.detectable_shift_mm) else None,
-        emulated=emulated,
-        rig_seconds=rig_seconds,
-        wall_seconds=wall_seconds,
-        session=session,
-        calibration=calibration,
+        emulated=facts.emulated,
+        rig_seconds=facts.rig_seconds,
+        wall_seconds=facts.wall_seconds,
+        session=facts.session,
+        calibration=facts.calibration,
         motion_bounds=tuple(
             MotionBoundOut(grip=number, position=bound and bound[0], orientation=bound and bound[1])
             for number, bound in enumerate(result.motions, start=1)
@@ -82,7 +89,7 @@ def identification_out(
 
 
 def unfinished_out(recognition: Recognition) -> UnfinishedOut | None:
-    """What the work budget did not suffice for; None if it did."""
+    """Part of the work that the budget did not suffice for; None if it did."""
     unpaired = tuple(contact.name for contact in recognition.unpaired_contacts)
     if not unpaired and not recognition.has_coarse_cells:
         return None
@@ -92,7 +99,7 @@ def unfinished_out(recognition: Recognition) -> UnfinishedOut | None:
 
 
 def _touch_records(result: Identification) -> tuple[TouchRecordOut, ...]:
-    """What loaded the part in every touch, in the order of grips."""
+    """Records of what loaded the part in every touch, in the order of grips."""
     return tuple(
         TouchRecordOut(
             grip=number,
@@ -126,7 +133,7 @@ def _alternative(item: Hypothesis, first: Hypothesis) -> AlternativeOut:
 
 
 def _displacement(first: Hypothesis, other: Hypothesis) -> tuple[float, float]:
-    """From one configuration of a state to another: turned (rad) and how far its centre of area is (mm).
+    """Displacement from one configuration of a state to another: angle (rad), way of its centre of area (mm).
 
     Of the turns that the state's symmetry makes equal, the smallest; 0 of a round one.
     """

@@ -22,7 +22,7 @@ from palpate.rig.identification.grip_choice import NotBounded, StabilityTable
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
-from palpate.rig.identification.result import identification_out
+from palpate.rig.identification.result import RunFacts, identification_out
 from palpate.rig.motion.end_stops import check_slips, slides_at_stops
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.hand import Environment
@@ -124,16 +124,11 @@ class IdentificationRun(ShortRepr):
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """The answer as `palpate/identification@1`."""
-        job = self.job
+        strategy, calibration = self.job.strategy, self._calibration()
         return identification_out(
             self.result,
             None if self.truth is None else self.truth.placement,
-            emulated=self.emulated,
-            rig_seconds=self.rig_seconds,
-            wall_seconds=wall_seconds,
-            session=session,
-            strategy=job.strategy,
-            calibration=self._calibration(),
+            RunFacts(self.emulated, self.rig_seconds, wall_seconds, session, strategy, calibration),
             at_measurement=None if self.truth is None else self.truth.at_measurement,
             not_bounded=self._not_bounded(),
         )

@@ -140,7 +140,7 @@ def _digest(text: str) -> str:
 
 
 def _difference(found: Mapping[str, Any], own: Mapping[str, Any]) -> str:
-    """What of a file's first line is not this study's; the code only if nothing else is."""
+    """Entry of a file's first line that is not this study's; the code only if nothing else is."""
     other = [key for key in own if found.get(key) != own[key]]
     if found.keys() != own.keys() or other == ["code"]:
         return "by code of palpate that has been upgraded or changed since"
@@ -163,7 +163,7 @@ _MAX_LOADED_SIMULATIONS = 8  # simulations that a process keeps ready
 
 @dataclass(frozen=True)
 class Chunk:
-    """Some runs of a study, by `numbers`, as a process gets them.
+    """Chunk of a study: runs by `numbers`, as a process gets them.
 
     `simulation` is pickled, `study` the digest of what decides it, `palpate` and `code`: the version that has
     to do it, and the digest of its code.
@@ -188,7 +188,7 @@ Executor = Callable[[Sequence[Chunk]], Iterator[Sequence[StudyRunOut]]]
 
 
 def simulate_here(chunks: Sequence[Chunk], workers: int | None = None) -> Iterator[Sequence[StudyRunOut]]:
-    """On so many cores of this machine, or all."""
+    """Simulate on so many cores of this machine, or all."""
     for _, runs in in_processes(carry_out_chunk, [(chunk,) for chunk in chunks], workers) if chunks else ():
         yield runs
 
@@ -199,7 +199,7 @@ def carry_out_runs(
     progress: Callable[[str], None],
     execute: Executor = simulate_here,
 ) -> dict[str, list[StudyRunOut]]:
-    """Of each variation the runs from 0 to as many as are wanted, in order.
+    """Yield the runs of each variation from 0 to as many as are wanted, in order.
 
     Those that the file has are taken from it, and the others are added to it.
     """
@@ -253,7 +253,7 @@ def carry_out_chunk(chunk: Chunk) -> list[StudyRunOut]:
 
 
 def _code_digest() -> str:
-    """Of this process, without what a kernel was compiled to: that is another on other machines."""
+    """Digest of this process's code, without a compiled kernel, which differs between machines."""
     return source_digest(*DECIDING_CODE, compiled=False)
 
 
@@ -289,7 +289,7 @@ def cluster_executor(address: str, kept: str | None = None) -> Iterator[Executor
 
 @contextmanager
 def _quiet_client_log() -> Iterator[None]:
-    """What dask logs of a connection that is lost, a traceback, is said here in a line."""
+    """Silence dask's log of a lost connection, a traceback, which is said here in a line."""
     log = logging.getLogger("distributed.client")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)

@@ -77,14 +77,14 @@ class SimulatedFinger:
         self._lately_n, self._free_frames = 0.0, 0
         self._frames = 0
         self._friction, self._off_rad = tip_friction(spec.tip), math.pi
-        self.meter = self._metered(rig, spec)
+        self.meter = self._load_meter(rig, spec)
 
-    def _metered(self, rig: RigFile, spec: FingerConfig) -> LoadMeter:
+    def _load_meter(self, rig: RigFile, spec: FingerConfig) -> LoadMeter:
         return LoadMeter(
             self._contact_n,
             self._period_s,
             self._noise.least_n,
-            self.slowed_to(rig.closing.search_mm_s),
+            self.low_speed_mm_s(rig.closing.search_mm_s),
             travel_step_mm(spec),
             self._noise.share,
             friction=self._friction,
@@ -97,11 +97,11 @@ class SimulatedFinger:
 
     @property
     def is_moving(self) -> bool:
-        """Whether it has not arrived."""
+        """True if it has not arrived."""
         return self.travel_mm != self.goal_mm
 
     def _dragging_n(self, force_n: float, steady_n: float) -> float:
-        """What it may drag the part with as it goes back, and what noise may hide beside that."""
+        """Force that may drag the part as it goes back, and what noise may hide beside that."""
         if self.tip.press is not None:
             x, y = -self.tip.press.load.force_n
             self._off_rad = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
@@ -115,11 +115,11 @@ class SimulatedFinger:
         return share * force_n + _BESIDE_SIGMAS * sigma_n + sheared * hidden_n
 
     def until_event_s(self, now: float) -> float:
-        """How long it goes on as it does, if it meets nothing."""
+        """Time for which it goes on as it does, if it meets nothing."""
         arrival = abs(self.goal_mm - self.travel_mm) / self.speed_mm_s if self.is_moving else math.inf
         return min(arrival, max(self._stop_s - now, 0.0) or math.inf)
 
-    def slowed_to(self, speed_mm_s: float) -> float:
+    def low_speed_mm_s(self, speed_mm_s: float) -> float:
         """A speed at which to meet the part, no higher than the approach allows."""
         return min(speed_mm_s, self.approach.touch_mm_s or math.inf)
 
@@ -170,7 +170,7 @@ class SimulatedFinger:
         return True
 
     def _read_n(self) -> tuple[float, float]:
-        """What a frame shows, and what the mean of the newest quiet ones does."""
+        """Force that a frame shows, and that the mean of the newest quiet ones does."""
         self._quiet.extend([0.0] * min(self._free_frames, STEADY_FRAMES))
         self._free_frames = 0
         true_n = self._gain * self.tip.force_n
@@ -239,13 +239,13 @@ class PushingTouches:
 
     @property
     def placement(self) -> Placement:
-        """Where the part lies now."""
+        """Placement of the part now."""
         return displace(self._put, self._part.displacement)
 
     def __call__(
         self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
     ) -> list[Touch]:
-        """What the fingers of a grip feel, and what loads they put on the part."""
+        """Touches of a grip's fingers, with the loads that they put on the part."""
         del tell
         fingers = [self._finger(approach) for approach in grip]
         tips = DrivenTips(self._part, [finger.tip for finger in fingers])
@@ -276,7 +276,7 @@ class PushingTouches:
         return SimulatedFinger(self._rig, approach, tip, error, gain, noise, self._rng)
 
     def _contact(self, finger: SimulatedFinger) -> Contact:
-        """As the part lies now; a way was free as far as nothing was noticed on it."""
+        """Contact as the part lies now; a way was free as far as nothing was noticed on it."""
         approach = finger.approach
         if finger.touched:
             shape = self._put.region_within(approach.finger.span_mm)
@@ -306,7 +306,7 @@ class _Grip:
         """Search, back off, touch slowly, rest and be measured."""
         closing, fingers = self._closing, self._fingers
         slow = closing.touch_speed_mm_s
-        is_slow = all(finger.slowed_to(closing.search_mm_s) <= slow for finger in fingers)
+        is_slow = all(finger.low_speed_mm_s(closing.search_mm_s) <= slow for finger in fingers)
         for finger in fingers:
             finger.begin_search(TouchStage.SLOW if is_slow else TouchStage.QUICK, self._now)
             finger.go(finger.approach.fast_mm, closing.approach_speed_mm_s, sensing=True)
@@ -319,7 +319,7 @@ class _Grip:
             met = finger.travel_mm + closing.back_off_mm
             finger.begin(TouchStage.SLOW, self._now, met - _FREE_MARGIN_MM, _FREE_MARGIN_MM)
             finger.touched = False
-            finger.go(finger.approach.travel_mm, finger.slowed_to(slow), sensing=True)
+            finger.go(finger.approach.travel_mm, finger.low_speed_mm_s(slow), sensing=True)
         if again:
             self._move()
             self._pass(_SETTLE_S)
@@ -348,9 +348,9 @@ class _Grip:
                 finger.stop_if_due(self._now, closing.back_off_mm, closing.approach_speed_mm_s)
 
     def _slow_down(self, finger: SimulatedFinger) -> None:
-        """At the end of free space, and at the end of its way."""
+        """Slow down at the end of free space, and at the end of the way."""
         if finger.travel_mm < finger.approach.travel_mm:
-            speed = finger.slowed_to(self._closing.search_mm_s)
+            speed = finger.low_speed_mm_s(self._closing.search_mm_s)
             finger.go(finger.approach.travel_mm, speed, sensing=True)
         else:
             finger.searching = finger.sensing = False
@@ -369,7 +369,7 @@ class _Grip:
             self._advance(min(self._step_s(), end - self._now))
 
     def _step_s(self) -> float:
-        """How long nothing happens but what is under way: until then tips move freely, or by little."""
+        """Time in which nothing happens but what is under way: tips move freely, or by little."""
         fingers = self._fingers
         step = min(_MAX_STEP_S, *(finger.until_event_s(self._now) for finger in fingers))
         for finger in fingers:

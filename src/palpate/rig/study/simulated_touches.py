@@ -53,7 +53,7 @@ class Mismeasurement:
     def contact(
         self, approach: FingerApproach, shape: shapely.Geometry, displacement: Displacement, far_mm: float
     ) -> Contact | None:
-        """What is measured of a part: `shape` in W as it was put; None if the way is free up to `far_mm`."""
+        """Contact with a part: `shape` in W as it was put; None if the way is free up to `far_mm`."""
         start = np.array(approach.start_mm)
         heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
         radius = approach.finger.tip_radius_mm
@@ -152,7 +152,7 @@ class SimulatedTouches:
     def __call__(
         self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
     ) -> list[Touch]:
-        """What the fingers of a grip feel."""
+        """Touches of a grip's fingers."""
         del tell
         return [self._touch(approach) for approach in grip]
 

@@ -20,7 +20,8 @@ from palpate.rig.emulated.driven_tips import ArrayNoise, noise_of
 from palpate.rig.emulated.ground_truth import compare_answer, sticks_out_mm
 from palpate.rig.emulated.part_truth import draw_part, part_of
 from palpate.rig.emulated.scene import Placement, put_down
-from palpate.rig.identification.loop import PushTables, search
+from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
+from palpate.rig.identification.loop import PushTables, search_with
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
 from palpate.rig.reach.approaches import Reach, reach_of
@@ -33,7 +34,7 @@ _PLACEMENT_RADIUS_SHARE = (
 
 
 def placement_radius_mm(rig: RigFile) -> float:
-    """How far from the middle of the workspace a part's centre of area lies at most, by the rig file."""
+    """Largest distance of a part's centre of area from the middle of the workspace, by the rig file."""
     emulation = rig.emulation
     return (
         _PLACEMENT_RADIUS_SHARE * rig.workspace.radius_mm
@@ -43,13 +44,13 @@ def placement_radius_mm(rig: RigFile) -> float:
 
 
 def has_probabilities(model: ObjectModel) -> bool:
-    """Whether all states of an object have a probability, and one of them is not 0."""
+    """Return whether all states of an object have a probability, and one of them is not 0."""
     known = [item.probability for item in model.states if item.probability is not None]
     return len(known) == len(model.states) and sum(known) > 0
 
 
 def state_shares(objects: ObjectsFile) -> Mapping[tuple[str, str], float]:
-    """Of all runs, by object and state: objects evenly, states by their probabilities or evenly."""
+    """Shares of all runs by object and state: objects evenly, states by their probabilities or evenly."""
     count = len(objects.objects)
     return {
         (model.name, state.name): share / count
@@ -74,7 +75,7 @@ def draw_placement(
 
 
 def _shares(model: ObjectModel) -> Floats:
-    """Of an object's runs that each state has (s,); probabilities of states that were left out are shared."""
+    """Shares of an object's runs by state (s,); probabilities of states that were left out are shared."""
     if not has_probabilities(model):
         return np.full(len(model.states), 1 / len(model.states))
     found: Floats = np.array([item.probability for item in model.states], dtype=float)
@@ -86,7 +87,7 @@ _MAX_DRAWS = 10  # of a part's feet, on which it may not be able to stand
 
 
 def motion_of(rig: RigFile) -> PartMotion:
-    """Whether the emulated part moves, by the rig file."""
+    """Return whether the emulated part moves, by the rig file."""
     part = None if rig.emulation is None else rig.emulation.part
     return PartMotion.STILL if part is None or part.engine == "still" else PartMotion.MOVING
 
@@ -123,7 +124,7 @@ def _with_part(rig: RigFile, part: EmulatedPartConfig | None) -> RigFile:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What all runs of a study share. `halved`: an error (or the reach) that is half of what it is.
+    """Simulation that all runs of a study share. `halved`: an error (or the reach) that is half as large.
 
     `placed_within_mm`: how far from the middle of the workspace parts are put, None: as the rig file says.
     """
@@ -137,7 +138,7 @@ class Simulation:
 
     @property
     def within_mm(self) -> float:
-        """How far from the middle of the workspace a part's centre of area lies at most."""
+        """Largest distance of a part's centre of area from the middle of the workspace."""
         return placement_radius_mm(self.rig) if self.placed_within_mm is None else self.placed_within_mm
 
     @cached_property
@@ -168,6 +169,10 @@ class Simulation:
     def _pushes(self) -> PushTables:
         return PushTables.of(self.rig, self._catalogue)
 
+    def _chooser(self, number: int) -> GripChooser:
+        tables, rng = {self._catalogue: self._pushes.stability}, strategy_rng(number)
+        return GripChooser(self.rig, self._reach, self.strategy, rng, self._resolution, tables)
+
     @cached_property
     def _noise(self) -> tuple[ArrayNoise, ...]:
         return tuple(noise_of(self.rig, finger) for finger in self.rig.fingers)
@@ -178,16 +183,8 @@ class Simulation:
         placement = draw_placement(self.objects, self.within_mm, rng, self.rig.workspace.radius_mm)
         watch = _RivalRecorder((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
-        result = search(
-            self.rig,
-            self._reach,
-            touches,
-            self._catalogue,
-            Observers(record=watch),
-            strategy=self.strategy,
-            seed=number,
-            feels=self._resolution,
-            pushes=self._pushes,
+        result = search_with(
+            self._chooser(number), touches, self._catalogue, self._pushes, Observers(record=watch)
         )
         hypotheses = hypotheses_of(result)
         truth = compare_answer(touches.placement, hypotheses)
@@ -267,7 +264,7 @@ class _RivalRecorder:
                     self._last[name] = self._touches, self._grips
 
     def rivals(self) -> tuple[RivalOut, ...]:
-        """Those that lasted longest, with the touches after which they were still possible."""
+        """Rivals that lasted longest, with the touches after which they were still possible."""
         others = [(*lasted, name) for name, lasted in self._last.items() if name != self._truth]
         longest: Sequence[tuple[int, int, tuple[str, str]]] = sorted(others, reverse=True)[:_MAX_RIVALS]
         return tuple(
@@ -277,7 +274,7 @@ class _RivalRecorder:
 
 
 def _names(recognition: Recognition) -> set[tuple[str, str]]:
-    """Of the states that are left; hypotheses themselves would have to be bounded for it."""
+    """Names of the states that are left; hypotheses themselves would have to be bounded for it."""
     states = recognition.catalogue.states
     left = (states[k] for k in np.unique(recognition.interpretations.state).tolist())
     return {(item.object_name, item.state.name) for item in left}

@@ -32,7 +32,7 @@ _NAMED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHA
 
 
 def is_wrong(run: StudyRunOut) -> bool:
-    """Whether a run gave an answer that the truth is not in."""
+    """Return whether a run gave an answer that the truth is not in."""
     return run.verdict in _NAMED and not run.inside_bounds
 
 
@@ -46,14 +46,14 @@ class StudyGoals:
 
     @classmethod
     def of(cls, rig: RigFile) -> Self:
-        """Of `[search]`."""
+        """Goals of `[search]`."""
         limits = rig.search
         return cls(limits.goal_position_mm, math.radians(limits.goal_orientation_deg), limits.max_grips)
 
 
 @dataclass(frozen=True)
 class StudyDraws:
-    """What runs draw: `shares` of them by object and state, and parts within `within_mm` of the middle.
+    """Draws of runs: `shares` of them by object and state, and parts within `within_mm` of the middle.
 
     `by_probability`: of so many objects, states by their probabilities.
     """
@@ -65,7 +65,7 @@ class StudyDraws:
 
 @dataclass(frozen=True)
 class StudyAdvice:
-    """What a study says beside its runs: where fingers would help, and what errors cost."""
+    """Advice of a study beside its runs: where fingers would help, and what errors cost."""
 
     separating: tuple[SeparatingStudiedOut, ...] = ()
     heights: tuple[HeightOut, ...] = ()
@@ -73,20 +73,27 @@ class StudyAdvice:
     noise_budget: tuple[NoiseCostOut, ...] = ()
 
 
+@dataclass(frozen=True)
+class StudySetting:
+    """Setting of all runs of a study; `objects`, `rig`: their names."""
+
+    objects: str
+    rig: str
+    strategy: Strategy
+    seed: int
+    parts: PartMotion = PartMotion.STILL
+
+
 def study_out(
     runs: Sequence[StudyRunOut],
+    setting: StudySetting,
     *,
-    objects: str,
-    rig: str,
-    strategy: Strategy,
-    seed: int,
-    parts: PartMotion = PartMotion.STILL,
     seconds: float = 0.0,
     limits: StudyGoals | None = None,
     drawn: StudyDraws | None = None,
     advice: StudyAdvice | None = None,
 ) -> StudyOut:
-    """The summary; `objects`, `rig`: their names. There is at least one run.
+    """The summary. There is at least one run.
 
     Without `limits` nothing is said of goals; without `drawn` states that were drawn are all there are.
     """
@@ -97,11 +104,11 @@ def study_out(
     grip_s = [run.grip_seconds for run in runs if run.grip_seconds is not None]
     advice = advice or StudyAdvice()
     return StudyOut(
-        objects=objects,
-        rig=rig,
-        strategy=strategy,
-        seed=seed,
-        parts=parts,
+        objects=setting.objects,
+        rig=setting.rig,
+        strategy=setting.strategy,
+        seed=setting.seed,
+        parts=setting.parts,
         runs=len(runs),
         wrong=len(wrong),
         lost=sum(not run.inside_bounds for run in runs),
@@ -147,7 +154,7 @@ def _is_identified(run: StudyRunOut) -> bool:
 
 
 def _accuracy(identified: Sequence[StudyRunOut], limits: StudyGoals | None) -> AccuracyOut | None:
-    """What answers of identified runs guarantee; None without goals, or any run."""
+    """Accuracy that answers of identified runs guarantee; None without goals, or any run."""
     bounds = [
         (run.position_bound, run.orientation_bound)
         for run in identified
@@ -165,7 +172,7 @@ def _accuracy(identified: Sequence[StudyRunOut], limits: StudyGoals | None) -> A
 
 
 def _twins(runs: Sequence[StudyRunOut]) -> tuple[TwinsOut, ...]:
-    """What is left at the end of runs of which no touch within reach tells more; the most frequent first."""
+    """Twins left at the end of runs of which no touch within reach tells more; the most frequent first."""
     left = Counter(run.left for run in runs if run.verdict is IdentificationVerdict.INDISTINGUISHABLE)
     return tuple(
         TwinsOut(states=tuple(f"{name}, {state}" for name, state in states), runs=count)
@@ -180,7 +187,7 @@ def _touches(runs: Sequence[StudyRunOut]) -> TouchesOut:
 
 
 def confusion_of(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
-    """Which states were still possible at the end beside the true one; the largest shares first."""
+    """States that were still possible at the end beside the true one; the largest shares first."""
     total: Counter[str] = Counter()
     left: Counter[tuple[str, str]] = Counter()
     for run in runs:
@@ -195,7 +202,7 @@ def confusion_of(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
 def _states(
     runs: Sequence[StudyRunOut], limits: StudyGoals | None, shares: Mapping[tuple[str, str], float]
 ) -> tuple[StateStudiedOut, ...]:
-    """Those that are identified least often first."""
+    """States, those that are identified least often first."""
     by_state: dict[tuple[str, str], list[StudyRunOut]] = defaultdict(list)
     for run in runs:
         by_state[run.object, run.state].append(run)

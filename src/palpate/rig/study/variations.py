@@ -40,14 +40,14 @@ class PairedRuns:
 
     @classmethod
     def of(cls, as_is: Sequence[StudyRunOut], varied: Sequence[StudyRunOut], comparisons: int) -> Self:
-        """As many as there are of both."""
+        """Pair runs, as many as there are of both."""
         pairs = tuple(zip(as_is, varied, strict=False))
         both = tuple(pair for pair in pairs if all(map(_is_identified, pair)))
         return cls(pairs, both, _SIGNIFICANCE_LEVEL / comparisons)
 
     @property
     def identified(self) -> tuple[int, int]:
-        """How many were identified, as they are and varied."""
+        """Numbers of runs that were identified, as they are and varied."""
         return (
             sum(_is_identified(one) for one, _ in self.all),
             sum(_is_identified(other) for _, other in self.all),
@@ -55,16 +55,16 @@ class PairedRuns:
 
     @property
     def saved_touches(self) -> Floats:
-        """Of each pair (n,), whether identified or not."""
+        """Touches saved by each pair (n,), be it identified or not."""
         return np.array([one.touches - other.touches for one, other in self.all], dtype=float)
 
     @property
     def fewer_touches(self) -> Floats:
-        """Of each pair (b,) that was identified both ways: how many the varied run saved."""
+        """Touches that the varied run saved, by pair (b,) that was identified both ways."""
         return np.array([one.touches - other.touches for one, other in self.both], dtype=float)
 
     def medians(self, value: Callable[[StudyRunOut], float | None]) -> tuple[float, float] | None:
-        """Of runs that were identified both ways; None without any."""
+        """Medians of runs that were identified both ways; None without any."""
         found = np.array([[value(one), value(other)] for one, other in self.both], dtype=float)
         return tuple(np.median(found, axis=0).tolist()) if len(found) else None
 
@@ -77,7 +77,7 @@ class PairedRuns:
         return float(fewer.mean() - half), float(fewer.mean() + half)
 
     def shown(self) -> tuple[Effect, ...]:
-        """What differs by more than chance."""
+        """Signs of what differs by more than chance."""
         gained = sum(_is_identified(other) and not _is_identified(one) for one, other in self.all)
         lost = sum(_is_identified(one) and not _is_identified(other) for one, other in self.all)
         interval = self.fewer_interval()
@@ -91,8 +91,8 @@ class PairedRuns:
         return tuple(name for name, is_shown in found.items() if is_shown)
 
     def wanted(self) -> int | None:
-        """How many runs would show a difference of half a touch; None if these show any, or all are equal."""
-        if self.shown() or all(_ended(one) == _ended(other) for one, other in self.all):
+        """Number of runs that would show a difference of half a touch; None if these do, or all are equal."""
+        if self.shown() or all(_outcome(one) == _outcome(other) for one, other in self.all):
             return None
         interval = self.fewer_interval()
         if interval is None:
@@ -102,11 +102,11 @@ class PairedRuns:
         return 10 * math.ceil(len(self.all) * times / 10) if times > 1 else None
 
     def _is_no_chance(self, one: int, other: int) -> bool:
-        """Whether two outcomes that would be equally frequent by chance are not."""
+        """Return whether two outcomes that would be equally frequent by chance are not."""
         return 2 * float(special.bdtr(min(one, other), one + other, 0.5)) < self.doubt
 
 
-def _ended(run: StudyRunOut) -> tuple[object, ...]:
+def _outcome(run: StudyRunOut) -> tuple[object, ...]:
     return run.verdict, run.touches, run.position_bound
 
 
@@ -119,7 +119,7 @@ UNVARIED = ""
 
 
 def error_variations(simulation: Simulation) -> dict[str, Simulation]:
-    """By name, a simulation for each error that can be halved, and one with parts held if they may move.
+    """Simulations by name: one for each error that can be halved, and one with parts held if they may move.
 
     None for tolerances of 0.
     """
@@ -158,16 +158,16 @@ def heights_name(heights_mm: Sequence[float]) -> str:
 
 
 def noise_budget(runs: Mapping[str, Sequence[StudyRunOut]]) -> tuple[NoiseCostOut, ...]:
-    """What each error costs; what gains most identified runs first, then what saves most touches."""
+    """Cost of each error; what gains most identified runs first, then what saves most touches."""
     varied = {source: some for source in ErrorSource if (some := runs.get(_name(source)))}
     found = [
         NoiseCostOut(source=source, **dict(compare_runs(runs[UNVARIED], some, comparisons=len(varied))))
         for source, some in varied.items()
     ]
-    return tuple(sorted(found, key=lambda item: (_identified_lost(item), -(item.fewer_touches or 0.0))))
+    return tuple(sorted(found, key=lambda item: (_answers_lost(item), -(item.fewer_touches or 0.0))))
 
 
-def _identified_lost(item: ComparedOut) -> int:
+def _answers_lost(item: ComparedOut) -> int:
     as_is, varied = item.identified
     return as_is - varied
 

@@ -71,7 +71,7 @@ class AirMover(TipMover):
         super().__init__(hand, run, run.approach.travel_mm, speed_mm_s, hand.rig.closing.contact_force_n)
 
     def sense(self, now: float) -> MoveEnd | None:
-        """As every way."""
+        """Note the force, then sense as every way does."""
         self.largest_n = max(self.largest_n, self.hand.reading(self.finger).force_n)
         return super().sense(now)
 

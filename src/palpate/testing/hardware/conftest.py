@@ -77,7 +77,7 @@ def rig(on_bench: RigOnBench) -> RigFile:
 
 @pytest.fixture(autouse=True)
 def permission(request: pytest.FixtureRequest) -> None:
-    """What moves is said and asked for before anything of the test happens."""
+    """Say what moves and ask for it, before anything of the test happens."""
     marker = request.node.get_closest_marker("moves")
     if marker is not None:
         ask_to_move(request.config, request.node.name, marker.args[0])

@@ -1,4 +1,4 @@
-"""Nothing moves, torque stays off: every device answers, is as a run wants it, and is fast enough.
+"""Tests with torque off, in which nothing moves: every device answers, is as a run wants it, is fast enough.
 
 The steps are those of `palpate check --full`, with more frames. What a first run would put right, and what
 makes it slow, fails here, too.
@@ -147,7 +147,7 @@ _ARRAY_FIGURES: Mapping[str, Callable[[Diagnosis, UntouchedArray], Mapping[str, 
 
 
 def test_goals_out_of_range_are_refused(servo: RigServo, rig: RigFile) -> None:
-    """By the host, with nothing sent; and by the servo itself where its mode has limits. Torque is off."""
+    """The host refuses and sends nothing; the servo itself does where its mode has limits. Torque is off."""
     with open_bus(rig) as bus:
         item = next(item for item in servo_settings(rig, bus) if item.servo.dxl_id == servo.dxl_id)
         item.servo.check()

@@ -1,4 +1,4 @@
-"""What stops the rig: torque on without a jump, `palpate stop`, Bus Watchdog, a guard, and how quickly."""
+"""Tests of what stops the rig, and how soon: torque without a jump, `palpate stop`, Bus Watchdog, guard."""
 
 import json
 import math
@@ -111,7 +111,7 @@ def test_bus_watchdog_stops_what_moves_when_the_host_falls_silent(
 
 @pytest.mark.moves("each finger goes 15 mm in at approach and search speed, and stops; the table is clear")
 def test_a_guard_stops_a_finger(ways: AirPaths, rig: RigFile, hand: Hand, note: Note) -> None:
-    """It turns round soon after the guard and rests; after a search it runs on by less than it backs off."""
+    """A finger turns round soon after the guard and rests; searching, it runs on less than it backs off."""
     closing = rig.closing
     for speed_mm_s in (closing.approach_speed_mm_s, closing.search_mm_s):
         for _, way, _ in ways:
