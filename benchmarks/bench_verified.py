@@ -19,8 +19,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.recognizer import Recognition
+from palpate.recognizer.numpy_witnesses import polish
 from palpate.recognizer.verification import Poses
-from palpate.recognizer.witness_candidates import polish
 from support.commands.repository import SHARED_OUTLINES
 from support.oracles.judge import Scene, asked, drawn, refused
 from support.oracles.shapely_touches import holding_truth

@@ -11,7 +11,7 @@ from palpate.base.errors import InputError
 from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 from palpate.recognizer import Budget, Catalogue, Contact, Recognition, recognise
 from palpate.recognizer.budget import BudgetSpentError
-from palpate.recognizer.interpretation_tree import matching_edges
+from palpate.recognizer.numpy_pairing import matching_edges
 from palpate.rig.identification.result import unfinished_out
 from support.campaign.objects import FAMILIES, KINDS, catalogue_of, objects_of
 from support.campaign.sampling import sample
@@ -235,10 +235,12 @@ def test_a_query_of_more_edges_than_allowed_is_not_made() -> None:
         return np.ones(len(query), dtype=bool)
 
     contact = next(item for item in contacts if item.touched)
-    lo, hi = np.zeros(10), np.full(10, 6.0)
+    normals = contact.outward_normals()
+    assert normals is not None
+    asked = catalogue, (states, np.zeros(10), np.full(10, 6.0)), contact.finger, normals, anywhere
     with pytest.raises(BudgetSpentError):
-        matching_edges(catalogue, states, lo, hi, contact, anywhere, 10)
-    assert len(matching_edges(catalogue, states, lo, hi, contact, anywhere, 100_000)[0]) > 10
+        matching_edges(*asked, 10)
+    assert len(matching_edges(*asked, 100_000)[0]) > 10
 
 
 def test_a_budget_below_the_least_is_refused() -> None:

@@ -1,9 +1,9 @@
 """The compiled kernel gives what numpy gives."""
 
 import math
-import pickle
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import replace
+from importlib import import_module
 from itertools import product
 
 import numpy as np
@@ -14,64 +14,38 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.recognizer import Catalogue, Contact, Finger, Recognition, recognise
-from palpate.recognizer.approach import Approach
+from palpate.recognizer import Catalogue, Contact, Finger, numpy_steps, recognise
 from palpate.recognizer.budget import Budget, BudgetSpentError
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.connected_components import Boxes, component_labels
-from palpate.recognizer.constraints import Constraints, free_path_test, sweep
-from palpate.recognizer.hypotheses import Hypotheses
-from palpate.recognizer.interpretation_tree import Interpretations, next_level, second_level
+from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
+from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.interpretations import Interpretations, Query
 from palpate.recognizer.model_test import all_half_planes
+from palpate.recognizer.numpy_witnesses import polish
 from palpate.recognizer.pose_region import (
     Cells,
-    build_cells,
+    Regions,
+    WitnessedCells,
     corner_mask,
-    divide_longest,
     divide_orientations,
 )
 from palpate.recognizer.recognition import anchor_of, intervals_of
-from palpate.recognizer.tree_branches import extend_by_region
-from palpate.recognizer.verification import Poses, Verification, may_fit, verify
-from palpate.recognizer.witness_candidates import (
-    WitnessedCells,
-    can_be_verified,
-    cut_finer,
-    find_witnesses,
-    polish,
-)
-from palpate.recognizer.witness_search import Regions, position_boxes, search_round
+from palpate.recognizer.steps import Steps
+from palpate.recognizer.tree_branches import contact_in_object
+from palpate.recognizer.verification import Nearness, Poses, Verification, may_fit, verify
 from support.campaign.objects import objects_of
 from support.campaign.sampling import sample
 from support.oracles.judge import Case, drawn_case
-from support.oracles.kernel import needs_kernel, without_kernel
-from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, outlines, place, until_touched
+from support.oracles.kernel import compiled_polish, compiled_verify
+from support.oracles.shapely_touches import flat, grip, place, until_touched
+from support.oracles.whole_queries import WholeQuery, assert_same_by_numpy
 
-pytestmark = needs_kernel
+compiled_steps = pytest.importorskip("palpate.recognizer.compiled_steps", exc_type=ImportError)
 
 # ----------------------------------------------------------------------------------------------------
 # A whole query has the same hypotheses, witnesses and bounds with and without the compiled kernel.
 
 
-def answered(source: str, grips: list[list[Contact]], spurious: int, budget: Budget) -> Recognition:
-    """With a catalogue of its own: the kernel's has arrays that numpy's has not."""
-    found = recognise(Catalogue(objects_of(source)), grips[0], spurious, budget)
-    for contacts in grips[1:]:
-        assert found.hypotheses is not None
-        found = found.extend(contacts)
-    assert found.hypotheses.lo is not None
-    return found
-
-
-def measured(found: Hypotheses) -> tuple[Floats, ...]:
-    """Configurations and bounds (h, 3), mm and rad, and weights (h,)."""
-    configuration = np.column_stack([found.position_mm, found.regions.theta])
-    return configuration, found.lo, found.hi, found.weight
-
-
-@pytest.mark.parametrize("source", ["memo", "own", "loose"])
-@pytest.mark.parametrize("seed", sample(range(60), range(6)))
-def test_answers_are_the_same(source: str, seed: int) -> None:
+def drawn_query(source: str, seed: int) -> WholeQuery:
     rng = np.random.default_rng([87, seed, len(source)])
     models = objects_of(source)
     placed = place(models[int(rng.integers(len(models)))], rng)
@@ -84,15 +58,13 @@ def test_answers_are_the_same(source: str, seed: int) -> None:
     if rng.random() < 0.5:
         grips.append(grip(placed, rng, fingers=2, **how))
     spurious = int(rng.random() < 0.3 and sum(contact.touched for contact in grips[0]) > 2)
-    budget = Budget(int(rng.choice([1_000_000, 100_000, 10_000])))
-    one = answered(source, grips, spurious, budget)
-    with without_kernel():
-        two = answered(source, grips, spurious, budget)
-    assert len(one.cells) == len(two.cells)
-    assert np.array_equal(one.hypotheses.state, two.hypotheses.state)
-    assert np.array_equal(one.hypotheses.verified, two.hypotheses.verified)
-    for found, expected in zip(measured(one.hypotheses), measured(two.hypotheses), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+    return WholeQuery(models, grips, spurious, Budget(int(rng.choice([1_000_000, 100_000, 10_000]))))
+
+
+@pytest.mark.parametrize("source", ["memo", "own", "loose"])
+@pytest.mark.parametrize("first", sample(range(0, 60, 6), [0]))
+def test_answers_are_the_same(source: str, first: int) -> None:
+    assert_same_by_numpy([drawn_query(source, seed) for seed in range(first, first + 6)])
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -105,16 +77,6 @@ REGION_BLOCKS = sample(
 )
 SOURCES = ("memo", "own", "loose")
 ROUNDS = 5
-# All but what prepares arrays for the kernel.
-REGION_MODULES = (
-    "connected_components",
-    "constraints",
-    "model_test",
-    "pose_region",
-    "verification",
-    "witness_candidates",
-    "witness_search",
-)
 
 
 def drawn_constraints(catalogue: Catalogue, source: str, rng: np.random.Generator) -> Constraints:
@@ -146,7 +108,9 @@ def assert_same_cells(found: Cells, expected: Cells) -> None:
     if len(found):
         nothing, anchor = np.zeros((len(found), 2)), np.zeros(2)
         for one, two in zip(
-            position_boxes(found, nothing, anchor), position_boxes(expected, nothing, anchor), strict=True
+            numpy_steps.position_boxes(found, nothing, anchor),
+            numpy_steps.position_boxes(expected, nothing, anchor),
+            strict=True,
         ):
             np.testing.assert_allclose(one, two, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.volume, expected.volume, rtol=1e-6, atol=1e-6)
@@ -175,18 +139,26 @@ def located(regions: Regions) -> tuple[Floats, Floats]:
     return regions.theta, regions.position
 
 
+def cut_finer(steps: Steps, constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
+    if not at_first:
+        return steps.sift_parts(constraints, cells)
+    parts = np.full(len(cells), 4)
+    finer, _ = steps.refine_intervals(constraints.paired, constraints.nodes, cells, parts)
+    return steps.sift_intervals(constraints, finer, corners=True)
+
+
 def same_rounds(constraints: Constraints, counts: Counter[str]) -> None:
     """Every step of the search by kernel and by numpy, each from what the kernel had before."""
     intervals = intervals_of(constraints.nodes, constraints.budget)
-    found = find_witnesses(constraints, intervals)
-    with without_kernel(*REGION_MODULES):
-        expected = find_witnesses(constraints, intervals)
+    found, expected = (
+        steps.sift_intervals(constraints, intervals, corners=False) for steps in (compiled_steps, numpy_steps)
+    )
     assert_same_candidates(found, expected)
     for nth in range(ROUNDS):
-        refinable = nth < ROUNDS - 1
-        regions, again = search_round(constraints, found, refinable=refinable)
-        with without_kernel(*REGION_MODULES):
-            others, also = search_round(constraints, found, refinable=refinable)
+        (regions, again), (others, also) = (
+            steps.search_round(constraints, found, refinable=nth < ROUNDS - 1)
+            for steps in (compiled_steps, numpy_steps)
+        )
         assert_same_cells(again, also)
         assert_same_regions(constraints, regions, others)
         counts["cells"] += len(found.cells)
@@ -196,11 +168,10 @@ def same_rounds(constraints: Constraints, counts: Counter[str]) -> None:
         if not len(again):
             break
         counts["rounds"] += 1
-        finer = cut_finer(constraints, again, at_first=nth == 0)
-        with without_kernel(*REGION_MODULES):
-            parts = cut_finer(constraints, again, at_first=nth == 0)
-        assert_same_candidates(finer, parts)
-        found = finer
+        found, parts = (
+            cut_finer(steps, constraints, again, at_first=nth == 0) for steps in (compiled_steps, numpy_steps)
+        )
+        assert_same_candidates(found, parts)
 
 
 @pytest.mark.parametrize("source", SOURCES)
@@ -221,12 +192,12 @@ def test_cells_that_are_no_cells_are_refused() -> None:
     """What the kernel is given is checked: there is such an interpretation, and such a state."""
     catalogue = Catalogue(objects_of("memo"))
     constraints = drawn_constraints(catalogue, "memo", np.random.default_rng(1))
-    found = find_witnesses(constraints, intervals_of(constraints.nodes))
+    found = compiled_steps.sift_intervals(constraints, intervals_of(constraints.nodes), corners=False)
     wrong: Bools = np.zeros(len(found), dtype=bool)
     far = np.full(len(found), 10**6)
     cells = Cells(far, found.cells.state, found.cells.lo, found.cells.hi, found.cells.polygon)
     with pytest.raises(IndexError):
-        search_round(constraints, WitnessedCells(cells, found.spot, wrong), refinable=True)
+        compiled_steps.search_round(constraints, WitnessedCells(cells, found.spot, wrong), refinable=True)
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -255,27 +226,25 @@ def drawn_cells(rng: np.random.Generator, count: int) -> Cells:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_shapes_are_the_same(seed: int) -> None:
+def test_boxes_are_the_same_and_volumes_those_of_shapely(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = drawn_cells(rng, int(rng.integers(1, 200)))
     origin, anchor = rng.normal(0, 30, (len(cells), 2)), rng.normal(0, 30, 2)
-    found = (cells.centre, cells.radius, cells.volume, *position_boxes(cells, origin, anchor))
-    area = [shapely.convex_hull(shapely.MultiPoint(polygon)).area for polygon in cells.polygon]
-    with without_kernel():
-        again = Cells(cells.node, cells.state, cells.lo, cells.hi, cells.polygon)
-        expected = (again.centre, again.radius, again.volume, *position_boxes(again, origin, anchor))
-    assert np.array_equal(found[0], expected[0])
-    assert np.array_equal(found[2], expected[2]), "which of two cells is larger does not depend on the kernel"
-    for one, two in zip(found, expected, strict=True):
+    for one, two in zip(
+        compiled_steps.position_boxes(cells, origin, anchor),
+        numpy_steps.position_boxes(cells, origin, anchor),
+        strict=True,
+    ):
         np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-9)
-    np.testing.assert_allclose(found[2], np.array(area) * (cells.hi - cells.lo), rtol=1e-6, atol=1e-9)
+    area = [shapely.convex_hull(shapely.MultiPoint(polygon)).area for polygon in cells.polygon]
+    np.testing.assert_allclose(cells.volume, np.array(area) * (cells.hi - cells.lo), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_boxes_contain_every_position(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = drawn_cells(rng, 50)
-    lo, hi = position_boxes(cells, np.zeros((50, 2)), np.zeros(2))
+    lo, hi = compiled_steps.position_boxes(cells, np.zeros((50, 2)), np.zeros(2))
     for theta in np.linspace(cells.lo, cells.hi, 40):
         c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
         x, y = cells.polygon[..., 0], cells.polygon[..., 1]
@@ -288,10 +257,8 @@ def test_parts_are_the_same_and_cover_the_whole(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = drawn_cells(rng, int(rng.integers(1, 60)))
     lever, parts = 10 ** rng.uniform(-1, 3), int(rng.integers(2, 6))
-    found, owner = divide_longest(cells, lever, parts)
-    with without_kernel():
-        again = Cells(cells.node, cells.state, cells.lo, cells.hi, cells.polygon.copy())
-        expected, other = divide_longest(again, lever, parts)
+    found, owner = compiled_steps.divide_cells(cells, lever, parts)
+    expected, other = numpy_steps.divide_cells(cells, lever, parts)
     assert np.array_equal(owner, other)
     np.testing.assert_allclose(found.lo, expected.lo)
     np.testing.assert_allclose(found.centre, expected.centre, rtol=0, atol=1e-9)
@@ -309,9 +276,8 @@ def test_groups_are_the_same(count: int, seed: int) -> None:
     half = rng.uniform(0, 0.3 * size, count)
     lo = rng.uniform(-5, 5, (count, 2))
     boxes = Boxes(state, rng.uniform(-9, 9, count), half, turn, lo, lo + rng.uniform(0, size * 3, (count, 2)))
-    found = component_labels(boxes)
-    with without_kernel():
-        assert np.array_equal(found, component_labels(boxes))
+    found = component_labels(boxes, compiled_steps.group_boxes)
+    assert np.array_equal(found, component_labels(boxes, group_by_links))
     if 0 < count <= 400:
         one, two = np.nonzero(
             (state[:, None] == state) & boxes.meet(np.arange(count)[:, None], np.arange(count)[None])
@@ -321,7 +287,7 @@ def test_groups_are_the_same(count: int, seed: int) -> None:
 
 
 # ----------------------------------------------------------------------------------------------------
-# The compiled kernel grows the tree, cuts cells and sweeps paths as numpy does with whole arrays.
+# The compiled kernel grows the tree, cuts cells and sweeps paths as numpy does.
 
 TREES_IN_A_BLOCK = 20
 TREE_BLOCKS = sample(
@@ -329,58 +295,64 @@ TREE_BLOCKS = sample(
 )
 
 
-def by_pairing(nodes: Interpretations) -> dict[tuple[int, ...], list[tuple[float, float]]]:
-    found: dict[tuple[int, ...], list[tuple[float, float]]] = defaultdict(list)
-    for edges, lo, hi in zip(nodes.edges.tolist(), nodes.lo.tolist(), nodes.hi.tolist(), strict=True):
-        found[tuple(edges)].append((lo, hi))
-    return {edges: sorted(ends) for edges, ends in found.items()}
+def by_pairing(nodes: Interpretations) -> dict[tuple[int, ...], tuple[float, float]]:
+    """Hull of the orientations of each pairing: of several cells of one interpretation each has its own."""
+    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    for edges, lo, hi in zip(
+        map(tuple, nodes.edges.tolist()), nodes.lo.tolist(), nodes.hi.tolist(), strict=True
+    ):
+        least, most = found.get(edges, (lo, hi))
+        found[edges] = min(lo, least), max(hi, most)
+    return found
 
 
-def is_possible(
-    catalogue: Catalogue, touched: list[Contact], edges: tuple[int, ...], kept: list[tuple[float, float]]
-) -> bool:
+def is_possible(query: Query, edges: tuple[int, ...], kept: tuple[float, float]) -> bool:
     """Whether positions are in the rectangles of all contacts at one of many orientations kept, by scipy.
 
     Only there: what their normals exclude, both sides have left out.
     """
-    anchor = anchor_of(touched)
-    g, coefficients = all_half_planes(catalogue, np.array([edges]), touched, anchor)
-    for theta in np.concatenate([np.linspace(lo, hi, 91) for lo, hi in kept]):
+    g, coefficients = all_half_planes(query, np.array([edges]))
+    for theta in np.linspace(*kept, 91):
         limit = coefficients[0] @ [1.0, np.cos(theta), np.sin(theta)]
         if linprog([0.0, 0.0], g[0], limit, bounds=(None, None)).status == 0:
             return True
     return False
 
 
-def assert_same(
-    catalogue: Catalogue, touched: list[Contact], found: Interpretations, expected: Interpretations
-) -> int:
+def assert_same(query: Query, found: Interpretations, expected: Interpretations) -> int:
     """Equal, but for pairings that are not possible: how many of them one side alone rules out."""
     one, two = by_pairing(found), by_pairing(expected)
-    alone = {**one, **two}
-    for edges in one.keys() & two.keys():
-        del alone[edges]
-    assert not any(is_possible(catalogue, touched, edges, kept) for edges, kept in alone.items())
+    alone = {edges: (one | two)[edges] for edges in one.keys() ^ two.keys()}
+    assert not any(is_possible(query, edges, kept) for edges, kept in alone.items())
     for edges in one.keys() & two.keys():
         np.testing.assert_allclose(one[edges], two[edges], rtol=0, atol=1e-8)
     return len(alone)
 
 
-def grown(catalogue: Catalogue, touched: list[Contact]) -> list[Interpretations]:
-    """The levels of up to four contacts."""
-    anchor = anchor_of(touched)
-    levels = [second_level(catalogue, touched[:2], Budget(10**8))[0]]
-    if len(touched) > 2:
-        levels.append(next_level(catalogue, levels[-1], touched[:3], anchor, Budget(10**8))[0])
-    if len(touched) > 3:
-        cells = cells_of(catalogue, levels[-1], touched[:3])
-        levels.append(extend_by_region(catalogue, levels[-1], cells, touched[3], 4, anchor, Budget(10**8))[0])
-    return levels
+def grown(steps: Steps, query: Query, before: Interpretations | None, *, modelled: bool) -> Interpretations:
+    """Level of the last contact, under that of the contacts before it; the model test with it or after it."""
+    assert query.normals is not None
+    last = len(query.contacts) - 1
+    if last == 3:
+        assert before is not None
+        cells = cells_of(steps, query.select(range(last)), before)
+        place = contact_in_object(cells, query.contacts[-1], query.anchor_mm)
+        children = steps.extend(query, query.normals[-1], cells, *place).children
+        return before.extend(replace(children, parent=cells.node[children.parent]))
+    if before is None:
+        first = query.edges[0]
+        nothing = np.zeros(len(first.state))
+        roots = Interpretations(first.state, np.arange(len(nothing))[:, None], nothing, nothing)
+        nodes = roots.extend(steps.second_level(query, query.normals, None, modelled=modelled).children)
+    else:
+        nodes = before.extend(steps.third_level(query, query.normals, before, modelled=modelled).children)
+    for group in () if modelled else ([0, 1],) if last == 1 else ([0, 2], [1, 2], [0, 1, 2]):
+        nodes = nodes.narrow(*steps.narrow(query.select(group), nodes.edges[:, group], nodes.lo, nodes.hi))
+    return nodes
 
 
-def cells_of(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact]) -> Cells:
-    intervals = divide_orientations(nodes, step_rad=0.05, least=2)
-    return build_cells(catalogue, nodes, touched, anchor_of(touched), intervals)
+def cells_of(steps: Steps, query: Query, nodes: Interpretations) -> Cells:
+    return steps.cut_cells(query, nodes, divide_orientations(nodes, step_rad=0.05, least=2))[0]
 
 
 @pytest.mark.parametrize("first", TREE_BLOCKS)
@@ -389,35 +361,26 @@ def test_levels_cells_and_paths_are_the_same(first: int) -> None:
     for seed in range(first, first + TREES_IN_A_BLOCK):
         case = drawn_case(seed)
         touched = [contact for contact in case.contacts if contact.touched][:4]
-        if len(touched) < 2:
+        whole = Query(case.catalogue(), touched, anchor_of(touched or case.contacts), Budget(10**8))
+        if len(touched) < 2 or whole.normals is None:
             continue
-        found = grown(catalogue := case.catalogue(), touched)
-        with without_kernel():
-            other = case.catalogue()
-            expected = grown(other, touched)
-        for one, two in zip(found, expected, strict=True):
-            seen["alone"] += assert_same(catalogue, touched[: one.edges.shape[1]], one, two)
-        seen["interpretations"] += sum(map(len, found))
-        nodes = found[min(1, len(found) - 1)]
-        used = touched[: nodes.edges.shape[1]]
-        cells = cells_of(catalogue, nodes, used)
-        with without_kernel():
-            assert_equal_cells(cells, cells_of(other, nodes, used))
+        nodes = None
+        for size in range(2, len(touched) + 1):
+            query = whole.select(range(size))
+            found, expected = (
+                grown(steps, query, nodes, modelled=seed % 4 > 0) for steps in (compiled_steps, numpy_steps)
+            )
+            seen["alone"] += assert_same(query, found, expected)
+            seen["interpretations"] += len(found)
+            if size < 4:
+                nodes, used = found, query
+        assert nodes is not None
+        cells = cells_of(compiled_steps, used, nodes)
+        assert_equal_cells(cells, cells_of(numpy_steps, used, nodes))
         seen["cells"] += len(cells)
-        paths = [
-            Approach(item.finger, item.start_mm, item.direction_rad, item.travel_mm, item.free_path_bound_mm)
-            for item in case.contacts
-        ]
-        anchor = anchor_of(used)
-        stops, free = (
-            sweep(catalogue, cells, anchor, paths),
-            free_path_test(catalogue, cells, anchor, case.contacts),
-        )
-        with without_kernel():
-            reference = sweep(other, cells, anchor, paths)
-            assert np.array_equal(free, free_path_test(other, cells, anchor, case.contacts))
-        np.testing.assert_allclose(stops.earliest, reference.earliest, rtol=0, atol=1e-8)
-        np.testing.assert_allclose(stops.latest, reference.latest, rtol=0, atol=1e-8)
+        evidence = replace(whole, contacts=case.contacts)
+        free = compiled_steps.free_cells(evidence, cells, None)
+        assert np.array_equal(free, numpy_steps.free_cells(evidence, cells, None))
         seen["blocked"] += int((~free).sum())
     assert seen["interpretations"] > TREES_IN_A_BLOCK
     assert seen["cells"] > TREES_IN_A_BLOCK
@@ -431,62 +394,45 @@ def assert_equal_cells(found: Cells, expected: Cells) -> None:
     assert np.all(corner_mask(found.polygon).sum(axis=1) >= 1)
 
 
-class SmallerBudget(Budget):
-    """So small that drawn cases, which numpy has to get through as well, come to its end."""
-
-    pairs = property(lambda self: Budget.pairs.fget(self) // 400)  # type: ignore[attr-defined]
-    interpretations = property(lambda self: Budget.interpretations.fget(self) // 400)  # type: ignore[attr-defined]
-
-
 def test_a_spent_budget_is_the_same() -> None:
+    """So small that drawn cases, which numpy has to get through as well, come to its end."""
     seen: Counter[str] = Counter()
-    for seed, units in product(range(12), (10_000, 100_000, 1_000_000)):
+    for seed, most in product(range(12), (1_250, 12_500, 125_000)):
         case = drawn_case(seed)
         touched = [replace(contact, normal=None) for contact in case.contacts if contact.touched][:2]
         if len(touched) < 2:
             continue
-        budget = SmallerBudget(units)
-        found = outcome(case.catalogue(), touched, budget)
-        with without_kernel():
-            assert outcome(case.catalogue(), touched, budget) == found
+        query = Query(case.catalogue(), touched, np.zeros(2))
+        found = outcome(compiled_steps, query, most)
+        assert outcome(numpy_steps, query, most) == found
         seen[found] += 1
     assert min(seen["spent"], seen["done"]) > 3
 
 
-def outcome(catalogue: Catalogue, touched: list[Contact], budget: Budget) -> str:
+def outcome(steps: Steps, query: Query, most: int) -> str:
+    assert query.normals is not None
     try:
-        second_level(catalogue, touched, budget)
+        steps.second_level(query, query.normals, most, modelled=True)
     except BudgetSpentError:
         return "spent"
     return "done"
 
 
 def test_arrays_that_do_not_fit_are_refused() -> None:
-    assert KERNEL is not None
+    kernel = import_module("palpate.recognizer._kernel")
     edges = drawn_case(0).catalogue().edges(drawn_case(0).contacts[0].finger)
-    arrays = list(edges.arrays)
+    arrays = list(compiled_steps.edge_arrays(edges))
     for number in range(len(arrays)):
         short = [*arrays[:number], np.ascontiguousarray(arrays[number][:-1]), *arrays[number + 1 :]]
         with pytest.raises(ValueError, match="do not fit together"):
-            KERNEL.prepared_edges(tuple(short))
+            kernel.prepared_edges(tuple(short))
     with pytest.raises(ValueError, match="invalid PyCapsule"):
-        KERNEL.narrow((object(), object()), ((0.0, 0.0, 0.0),) * 2, b"", b"", b"", 1)
-
-
-def test_a_catalogue_goes_to_another_process() -> None:
-    catalogue = drawn_case(1).catalogue()
-    finger = drawn_case(1).contacts[0].finger
-    edges = catalogue.edges(finger)
-    assert edges.prepared is not None
-    again = pickle.loads(pickle.dumps(edges))
-    assert np.array_equal(again.start, edges.start)
-    assert again.prepared is not None
+        kernel.narrow((object(), object()), ((0.0, 0.0, 0.0),) * 2, b"", b"", b"", 1)
 
 
 # ----------------------------------------------------------------------------------------------------
 # The compiled kernel verifies, rules out and polishes as numpy does; and shapely agrees with both.
 
-PARTS = ("verification", "witness_candidates")
 VERIFICATIONS_IN_A_BLOCK = 40
 VERIFICATION_BLOCKS = sample(
     range(0, 30 * VERIFICATIONS_IN_A_BLOCK, VERIFICATIONS_IN_A_BLOCK),
@@ -495,16 +441,11 @@ VERIFICATION_BLOCKS = sample(
 SQUARE = flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)])
 
 
-def judged(catalogue: Catalogue, case: Case) -> Verification:
-    return verify(catalogue, case.poses, case.contacts, case.anchor_mm, case.skipped)
-
-
 def same_as_numpy(case: Case) -> Verification:
     """What the kernel says, after it was compared with what numpy says."""
-    catalogue = case.catalogue()
-    found = judged(catalogue, case)
-    with without_kernel(*PARTS):
-        expected = judged(catalogue, case)
+    evidence = case.evidence()
+    found = compiled_verify(evidence, case.poses, case.skipped)
+    expected = verify(evidence, case.poses, case.skipped)
     assert np.array_equal(found.fits, expected.fits)
     assert np.array_equal(found.holds, expected.holds)
     assert np.array_equal(np.isfinite(found.gap), np.isfinite(expected.gap))
@@ -552,7 +493,8 @@ def constraints_of(case: Case, rng: np.random.Generator) -> Constraints:
     share = 0.3 if case.skipped is not None else 0.0
     edges = np.where(rng.random((5, len(touched))) < share, -1, 0)
     nodes = Interpretations(np.zeros(5, np.int64), edges, np.zeros(5), np.zeros(5))
-    return Constraints(case.catalogue(), nodes, touched, list(case.contacts), case.anchor_mm)
+    evidence = case.evidence()
+    return Constraints(replace(evidence, contacts=touched), nodes, evidence)
 
 
 @pytest.mark.parametrize("first", VERIFICATION_BLOCKS)
@@ -567,9 +509,8 @@ def test_polishing_is_the_same(first: int) -> None:
         region = np.searchsorted(begins, np.arange(count), side="right") - 1
         cell = np.arange(count)
         constraints = constraints_of(case, rng)
-        found, holds = polish(constraints, cells, begins, region, cell, case.poses)
-        with without_kernel(*PARTS):
-            expected, also = polish(constraints, cells, begins, region, cell, case.poses)
+        found, holds = compiled_polish(constraints, cells, begins, region, cell, case.poses)
+        expected, also = polish(constraints, cells, begins, region, cell, case.poses)
         assert np.array_equal(holds, also), seed
         np.testing.assert_allclose(found.theta, expected.theta, rtol=0, atol=1e-8)
         np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-7)
@@ -589,14 +530,10 @@ def test_what_may_fit_is_the_same(first: int) -> None:
         turn = rng.choice([0.0, 1e-3, 0.1, 4.0], len(rows))
         shift = rng.choice([0.0, 0.01, 0.5, 5.0], len(rows))
         skipped = None if case.skipped is None else case.skipped[rows]
-        catalogue = case.catalogue()
+        evidence, poses, near = case.evidence(), case.poses.select(rows), Nearness(turn, shift)
         for most in (None, 0, 300, 3000):
-            asked = (
-                catalogue, case.poses.select(rows), case.contacts, case.anchor_mm, turn, shift, skipped, most,
-            )  # fmt: skip
-            found = may_fit(*asked)
-            with without_kernel(*PARTS):
-                assert np.array_equal(found, may_fit(*asked)), (seed, most)
+            found = compiled_steps.may_fit(evidence, poses, near, skipped, most)
+            assert np.array_equal(found, may_fit(evidence, poses, near, skipped, most)), (seed, most)
             outcomes.update(found.tolist())
     assert min(outcomes[True], outcomes[False]) > 500
 
@@ -605,9 +542,8 @@ def test_cells_that_can_be_verified_are_the_same() -> None:
     for seed in range(40):
         case, rng = drawn_case(seed), np.random.default_rng([27, seed])
         cells, constraints = cells_about(case, rng), constraints_of(case, rng)
-        found = can_be_verified(constraints, cells)
-        with without_kernel(*PARTS):
-            assert np.array_equal(found, can_be_verified(constraints, cells))
+        found = compiled_steps.can_be_verified(constraints, cells)
+        assert np.array_equal(found, numpy_steps.can_be_verified(constraints, cells))
 
 
 def any_normal(end: np.ndarray, radius: float) -> Contact:
@@ -641,7 +577,7 @@ def test_distances_are_those_of_shapely(number: int, radius: float) -> None:
     for _ in range(600):
         point = rng.uniform(-60, 60, 2)
         expected = shapely.distance(grown.boundary, shapely.Point(point))
-        gap = verify(catalogue, ORIGIN, [any_normal(point, radius)], np.zeros(2)).gap[0, 0]
+        gap = compiled_verify(Query(catalogue, [any_normal(point, radius)], np.zeros(2)), ORIGIN).gap[0, 0]
         if abs(expected - 1.3) < 1e-4:
             continue
         assert (expected < 1.3) == math.isfinite(gap)
@@ -663,7 +599,7 @@ def test_free_lines_are_those_of_shapely(number: int, radius: float) -> None:
         if abs(away - radius) < 1e-5:
             continue
         path = Contact("f", Finger(radius, 10.0), False, tuple(begin.tolist()), tuple(end.tolist()), 0.0)
-        free = bool(verify(catalogue, ORIGIN, [path], np.zeros(2)).holds[0])
+        free = bool(compiled_verify(Query(catalogue, [path], np.zeros(2)), ORIGIN).holds[0])
         assert free == (away > radius), (begin, end)
         outcomes[free] += 1
     assert min(outcomes.values()) > 50
@@ -686,7 +622,7 @@ def test_lines_into_loose_objects_are_those_of_shapely(number: int) -> None:
         if deep != line.intersects(sure):
             continue
         path = Contact("f", Finger(0.5, 10.0), False, tuple(begin.tolist()), tuple(end.tolist()), 0.0)
-        free = bool(verify(catalogue, ORIGIN, [path], np.zeros(2)).holds[0])
+        free = bool(compiled_verify(Query(catalogue, [path], np.zeros(2)), ORIGIN).holds[0])
         assert free != deep, (begin, end)
         outcomes[free] += 1
     assert min(outcomes.values()) > 50
@@ -696,10 +632,17 @@ def test_nothing_is_asked() -> None:
     catalogue = Catalogue([SQUARE])
     none = Poses(np.empty(0, np.int64), np.empty(0), np.empty((0, 2)))
     contact = any_normal(np.array([25.0, 0.0]), 5.0)
-    found = verify(catalogue, none, [contact], np.zeros(2))
+    found = compiled_verify(Query(catalogue, [contact], np.zeros(2)), none)
     assert found.fits.shape == (0, 1)
     assert found.offset.shape == (0, 1, 2)
-    assert len(may_fit(catalogue, none, [contact], np.zeros(2), np.empty(0), np.empty(0))) == 0
+    assert (
+        len(
+            compiled_steps.may_fit(
+                Query(catalogue, [contact], np.zeros(2)), none, Nearness(np.empty(0), np.empty(0))
+            )
+        )
+        == 0
+    )
 
 
 def test_nothing_is_high_enough() -> None:
@@ -707,11 +650,11 @@ def test_nothing_is_high_enough() -> None:
     catalogue = Catalogue([SQUARE, flat("low", [(-9, -9), (9, -9), (0, 9)], 4.0)])
     poses = Poses(np.array([0, 1]), np.zeros(2), np.zeros((2, 2)))
     touching = any_normal(np.array([25.0, 0.0]), 5.0)
-    found = verify(catalogue, poses, [touching], np.zeros(2))
+    found = compiled_verify(Query(catalogue, [touching], np.zeros(2)), poses)
     assert found.fits.tolist() == [[True], [False]]
     assert found.gap[1, 0] == math.inf
     through = Contact("f", Finger(5.0, 10.0), False, (-50.0, 0.0), (50.0, 0.0), 0.0)
-    assert verify(catalogue, poses, [through], np.zeros(2)).holds.tolist() == [False, True]
+    assert compiled_verify(Query(catalogue, [through], np.zeros(2)), poses).holds.tolist() == [False, True]
 
 
 def test_no_such_state() -> None:
@@ -719,44 +662,4 @@ def test_no_such_state() -> None:
     for state in (-1, 1):
         poses = Poses(np.array([state]), np.zeros(1), np.zeros((1, 2)))
         with pytest.raises(IndexError, match="no such state"):
-            verify(Catalogue([SQUARE]), poses, [contact], np.zeros(2))
-
-
-RADII = (0.0, 1.0, 5.0, 8.0)
-BOUNDS = (0.0, 0.01, 0.3, 1.0)
-NORMALS = (math.radians(1), math.radians(10), math.radians(45), None)
-
-
-@pytest.mark.parametrize("part", sample(range(10), range(2)))
-def test_hypotheses_are_the_same(part: int) -> None:
-    models = outlines(SHIPPED_OBJECTS)
-    catalogue, compared = Catalogue(models), 0
-    for index in range(8):
-        rng = np.random.default_rng([31, part, index])
-        placed = place(models[int(rng.integers(len(models)))], rng)
-        half, bound = NORMALS[int(rng.integers(4))], BOUNDS[int(rng.integers(4))]
-        contacts = until_touched(
-            grip,
-            placed,
-            rng,
-            fingers=int(rng.integers(3, 6)),
-            radius=RADII[int(rng.integers(4))],
-            bound=bound,
-            half_range=half,
-            at_bound=bool(index % 2),
-            aim=0.3,
-        )
-        spurious = int(rng.integers(2)) if half is not None and bound < 1.0 else 0
-        found = recognise(catalogue, contacts, max_spurious=spurious, budget=Budget(100_000))
-        with without_kernel(*PARTS):
-            expected = recognise(catalogue, contacts, max_spurious=spurious, budget=Budget(100_000))
-        assert len(found.hypotheses) == len(expected.hypotheses), index
-        for one, two in zip(found.hypotheses, expected.hypotheses, strict=True):
-            assert one.state_index == two.state_index
-            assert one.verified == two.verified
-            assert one.configuration.x_mm == pytest.approx(two.configuration.x_mm, abs=1e-6)
-            assert one.configuration.y_mm == pytest.approx(two.configuration.y_mm, abs=1e-6)
-            assert one.configuration.theta_rad == pytest.approx(two.configuration.theta_rad, abs=1e-8)
-            assert one.weight == pytest.approx(two.weight, rel=1e-5)
-        compared += len(found.hypotheses)
-    assert compared > 5
+            compiled_verify(Query(Catalogue([SQUARE]), [contact], np.zeros(2)), poses)

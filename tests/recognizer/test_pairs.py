@@ -15,16 +15,26 @@ from palpate.base.geometry.plane import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.interpretation_tree import Interpretations, first_level, next_level, second_level
-from palpate.recognizer.model_test import half_planes, sinusoid_maximum, three_contact_hull, two_contact_hull
+from palpate.recognizer.interpretation_tree import (
+    filter_by_distance,
+    first_level,
+    narrow_by,
+    pair_by_angle,
+    second_level,
+)
+from palpate.recognizer.interpretations import Interpretations, Query
+from palpate.recognizer.model_test import half_planes, sinusoid_maximum
+from palpate.recognizer.steps import Steps
 from support.campaign.sampling import sample
+from support.oracles.kernel import both_sides
 from support.oracles.outlines import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, triple_arcs
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, outlines, place
 
 # ----------------------------------------------------------------------------------------------------
-# The table of pairs of edges against every pair tried one after the other.
+# Pairs of edges for two contacts at once, against every pair tried one after the other.
 
 THIN, THICK = Finger(0.0, 10.0), Finger(5.0, 10.0)
+_ROUNDING_RAD = 1e-9
 FINGERS = [(THIN, THIN), (THICK, THICK), (THIN, THICK), (THICK, THIN)]
 
 
@@ -65,17 +75,17 @@ def allowed_pairs(
     return found
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize("trials", sample([40, 150], [40]))
 @pytest.mark.parametrize(
     ("fingers", "flat_edges"), [(pair, (600, 20)[k % 2]) for k, pair in enumerate(FINGERS)]
 )
 def test_every_pair_that_two_points_lie_on_is_found(
-    fingers: tuple[Finger, Finger], flat_edges: int, trials: int
+    steps: Steps, fingers: tuple[Finger, Finger], flat_edges: int, trials: int
 ) -> None:
     """Points of two edges, mismeasured, with normal ranges of all widths that just hold the true normals."""
     rng = np.random.default_rng(31)
     first, second = (catalogue(flat_edges).edges(finger) for finger in fingers)
-    table = catalogue(flat_edges).pairs(*fingers)
     total = 0
     for trial in range(trials):
         a = int(rng.choice(np.flatnonzero(first.representative)))
@@ -94,34 +104,23 @@ def test_every_pair_that_two_points_lie_on_is_found(
             width = rng.choice([0.0, 1e-3, 0.5, 2.0, 6.2, 2 * math.pi])
             true = normal + theta + rng.choice([-1.0, 0.0, 1.0]) * span
             lo = true - rng.choice([0.0, 1.0, rng.uniform()]) * width
-            ranges.append(NormalRange(float(lo), float(lo + width)))
+            width = min(width + 2 * _ROUNDING_RAD, 2 * math.pi)
+            ranges.append(NormalRange(float(lo - _ROUNDING_RAD), float(lo - _ROUNDING_RAD + width)))
         one, two = ranges
-        edge_a, edge_b = table.between(one, two, (float(chord[0]), float(chord[1])), float(bound))
-        found = list(zip(edge_a.tolist(), edge_b.tolist(), strict=True))
+        contacts = [
+            Contact("f", finger, True, (x - 100, y), (x, y), float(bound) / 2)
+            for finger, (x, y) in zip(fingers, ((0.0, 0.0), chord.tolist()), strict=True)
+        ]
+        query = Query(catalogue(flat_edges), contacts, np.zeros(2))
+        children = steps.second_level(query, ranges, None, modelled=False).children
+        found = list(zip(children.parent.tolist(), children.edge.tolist(), strict=True))
         assert len(set(found)) == len(found)
         assert (a, b) in found, trial
-        margin = float(first.span.max() + second.span.max()) + 1e-4
-        wide = NormalRange(two.lo_rad - margin, min(two.hi_rad + margin, two.lo_rad - margin + 2 * math.pi))
+        wide = NormalRange(two.lo_rad - 1e-6, min(two.hi_rad + 1e-6, two.lo_rad - 1e-6 + 2 * math.pi))
         distance = float(np.hypot(*chord))
         assert set(found) <= allowed_pairs(first, second, one, wide, distance, bound + 1e-3), trial
         total += len(found)
     assert total > 7 * trials
-
-
-@pytest.mark.parametrize("flat_edges", [600, 20])
-@pytest.mark.parametrize("fingers", FINGERS)
-def test_ranges_are_rounded_outward(fingers: tuple[Finger, Finger], flat_edges: int) -> None:
-    rng = np.random.default_rng(33)
-    first, second = (catalogue(flat_edges).edges(finger) for finger in fingers)
-    edge_a = rng.integers(0, len(first.state), 4000)
-    state = first.state[edge_a]
-    edge_b = second.first[state] + rng.integers(0, second.count[state])
-    near, far = catalogue(flat_edges).pairs(*fingers).ranges(state, edge_a, edge_b)
-    shortest, longest = exact_ranges(first, edge_a, second, edge_b)
-    assert np.all(near <= shortest)
-    assert np.all(far >= longest)
-    np.testing.assert_allclose(near, shortest, atol=1e-4)
-    np.testing.assert_allclose(far, longest, atol=1e-4)
 
 
 def as_rows(nodes: Interpretations) -> np.ndarray:
@@ -147,20 +146,17 @@ def test_both_ways_to_the_second_level(
             contacts += [c for c in some if c.touched][:1]
         if len(contacts) < 2:
             continue
-        anchor = np.mean([c.end_mm for c in contacts], axis=0)
-        at_once, count = second_level(catalogue(flat_edges), contacts)
+        query = Query(catalogue(flat_edges), contacts, np.zeros(2))
+        at_once, count = second_level(query)
         nodes, _ = first_level(catalogue(flat_edges), contacts[0])
-        in_turn, count_in_turn = next_level(catalogue(flat_edges), nodes, contacts, anchor)
+        in_turn = narrow_by(query, filter_by_distance(query, pair_by_angle(query, nodes), 0), 0)
         one, two = as_rows(at_once), as_rows(in_turn)
         assert one.shape == two.shape
         np.testing.assert_array_equal(one[:, :2], two[:, :2])
         # Of wide ranges that meet in two pieces the hull is kept: narrowed in another order, another hull.
         if half_range is None or half_range < 1.0:
             np.testing.assert_allclose(one, two, rtol=0, atol=1e-9)
-        # Pockets of several arcs, looked at where no normal is known, make several nodes of one.
-        if all(contact.normal is not None for contact in contacts):
-            assert count.candidates == count_in_turn.candidates
-        assert count.after_model == count_in_turn.after_model == len(one)
+        assert count.after_model == len(one)
         assert np.all(catalogue(flat_edges).edges(contacts[0].finger).representative[at_once.edges[:, 0]])
         left += len(one)
     assert left > 20
@@ -170,7 +166,7 @@ def test_normals_that_allow_nothing_leave_no_pair() -> None:
     against = Contact("a", THICK, True, (-100.0, 0.0), (-25.0, 0.0), 0.3, NormalRange(-0.1, 0.1))
     other = Contact("b", THICK, True, (100.0, 0.0), (25.0, 0.0), 0.3)
     for contacts in ([against, other], [other, against]):
-        nodes, count = second_level(catalogue(), contacts)
+        nodes, count = second_level(Query(catalogue(), contacts, np.zeros(2)))
         assert len(nodes) == count.after_model == 0
 
 
@@ -229,14 +225,16 @@ def by_triples(
 
 
 def by_chord(
-    catalogue: Catalogue, a: int, one: Contact, b: int, two: Contact, lo: float, hi: float
+    steps: Steps, catalogue: Catalogue, a: int, one: Contact, b: int, two: Contact, lo: float, hi: float
 ) -> tuple[float, float]:
-    begin, end = two_contact_hull(catalogue, np.array([[a, b]]), [one, two], np.array([lo]), np.array([hi]))
+    query = Query(catalogue, [one, two], np.zeros(2))
+    begin, end = steps.narrow(query, np.array([[a, b]]), np.array([lo]), np.array([hi]))
     return float(begin[0]), float(end[0])
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize(("bound", "radius"), SETTINGS)
-def test_same_hull_as_the_triples(bound: float, radius: float) -> None:
+def test_same_hull_as_the_triples(steps: Steps, bound: float, radius: float) -> None:
     rng = np.random.default_rng(int(10 * bound + radius))
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
     edges = catalogue.edges(Finger(radius, 10.0))
@@ -248,7 +246,7 @@ def test_same_hull_as_the_triples(bound: float, radius: float) -> None:
         one, two = (contact_at(point, bound, radius) for point in (at, at + chord[k]))
         pair = (int(edge_a[k]), one, int(edge_b[k]), two)
         interval = float(lo[k]), float(hi[k])
-        mine, other = by_chord(catalogue, *pair, *interval), by_triples(edges, *pair, *interval)
+        mine, other = by_chord(steps, catalogue, *pair, *interval), by_triples(edges, *pair, *interval)
         left += mine[0] <= mine[1]
         both_empty = mine[0] > mine[1] and other[0] > other[1]
         assert both_empty or np.allclose(mine, other, rtol=0, atol=1e-9), (k, pair, interval, mine, other)
@@ -279,8 +277,9 @@ def rectangles_meet(one: Floats, two: Floats) -> np.ndarray:
     return meet
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize(("bound", "radius"), SETTINGS)
-def test_nothing_that_fits_is_outside_of_the_hull(bound: float, radius: float) -> None:
+def test_nothing_that_fits_is_outside_of_the_hull(steps: Steps, bound: float, radius: float) -> None:
     """On a fine grid of θ, both error rectangles as the object's position sees them, laid over each other."""
     rng = np.random.default_rng(100 + int(10 * bound + radius))
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
@@ -291,7 +290,7 @@ def test_nothing_that_fits_is_outside_of_the_hull(bound: float, radius: float) -
     for k in range(len(edge_a)):
         one, two = (contact_at(point, bound, radius) for point in (np.zeros(2), chord[k]))
         pair = (int(edge_a[k]), one, int(edge_b[k]), two)
-        begin, end = by_chord(catalogue, *pair, float(lo[k]), float(hi[k]))
+        begin, end = by_chord(steps, catalogue, *pair, float(lo[k]), float(hi[k]))
         grid = np.linspace(lo[k], hi[k], 1500)
         inside = (theta[k] - lo[k]) % (2 * np.pi)
         if inside <= hi[k] - lo[k]:
@@ -309,19 +308,21 @@ def test_nothing_that_fits_is_outside_of_the_hull(bound: float, radius: float) -
     assert fitted > 20
 
 
-def test_edges_of_two_fingers() -> None:
+@pytest.mark.parametrize("steps", both_sides())
+def test_edges_of_two_fingers(steps: Steps) -> None:
     """The first contact's edge is taken from the first set, the second's from the second."""
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS)[:1])
     thin, thick = (catalogue.edges(Finger(radius, 10.0)) for radius in (0.0, 5.0))
     q_a = thin.start[2] + 0.4 * (thin.end[2] - thin.start[2])
     q_b = thick.start[7] + 0.6 * (thick.end[7] - thick.start[7])
     one, two = contact_at(q_a, 0.01, 0.0), contact_at(q_b, 0.01)
-    lo, hi = two_contact_hull(catalogue, np.array([[2, 7]]), [one, two], np.array([-0.5]), np.array([0.5]))
-    assert lo[0] <= 0.0 <= hi[0]
-    assert hi[0] - lo[0] < 1.0
+    lo, hi = by_chord(steps, catalogue, 2, one, 7, two, -0.5, 0.5)
+    assert lo <= 0.0 <= hi
+    assert hi - lo < 1.0
 
 
-def test_points_that_coincide_leave_every_orientation_or_none() -> None:
+@pytest.mark.parametrize("steps", both_sides())
+def test_points_that_coincide_leave_every_orientation_or_none(steps: Steps) -> None:
     """A chord without length: edges that meet at a corner fit at any θ, edges far apart at none."""
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS)[2:3])
     edges = catalogue.edges(Finger(0.0, 10.0))
@@ -329,7 +330,7 @@ def test_points_that_coincide_leave_every_orientation_or_none() -> None:
     far = int(np.argmax(np.hypot(*(edges.middle - edges.middle[0]).T)))
     point = contact_at(np.array([3.0, 4.0]), 0.1, 0.0)
     for other, allowed in ((follower, True), (far, False)):
-        begin, end = by_chord(catalogue, 0, point, other, point, -1.0, 4.0)
+        begin, end = by_chord(steps, catalogue, 0, point, other, point, -1.0, 4.0)
         assert (begin <= end) == allowed
         assert not allowed or (begin, end) == pytest.approx((-1.0, 4.0))
 
@@ -349,8 +350,9 @@ def excess(g: np.ndarray, limit: np.ndarray) -> float:
     return float(solved.fun)
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize("fingers", [2, 3, 4])
-def test_triples_agree_with_linear_programming(fingers: int) -> None:
+def test_triples_agree_with_linear_programming(steps: Steps, fingers: int) -> None:
     rng = np.random.default_rng(20 + fingers)
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
     feasible = 0
@@ -389,12 +391,8 @@ def test_triples_agree_with_linear_programming(fingers: int) -> None:
                 allowed &= bool(np.all(arcs >= 0))
                 if np.min(np.abs(arcs)) > 1e-6:
                     at = np.array([theta])
-                    paired = [pick[k : k + 1] for k in group]
-                    some = [contacts[k] for k in group]
-                    if size == 2:
-                        lo, hi = two_contact_hull(catalogue, np.column_stack(paired), some, at, at)
-                    else:
-                        lo, hi = three_contact_hull(catalogue, np.column_stack(paired), some, anchor, at, at)
+                    query = Query(catalogue, [contacts[k] for k in group], anchor)
+                    lo, hi = steps.narrow(query, pick[None, group], at, at)
                     assert bool(lo[0] <= hi[0]) == bool(np.all(arcs >= 0))
         if abs(short) > 1e-6:
             assert allowed == (short < 0)
@@ -437,8 +435,9 @@ def test_largest_is_the_maximum(lo: float, width: float, wave: tuple) -> None:
         assert found <= sampled + 1e-4
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize("seed", range(4))
-def test_eight_waves_are_the_triples_of_three_contacts(seed: int) -> None:
+def test_eight_waves_are_the_triples_of_three_contacts(steps: Steps, seed: int) -> None:
     """Two-sided conditions leave no more than the arcs taken one by one; single θ are compared above."""
     rng = np.random.default_rng(seed)
     catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
@@ -451,7 +450,7 @@ def test_eight_waves_are_the_triples_of_three_contacts(seed: int) -> None:
     paired = rng.integers(edges.first[seed], edges.first[seed + 1], (3000, 3))
     lo = rng.uniform(-7, 7, 3000)
     hi = lo + 2 * math.pi * rng.uniform(size=3000) ** 3
-    first, last = three_contact_hull(catalogue, paired, contacts, anchor, lo, hi)
+    first, last = steps.narrow(Query(catalogue, contacts, anchor), paired, lo, hi)
     planes = [half_planes(edges, paired[:, k], contact, anchor) for k, contact in enumerate(contacts)]
     g = np.concatenate([plane[0] for plane in planes], axis=1)
     coefficients = np.concatenate([plane[1] for plane in planes], axis=1)

@@ -28,10 +28,12 @@ from palpate.recognizer import (
 )
 from palpate.recognizer.approach import Approach
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.constraints import free_path_test, sweep
 from palpate.recognizer.contact import Contact, Finger
+from palpate.recognizer.interpretations import Query
+from palpate.recognizer.numpy_cells import sweep
 from palpate.recognizer.planner import fits_together, predict_approach
 from palpate.recognizer.pose_region import Cells
+from palpate.recognizer.steps import STEPS
 from palpate.recognizer.touch_model import (
     push_hazard,
     sampled_poses,
@@ -167,9 +169,9 @@ def test_blocked_only_if_blocked_everywhere() -> None:
     beside = Contact("f", Finger(5.0, 10.0), False, (-100.0, 26.0), (100.0, 26.0), 0.3)
     sharp = cell(0, 0.0, 0.0, (0.0, 0.0), 0.1)
     wide = cell(0, 0.0, 0.0, (0.0, 0.0), 30.0)
-    assert not free_path_test(catalogue, sharp, ORIGIN, [through])[0]
-    assert free_path_test(catalogue, wide, ORIGIN, [through])[0]
-    assert free_path_test(catalogue, sharp, ORIGIN, [beside])[0]
+    assert not STEPS.free_cells(Query(catalogue, [through], ORIGIN), sharp, None)[0]
+    assert STEPS.free_cells(Query(catalogue, [through], ORIGIN), wide, None)[0]
+    assert STEPS.free_cells(Query(catalogue, [beside], ORIGIN), sharp, None)[0]
 
 
 @given(

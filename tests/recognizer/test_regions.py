@@ -8,26 +8,20 @@ import pytest
 import shapely
 
 from palpate.base.geometry.plane import point_segment_distance, rotate
-from palpate.recognizer import Finger, Hypothesis, Recognition
+from palpate.recognizer import Finger, Hypothesis, Recognition, numpy_steps
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.connected_components import Boxes, component_labels
+from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.hypotheses import enclosures
-from palpate.recognizer.interpretation_tree import Interpretations, first_level, next_level
-from palpate.recognizer.pose_region import (
-    Cells,
-    Intervals,
-    build_cells,
-    divide_longest,
-    divide_orientations,
-    probe_cells,
-    refine_intervals,
-)
+from palpate.recognizer.interpretation_tree import first_level, second_level, third_level
+from palpate.recognizer.interpretations import Interpretations, Query
+from palpate.recognizer.numpy_witnesses import corner_means, probe_cells
+from palpate.recognizer.pose_region import Cells, Intervals, divide_orientations
+from palpate.recognizer.steps import Steps
+from palpate.recognizer.tables import round_to_nine_digits
 from palpate.recognizer.verification import Poses, verify
-from palpate.recognizer.witness_candidates import corner_means
-from palpate.recognizer.witness_search import position_boxes, round_to_nine_digits
+from palpate.recognizer.witness_search import enclosures
 from support.oracles.judge import Scene, asked, drawn
-from support.oracles.kernel import drawn_catalogue
+from support.oracles.kernel import both_sides, drawn_catalogue
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, grip, holding_truth, outlines, place
 
 # ----------------------------------------------------------------------------------------------------
@@ -36,12 +30,13 @@ from support.oracles.shapely_touches import SHIPPED_OBJECTS, grip, holding_truth
 MODELS = outlines(SHIPPED_OBJECTS)
 
 
-def interpreted(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpretations, np.ndarray]:
-    anchor = np.mean([c.end_mm for c in contacts], axis=0)
-    nodes, _ = first_level(catalogue, contacts[0])
-    for count in range(2, len(contacts) + 1):
-        nodes, _ = next_level(catalogue, nodes, contacts[:count], anchor)
-    return nodes, anchor
+def interpreted(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Query, Interpretations]:
+    """Pairings of one to three contacts."""
+    query = Query(catalogue, contacts, np.mean([c.end_mm for c in contacts], axis=0))
+    if len(contacts) == 1:
+        return query, first_level(catalogue, contacts[0])[0]
+    nodes, _ = second_level(query.select(range(2)))
+    return query, third_level(query, nodes)[0] if len(contacts) == 3 else nodes
 
 
 def contains(cells: Cells, row: int, theta: float, position: np.ndarray) -> bool:
@@ -83,7 +78,7 @@ def test_the_parts_of_a_cell_hold_all_of_it_and_no_more(lever_mm: float) -> None
         [[[0.0, 0.0], [9.0, 1.0], [8.0, 3.0], [1.0, 2.0]], [[0.0, 0.0], [0.2, 0.0], [0.1, 7.0], [0.0, 0.0]]]
     )
     cells = Cells(np.array([3, 4]), np.array([0, 1]), np.array([0.1, 1.0]), np.array([0.2, 1.4]), polygon)
-    parts, owner = divide_longest(cells, lever_mm, 4)
+    parts, owner = numpy_steps.divide_cells(cells, lever_mm, 4)
     assert np.bincount(owner).tolist() == [4, 4]
     assert np.array_equal(parts.node, cells.node[owner])
     assert np.bincount(owner, parts.volume) == pytest.approx(cells.volume)
@@ -100,21 +95,21 @@ def test_the_parts_of_a_cell_hold_all_of_it_and_no_more(lever_mm: float) -> None
             )
 
 
+@pytest.mark.parametrize("steps", both_sides())
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("fingers", [2, 3])
-def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int) -> None:
+def test_cells_hold_every_sampled_feasible_configuration(steps: Steps, seed: int, fingers: int) -> None:
     rng = np.random.default_rng(seed)
     catalogue = Catalogue(MODELS[seed % 6 : seed % 6 + 1])
     contacts: list[Contact] = []
     while len(contacts) < fingers:
         placed = place(MODELS[seed % 6], rng)
         contacts = [c for c in grip(placed, rng, fingers=fingers, bound=1.0, half_range=0.4) if c.touched]
-    nodes, anchor = interpreted(catalogue, contacts)
-    cells = build_cells(
-        catalogue, nodes, contacts, anchor, divide_orientations(nodes, step_rad=0.015, least=3)
-    )
-    parts, _ = refine_intervals(catalogue, nodes, cells, contacts, anchor, 3)
-    finer = build_cells(catalogue, nodes, contacts, anchor, parts)
+    query, nodes = interpreted(catalogue, contacts)
+    anchor = query.anchor_mm
+    cells, _ = steps.cut_cells(query, nodes, divide_orientations(nodes, step_rad=0.015, least=3))
+    parts, _ = steps.refine_intervals(query, nodes, cells, np.full(len(cells), 3))
+    finer, _ = steps.cut_cells(query, nodes, parts)
     hits = 0
     for node in rng.permutation(len(nodes))[:12]:
         rows = np.flatnonzero(cells.node == node)
@@ -140,11 +135,10 @@ def test_sections_of_the_middle_are_feasible() -> None:
     catalogue = Catalogue(MODELS)
     placed = place(MODELS[4], rng)
     contacts = grip(placed, rng, bound=0.5)
-    nodes, anchor = interpreted(catalogue, contacts)
+    query, nodes = interpreted(catalogue, contacts)
+    anchor = query.anchor_mm
     theta = (nodes.lo + nodes.hi) / 2
-    found = probe_cells(
-        catalogue, nodes, contacts, anchor, Intervals(np.arange(len(nodes)), nodes.lo, nodes.hi)
-    )
+    found = probe_cells(query, nodes, Intervals(np.arange(len(nodes)), nodes.lo, nodes.hi))
     assert len(found.tried)
     places = [
         (found.cells.node[row], s)
@@ -185,7 +179,10 @@ def test_which_diagonal_of_a_rectangle_is_cut_does_not_depend_on_rounding(seed: 
         Cells(count, count, np.zeros(50), np.full(50, 1e-4), polygon)
         for polygon in (rectangle, rectangle + rng.normal(0, 1e-13, rectangle.shape))
     )
-    (one, owner), (other, of_other) = divide_longest(cells, 40.0, 4), divide_longest(close, 40.0, 4)
+    (one, owner), (other, of_other) = (
+        numpy_steps.divide_cells(cells, 40.0, 4),
+        numpy_steps.divide_cells(close, 40.0, 4),
+    )
     assert np.array_equal(owner, of_other)
     np.testing.assert_allclose(one.centre, other.centre, rtol=0, atol=1e-9)
 
@@ -247,7 +244,7 @@ def as_sets(label: np.ndarray) -> list[frozenset[int]]:
 
 
 def check(boxes: Boxes) -> int:
-    label = component_labels(boxes)
+    label = component_labels(boxes, group_by_links)
     assert as_sets(label) == by_pairs(boxes)
     assert sorted(set(label.tolist())) == list(range(int(label.max(initial=-1)) + 1))
     return int(label.max(initial=-1)) + 1
@@ -327,7 +324,7 @@ def test_bins_join_all_that_meet() -> None:
     rng = np.random.default_rng(9)
     for width in (0.2, 1.5):
         boxes = boxes_of(rng, 400, states=3, width=width, size=6.0, spread=200.0)
-        label = component_labels(boxes, most_pairs=0)
+        label = component_labels(boxes, group_by_links, most_pairs=0)
         for group in by_pairs(boxes):
             assert len({int(label[k]) for k in group}) == 1
         for value in np.unique(label):
@@ -446,7 +443,7 @@ def scenes(count: int) -> list[tuple[Scene, Recognition]]:
 def coarse_widths(item: Hypothesis) -> np.ndarray:
     """Widths (3,) of the box round a hypothesis's cells."""
     origin = np.tile(item.state.origin_mm, (len(item.cells), 1))
-    lo, hi = position_boxes(item.cells, origin, item.constraints.anchor_mm)
+    lo, hi = numpy_steps.position_boxes(item.cells, origin, item.constraints.anchor_mm)
     turn = float(item.cells.hi.max() - item.cells.lo.min())
     return np.append(hi.max(axis=0) - lo.min(axis=0), turn)
 
@@ -468,12 +465,8 @@ def test_whatever_satisfies_all_contacts_near_a_witness_is_within_the_bounds() -
             at = np.tile([*item.witness_mm, item.configuration.theta_rad * _LEVER_MM], (40, 1))
             for step in range(40):
                 going = at + rng.normal(size=at.shape) * rng.choice([0.02, 0.1, 0.4])
-                held = verify(
-                    answer.catalogue,
-                    Poses(np.full(40, item.state_index), going[:, 2] / _LEVER_MM, going[:, :2]),
-                    answer.contacts,
-                    answer.anchor_mm,
-                ).holds
+                poses = Poses(np.full(40, item.state_index), going[:, 2] / _LEVER_MM, going[:, :2])
+                held = verify(Query(answer.catalogue, answer.contacts, answer.anchor_mm), poses).holds
                 at[held] = going[held]
                 if step % 4 == 3:
                     theta = at[:, 2] / _LEVER_MM

@@ -17,7 +17,6 @@ from palpate.recognizer import Catalogue, Finger, is_exact, recognise
 from palpate.recognizer.ball_obstacle import ball_obstacle
 from palpate.recognizer.tip_obstacle import uncovered_polygons, union_circles
 from support.campaign.sampling import sample
-from support.oracles.kernel import needs_kernel, without_kernel
 from support.oracles.upright_tips import (
     Block,
     Stack,
@@ -34,6 +33,7 @@ from support.oracles.upright_tips import (
     triangles_of,
     wobbly_triangles,
 )
+from support.oracles.whole_queries import WholeQuery, assert_same_by_numpy
 
 # ----------------------------------------------------------------------------------------------------
 # Balls: what stops them beside stacks of prisms and frusta, judged by distances from meshes.
@@ -120,23 +120,17 @@ def test_the_truth_is_kept_where_parts_are_off_by_their_tolerance(seed: int) -> 
         assert holds(list(recognise(catalogue, contacts).hypotheses), "a", at)
 
 
-@needs_kernel
-@pytest.mark.parametrize("seed", sample(range(12), range(4)))
-def test_answers_are_the_same_without_the_kernel(seed: int) -> None:
-    rng = np.random.default_rng([87, seed])
+def test_answers_are_the_same_without_the_kernel() -> None:
     foot, body = shapely.box(-21, -16, 21, 16), shapely.box(-19, -9, 15, 18)
     stack = Stack((Block(foot, (0.0, 7.0)), Block(body, (7.0, 30.0))))
-    models = [model_of(stack, "a")]
-    finger, at = ball(6.0, 10.5 + 0.1 * seed), (3.0, -2.0, 0.4 + seed)
-    contacts = ball_contacts(triangles_of(stack, at), finger, at[:2], rng, count=4)
-    with_it = recognise(Catalogue(models), contacts).hypotheses
-    with without_kernel():
-        alone = recognise(Catalogue(models), contacts).hypotheses
-    assert len(with_it) == len(alone)
-    for one, other in zip(with_it, alone, strict=True):
-        for name in ("x_mm", "y_mm", "theta_rad"):
-            assert getattr(one.bounds, name) == pytest.approx(getattr(other.bounds, name), abs=1e-9)
-    assert holds(list(with_it), "a", at)
+    models, queries = [model_of(stack, "a")], []
+    for seed in range(4):
+        finger, at = ball(6.0, 10.5 + 0.1 * seed), (3.0, -2.0, 0.4 + seed)
+        rng = np.random.default_rng([87, seed])
+        contacts = ball_contacts(triangles_of(stack, at), finger, at[:2], rng, count=4)
+        assert holds(list(recognise(Catalogue(models), contacts).hypotheses), "a", at)
+        queries.append(WholeQuery(models, [contacts]))
+    assert_same_by_numpy(queries)
 
 
 def test_a_disc_at_the_equator_loses_the_truth() -> None:

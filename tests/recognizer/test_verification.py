@@ -9,7 +9,8 @@ import shapely
 
 from palpate.base.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
-from palpate.recognizer.verification import Poses, Verification, may_fit, verify
+from palpate.recognizer.interpretations import Query
+from palpate.recognizer.verification import Nearness, Poses, Verification, may_fit, verify
 from support.campaign.objects import objects_of
 from support.oracles.judge import Scene, asked, catalogue_of, drawn, objections, refused
 from support.oracles.shapely_touches import flat, grip, holding_truth, place, turned, until_touched
@@ -28,7 +29,8 @@ def at_configuration(
     anchor = np.array([3.0, -2.0])
     centre = np.array(at[:2]) + turned(catalogue.origins_mm[state], at[2])
     position = turned(centre - anchor, -at[2])
-    return verify(catalogue, Poses(np.array([state]), np.array([at[2]]), position[None]), contacts, anchor)
+    poses = Poses(np.array([state]), np.array([at[2]]), position[None])
+    return verify(Query(catalogue, contacts, anchor), poses)
 
 
 def verified_at(model: ObjectModel, at: tuple[float, float, float], contacts: list[Contact]) -> bool:
@@ -169,7 +171,7 @@ def test_nothing_fits_where_nothing_may_fit() -> None:
     poses.state[:40], poses.theta[:40] = 0, placed.theta + rng.uniform(-0.1, 0.1, 40)
     poses.position[:40] = true + rng.uniform(-1, 1, (40, 2))
     turn, shift = np.full(count, 0.1), np.full(count, 1.5)
-    hope = may_fit(catalogue, poses, contacts, anchor, turn, shift)
+    hope = may_fit(Query(catalogue, contacts, anchor), poses, Nearness(turn, shift))
     assert hope[:40].all()
     assert not hope.all()
     row = np.repeat(np.flatnonzero(~hope), spread)
@@ -178,7 +180,7 @@ def test_nothing_fits_where_nothing_may_fit() -> None:
         poses.theta[row] + rng.uniform(-0.1, 0.1, len(row)),
         poses.position[row] + rng.uniform(-1, 1, (len(row), 2)),
     )
-    assert not verify(catalogue, near, contacts, anchor).fits.all(axis=1).any()
+    assert not verify(Query(catalogue, contacts, anchor), near).fits.all(axis=1).any()
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.7, 3.3, 4.9, 9.0])

@@ -18,7 +18,6 @@ from palpate.recognizer.angle_pockets import Pockets, conservative_pockets
 from palpate.recognizer.contact import LARGEST_MM, Finger
 from palpate.recognizer.edges import CatalogueState, EdgeSet
 from palpate.recognizer.grown_edges import ROUND_ORDER, outline_set, pairing_set
-from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.preparation import FingerPreparation
 from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrise
@@ -115,7 +114,6 @@ class Catalogue:
         self._edges: dict[Finger, EdgeSet] = {}
         self._outlines: dict[Finger, EdgeSet] = {}
         self._outline_strips: dict[Finger, StripForest] = {}
-        self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
         self._strips: dict[Finger, StripForest] = {}
         self._boundaries: dict[Finger, TrueBoundary] = {}
         self._tolerant: dict[Finger, Bools] = {}
@@ -155,13 +153,6 @@ class Catalogue:
         if finger not in self._tolerant:
             self._tolerant[finger] = np.array([not is_exact(state, finger) for state in self.states])
         return self._tolerant[finger]
-
-    def pairs(self, first: Finger, second: Finger) -> PairTable:
-        """Pairs of an edge for `first` and one for `second`, by relative normal and distance."""
-        key = (first, second)
-        if key not in self._pairs:
-            self._pairs[key] = PairTable(self.edges(first), self.edges(second), self.flat_edges)
-        return self._pairs[key]
 
     def strips(self, finger: Finger) -> StripForest:
         """Strip trees over the edges that `finger` can meet, for states with more than `flat_edges`."""

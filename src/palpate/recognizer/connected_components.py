@@ -3,6 +3,7 @@
 Cells of one state are linked where their boxes in (x, y, θ) meet.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.recognizer.compiled import KERNEL, group_boxes
-from palpate.recognizer.tables import expand_ranges
+from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.pose_region import Cells
+from palpate.recognizer.tables import expand_ranges, split_evenly
 
 _MAX_COMPARED_ALL = 160  # boxes that are compared each with each
 _MAX_MEAN_PER_STATE = 500  # boxes of a state, in the mean over boxes
@@ -34,11 +36,6 @@ class Boxes:
     lo: Floats
     hi: Floats
 
-    @property
-    def arrays(self) -> tuple[Ints | Floats, ...]:
-        """All of them, as the kernel takes them."""
-        return self.state, self.middle, self.half_width, self.turn, self.lo, self.hi
-
     def meet(self, one: Ints, two: Ints) -> Bools:
         """Whether boxes `one` and `two` (index arrays that broadcast), known to be of one state, meet."""
         apart = self.middle[one] - self.middle[two]
@@ -51,7 +48,18 @@ class Boxes:
         return result
 
 
-def component_labels(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
+Group = Callable[[Boxes, Ints, tuple[Ints, Ints, Ints]], Ints]
+"""Component (k,) of each box, if box `asked[0]` (n,) is compared with places [`asked[1]`, `asked[2]`) of an
+order (m,) of boxes."""
+
+
+def region_boxes(constraints: Constraints, cells: Cells, position: tuple[Floats, Floats]) -> Boxes:
+    """Boxes of cells whose centroids are within `position`, corners (k, 2) mm in W."""
+    turn = 2 * np.pi / constraints.catalogue.symmetry_orders[cells.state]
+    return Boxes(cells.state, cells.middle, cells.half_width, turn, *position)
+
+
+def component_labels(boxes: Boxes, group: Group, most_pairs: int = 40_000_000) -> Ints:
     """Component (k,) of each box, numbered from 0.
 
     Where more than `most_pairs` would have to be compared, and not all states have few, boxes that are a
@@ -59,14 +67,9 @@ def component_labels(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
     """
     count = len(boxes.state)
     if count > _MAX_COMPARED_ALL:
-        return _components_by_order(boxes, most_pairs)
-    if KERNEL is not None:
-        everything = np.arange(count)
-        return group_boxes(
-            KERNEL, boxes.arrays, everything, (everything, everything + 1, np.full(count, count))
-        )
-    one, two = np.arange(count)[:, None], np.arange(count)[None]
-    return _spread_labels((boxes.state[:, None] == boxes.state) & boxes.meet(one, two))
+        return _components_by_order(boxes, group, most_pairs)
+    everything = np.arange(count)
+    return group(boxes, everything, (everything, everything + 1, np.full(count, count)))
 
 
 def few_in_each(state: Ints) -> bool:
@@ -75,24 +78,12 @@ def few_in_each(state: Ints) -> bool:
     return bool(count @ count <= _MAX_MEAN_PER_STATE * len(state))
 
 
-def _spread_labels(links: Bools) -> Ints:
-    """Component of each of a few rows (k, k): each takes the least number among those linked to it."""
-    label = np.arange(len(links))
-    while len(links):
-        least = np.where(links, label, len(links)).min(axis=1)
-        least = least[least]
-        if np.array_equal(least, label):
-            break
-        label = least
-    return np.unique(label, return_inverse=True)[1]
-
-
 def _components(one: Ints, two: Ints, count: int) -> Ints:
     links = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def _components_by_order(boxes: Boxes, most_pairs: int) -> Ints:
+def _components_by_order(boxes: Boxes, group: Group, most_pairs: int) -> Ints:
     """Boxes in the order of state and θ; links among near neighbours join nearly all that belong together.
 
     The rest is done for boxes outside of their state's largest component only, so that wide regions do not
@@ -111,17 +102,12 @@ def _components_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     before = at - np.searchsorted(keys, base + folded - reach, side="left")
     after = np.searchsorted(keys, base + folded + reach, side="right") - at - 1
     everything = np.arange(count)
-    near = everything, at + 1, np.minimum(after, _FIRST_NEIGHBOURS)
-    links: list[tuple[Ints, Ints]] = []
-    if KERNEL is not None:
-        label = group_boxes(KERNEL, boxes.arrays, box, (near[0], near[1], near[1] + near[2]))
-    else:
-        links = [_links(boxes, *near, box)]
-        label = _components(links[0][0], links[0][1], count)
+    size = np.minimum(after, _FIRST_NEIGHBOURS)
+    label = group(boxes, box, (everything, at + 1, at + 1 + size))
     # A box of each state's largest component: assignment keeps the last, and these come sorted by size.
-    size = np.bincount(label)[label]
+    members = np.bincount(label)[label]
     largest = np.zeros(int(boxes.state.max()) + 1, dtype=np.int64)
-    by_size = np.argsort(size, kind="stable")
+    by_size = np.argsort(members, kind="stable")
     largest[boxes.state[by_size]] = by_size
     outside = np.flatnonzero((label != label[largest[boxes.state]]) & (before + after > 0))
     if not len(outside) or int(after.max()) <= _FIRST_NEIGHBOURS:
@@ -129,14 +115,9 @@ def _components_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     around = before + after + 1
     if int(around[outside].sum()) > most_pairs and not few_in_each(boxes.state):
         return _components_by_bins(boxes)
-    if KERNEL is not None:
-        begin = np.concatenate([near[1], (at - before)[outside]])
-        size = np.concatenate([near[2], around[outside]])
-        return group_boxes(KERNEL, boxes.arrays, box, (np.append(everything, outside), begin, begin + size))
-    links.append(_links(boxes, outside, (at - before)[outside], around[outside], box, label))
-    return _components(
-        np.concatenate([one for one, _ in links]), np.concatenate([two for _, two in links]), count
-    )
+    begin = np.concatenate([at + 1, (at - before)[outside]])
+    size = np.concatenate([size, around[outside]])
+    return group(boxes, box, (np.append(everything, outside), begin, begin + size))
 
 
 def _components_by_bins(boxes: Boxes) -> Ints:
@@ -165,21 +146,15 @@ def _components_by_bins(boxes: Boxes) -> Ints:
     return _components(owner, count + bin_of, count + int(bin_of.max()) + 1)[:count]
 
 
-def _links(
-    boxes: Boxes, some: Ints, begin: Ints, count: Ints, box: Ints, known: Ints | None = None
-) -> tuple[Ints, Ints]:
-    """Pairs of a box of `some` (n,) and one at places [begin, begin + count) of the order that meet.
-
-    Those are left out that are `known` (k,) to be connected.
-    """
-    left, right = [], []
-    for piece in np.array_split(np.arange(len(some)), int(count.sum()) // _PAIRS_AT_ONCE + 1):
-        owner, key = expand_ranges(begin[piece], count[piece])
-        one, two = some[piece][owner], box[key]
-        if known is not None:
-            apart = known[one] != known[two]
-            one, two = one[apart], two[apart]
-        meets = boxes.meet(one, two)
-        left.append(one[meets])
-        right.append(two[meets])
-    return np.concatenate(left), np.concatenate(right)
+def group_by_links(boxes: Boxes, order: Ints, asked: tuple[Ints, Ints, Ints]) -> Ints:
+    """Components by whole arrays: a `Group`."""
+    some, begin, end = asked
+    links = []
+    for piece in split_evenly(len(some), int((end - begin).sum()) // _PAIRS_AT_ONCE + 1):
+        owner, place = expand_ranges(begin[piece], (end - begin)[piece])
+        one, two = some[piece][owner], order[place]
+        meets = (boxes.state[one] == boxes.state[two]) & boxes.meet(one, two)
+        links.append((one[meets], two[meets]))
+    return _components(
+        np.concatenate([one for one, _ in links]), np.concatenate([two for _, two in links]), len(boxes.state)
+    )

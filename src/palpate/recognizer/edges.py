@@ -5,15 +5,12 @@ They are sorted by normal within a state, so that the angle test is a range look
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, State
 from palpate.base.short_repr import ShortRepr
 from palpate.recognizer.budget import BudgetSpentError
-from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
 
@@ -194,43 +191,6 @@ class EdgeSet:
     def slack_mm(self) -> Floats:
         """How far from each edge the tip's centre may lie though nothing is mismeasured, (n,)."""
         return np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
-
-    @cached_property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """What the compiled kernel takes of it, in the order of `recognizer/kernel/edges.h`."""
-        values = (
-            self.first,
-            self.representative,
-            self.start,
-            self.end,
-            self.direction,
-            self.normal,
-            self.length,
-            self.normal_rad,
-            self.span,
-            self.middle[:, 0],
-            self.middle[:, 1],
-            self.half_across,
-            self.half_along,
-            np.hypot(self.half_across, self.half_along),
-            self.side_limits,
-            self.slack_mm,
-            self.centre[:, 0],
-            self.centre[:, 1],
-            self.state_reach_mm,
-            self.state_slack_mm,
-            np.array([float(np.max(self.span, initial=0.0))]),
-        )
-        return tuple(np.ascontiguousarray(value) for value in values)
-
-    @cached_property
-    def prepared(self) -> object:
-        """The set as the compiled kernel takes it."""
-        return None if KERNEL is None else KERNEL.prepared_edges(self.arrays)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what another process has to prepare anew."""
-        return {key: value for key, value in self.__dict__.items() if key not in {"arrays", "prepared"}}
 
     @cached_property
     def state_reach_mm(self) -> Floats:

@@ -5,7 +5,7 @@ causes are an object that moved between grips, and spurious contacts.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import combinations
 
@@ -15,19 +15,13 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import ObjectModel
 from palpate.base.short_repr import ShortRepr
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.constraints import free_path_test
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
-from palpate.recognizer.interpretation_tree import (
-    Interpretations,
-    filter_by_distance,
-    first_level,
-    narrow_by_three,
-    narrow_by_two,
-    pair_by_angle,
-)
-from palpate.recognizer.pose_region import Cells, build_cells
+from palpate.recognizer.interpretation_tree import filter_by_distance, first_level, narrow_by, pair_by_angle
+from palpate.recognizer.interpretations import Interpretations, Query
+from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
+from palpate.recognizer.steps import STEPS
 
 _LEAST_SUSPECTS = 2
 
@@ -172,38 +166,35 @@ def _steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[SearchStep
 def _all_steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[SearchStep]:
     """Pairs and triples of contacts are tested at every level; `recognise` has the last word."""
     touched = [contact for contact in contacts if contact.touched]
-    anchor = anchor_of(touched)
+    query = Query(alone, touched, anchor_of(touched))
     nodes, _ = first_level(alone, touched[0])
     yield SearchStep(SearchTest.EDGES, (touched[0],), len(nodes))
     for size in range(2, len(touched) + 1):
-        for step, grown in _level(alone, nodes, touched[:size]):
+        for step, grown in _level(query.select(range(size)), nodes):
             nodes = grown
             yield step
-    cells = build_cells(alone, nodes, touched, anchor, intervals_of(nodes))
+    cells, _ = STEPS.cut_cells(query, nodes, intervals_of(nodes))
     yield SearchStep(SearchTest.REGION, tuple(touched), _interpretations(cells))
     for contact in contacts:
-        cells = cells.select(free_path_test(alone, cells, anchor, [contact]))
+        path = replace(query, contacts=[contact])
+        cells = cells.select(STEPS.free_cells(path, cells, None))
         yield SearchStep(SearchTest.PATH, (contact,), _interpretations(cells))
     found = recognise(alone, contacts).hypotheses
     yield SearchStep(SearchTest.FINER, tuple(contacts), sum(_interpretations(item.cells) for item in found))
 
 
-def _level(
-    alone: Catalogue, nodes: Interpretations, contacts: list[Contact]
-) -> Iterator[tuple[SearchStep, Interpretations]]:
-    """The tests of `tree.next_level`, one by one."""
-    *earlier, new = contacts
-    nodes = pair_by_angle(alone, nodes, earlier, new)
+def _level(query: Query, nodes: Interpretations) -> Iterator[tuple[SearchStep, Interpretations]]:
+    """The tests of a level of the tree, one by one."""
+    *earlier, new = query.contacts
+    nodes = pair_by_angle(query, nodes)
     yield SearchStep(SearchTest.NORMAL, (new,), len(nodes)), nodes
     for level, other in enumerate(earlier):
-        nodes = filter_by_distance(alone, nodes, level, other, new)
+        nodes = filter_by_distance(query, nodes, level)
         yield SearchStep(SearchTest.DISTANCE, (other, new), len(nodes)), nodes
-    for level, other in enumerate(earlier):
-        nodes = narrow_by_two(alone, nodes, level, contacts)
-        yield SearchStep(SearchTest.TWO, (other, new), len(nodes)), nodes
-    for pair in combinations(range(len(earlier)), 2):
-        nodes = narrow_by_three(alone, nodes, pair, contacts, anchor_of(contacts))
-        yield SearchStep(SearchTest.THREE, (*(earlier[k] for k in pair), new), len(nodes)), nodes
+    for test, size in ((SearchTest.TWO, 1), (SearchTest.THREE, 2)):
+        for group in combinations(range(len(earlier)), size):
+            nodes = narrow_by(query, nodes, *group)
+            yield SearchStep(test, (*(earlier[k] for k in group), new), len(nodes)), nodes
 
 
 def _interpretations(cells: Cells) -> int:

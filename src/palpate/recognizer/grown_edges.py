@@ -53,7 +53,7 @@ def round_outlines(section: Section, radius_mm: float, *, united: bool = False) 
         for number, (circle, sign) in enumerate(circles)
         if bounds[number] and circle.radius_mm + sign * radius_mm > 0
     ]
-    return GrownSection.joined(parts)
+    return GrownSection.join(parts)
 
 
 def round_pairing_edges(
@@ -71,7 +71,7 @@ def round_pairing_edges(
         for number, (ring, (circle, sign)) in enumerate(zip(rings, _circles(section), strict=True))
         if bare[number] and circle.radius_mm + sign * radius_mm + band.off_mm > 0
     ]
-    return PairingEdges.joined(parts)
+    return PairingEdges.join(parts)
 
 
 def _circles(section: Section) -> list[tuple[Circle, int]]:
@@ -188,7 +188,7 @@ def _join_parts(states: Sequence[CatalogueState], finger: Finger, parts: Sequenc
     """The edges of all states. What is true of one is said of its symmetric images, too: where a symmetry
     turns normals by some angle, places of the tip's centre are off by its radius times that.
     """
-    part = _Part.joined(parts)
+    part = _Part.join(parts)
     edges, direction = part.edges, part.edges.direction
     count = [len(each) for each in parts]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
@@ -248,7 +248,7 @@ def _pairing_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
             part = pairing_edges(section, radius, band, facet_error_mm, united=met.united)
         parts.append(replace(part, edges=_renumber_features(part.edges, before)))
         before += sum(map(len, section.rings))
-    found = PairingEdges.joined(parts)
+    found = PairingEdges.join(parts)
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),

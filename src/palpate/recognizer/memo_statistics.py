@@ -6,7 +6,7 @@ pruning uses conservative pockets and, where a contact has one, its range of nor
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,13 +16,12 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import distance_range
 from palpate.recognizer.angle_pockets import conservative_pockets
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.constraints import free_path_test
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.interpretation_tree import Interpretations
-from palpate.recognizer.model_test import three_contact_hull, two_contact_hull
-from palpate.recognizer.pose_region import build_cells, divide_orientations
-from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.interpretations import Children, Interpretations, Query
+from palpate.recognizer.pose_region import divide_orientations
+from palpate.recognizer.steps import STEPS
+from palpate.recognizer.tables import Table, expand_ranges, split_evenly
 
 _CANDIDATES_AT_ONCE = 50_000
 _MODELS_AT_ONCE = 256
@@ -87,7 +86,9 @@ def memo_counts(
     for size in range(2, len(touched) + 1):
         nodes, level = _level(catalogue, nodes, touched[:size], sets)
         levels.append(level)
-    return MemoCounts(len(root), tuple(levels), _model_count(catalogue, nodes, contacts, touched, sets))
+    paired = Query(catalogue, touched, np.mean([contact.end_mm for contact in touched], axis=0))
+    left = _model_count(paired, nodes, replace(paired, contacts=contacts), sets)
+    return MemoCounts(len(root), tuple(levels), left)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,23 +149,23 @@ def _level(
     catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], sets: list[list[_Arcs]]
 ) -> tuple[Interpretations, MemoLevel]:
     """Pair the last of `touched` with every edge of each node's state, and count."""
-    kept, counts = [nodes.paired(np.empty(0, np.int64), np.empty(0, np.int64))], np.zeros(4, np.int64)
+    kept, counts = [Interpretations.none(len(touched))], np.zeros(4, np.int64)
     for paired in _candidates(catalogue, nodes, touched[-1]):
         by_distance = _distances_possible(catalogue, paired, touched)
         by_angle = _orientations_meet(paired, sets)
         both = by_distance & by_angle
         counts += [len(paired), int(by_distance.sum()), int(by_angle.sum()), int(both.sum())]
         kept.append(paired.select(np.flatnonzero(both)))
-    return Interpretations.joined(kept), MemoLevel(*(int(count) for count in counts))
+    return Interpretations.join(kept), MemoLevel(*(int(count) for count in counts))
 
 
 def _candidates(catalogue: Catalogue, nodes: Interpretations, contact: Contact) -> Iterator[Interpretations]:
     edges = catalogue.edges(contact.finger)
     count = edges.count[nodes.state]
-    pieces = np.array_split(np.arange(len(nodes)), int(count.sum()) // _CANDIDATES_AT_ONCE + 1)
-    for piece in pieces:
+    for piece in split_evenly(len(nodes), int(count.sum()) // _CANDIDATES_AT_ONCE + 1):
         owner, edge = expand_ranges(edges.first[nodes.state[piece]], count[piece])
-        yield nodes.paired(piece[owner], edge)
+        owner = piece[owner]
+        yield nodes.extend(Children(owner, edge, nodes.lo[owner], nodes.hi[owner]))
 
 
 def _distances_possible(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact]) -> Bools:
@@ -198,29 +199,21 @@ def _orientations_meet(nodes: Interpretations, sets: list[list[_Arcs]]) -> Bools
     return result
 
 
-def _model_count(
-    catalogue: Catalogue,
-    nodes: Interpretations,
-    contacts: Sequence[Contact],
-    touched: list[Contact],
-    sets: list[list[_Arcs]],
-) -> int:
-    """How many interpretations have cells that no orientation set and no free path rules out."""
-    anchor = np.mean([contact.end_mm for contact in touched], axis=0)
+def _model_count(paired: Query, nodes: Interpretations, evidence: Query, sets: list[list[_Arcs]]) -> int:
+    """Number of interpretations that have cells which no orientation set and no free path rules out."""
     found = 0
-    for piece in np.array_split(np.arange(len(nodes)), len(nodes) // _MODELS_AT_ONCE + 1):
+    for piece in split_evenly(len(nodes), len(nodes) // _MODELS_AT_ONCE + 1):
         parts, owner = nodes.select(piece), np.arange(len(piece))
         for count in (_COARSE_PARTS, _FINER_PARTS):
             parts, owner = _split(parts, owner, count)
-            parts, owner = _narrow_by_model(catalogue, parts, owner, touched, anchor)
-            for level in range(len(touched)):
-                for some in sets[level]:
+            parts, owner = _narrow_by_model(paired, parts, owner)
+            for level, arcs in enumerate(sets):
+                for some in arcs:
                     met = some.select(parts.edges[:, level]).meet(parts.lo[:, None], parts.hi[:, None])[:, 0]
                     parts, owner = parts.select(np.flatnonzero(met)), owner[met]
-        cells = build_cells(
-            catalogue, parts, touched, anchor, divide_orientations(parts, step_rad=_CELL_RAD, least=1)
-        )
-        cells = cells.select(free_path_test(catalogue, cells, anchor, contacts))
+        intervals = divide_orientations(parts, step_rad=_CELL_RAD, least=1)
+        cells, _ = STEPS.cut_cells(paired, parts, intervals)
+        cells = cells.select(STEPS.free_cells(evidence, cells, None))
         found += len(np.unique(owner[cells.node]))
     return found
 
@@ -234,17 +227,10 @@ def _split(nodes: Interpretations, owner: Ints, count: int) -> tuple[Interpretat
     return Interpretations(nodes.state[source], nodes.edges[source], lo, hi), owner[source]
 
 
-def _narrow_by_model(
-    catalogue: Catalogue, nodes: Interpretations, owner: Ints, touched: list[Contact], anchor_mm: Floats
-) -> tuple[Interpretations, Ints]:
+def _narrow_by_model(query: Query, nodes: Interpretations, owner: Ints) -> tuple[Interpretations, Ints]:
     """Orientations that the closed-form test leaves for every two and every three contacts."""
     for size in (2, 3):
-        for group in combinations(range(len(touched)), size):
-            some = [touched[k] for k in group]
-            paired = nodes.edges[:, group]
-            if size == 2:
-                lo, hi = two_contact_hull(catalogue, paired, some, nodes.lo, nodes.hi)
-            else:
-                lo, hi = three_contact_hull(catalogue, paired, some, anchor_mm, nodes.lo, nodes.hi)
-            nodes, owner = nodes.narrowed(lo, hi), owner[lo <= hi]
+        for group in combinations(range(len(query.contacts)), size):
+            lo, hi = STEPS.narrow(query.select(group), nodes.edges[:, group], nodes.lo, nodes.hi)
+            nodes, owner = nodes.narrow(lo, hi), owner[lo <= hi]
     return nodes, owner

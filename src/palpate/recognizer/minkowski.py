@@ -115,7 +115,7 @@ def _boundary_edges(section: Section) -> BoundaryEdges:
         edges = _straighten(ring)
         parts.append(replace(edges, previous=first + (np.arange(len(edges)) - 1) % len(edges)))
         first += len(edges)
-    return BoundaryEdges.joined(parts)
+    return BoundaryEdges.join(parts)
 
 
 def _union_rings(section: Section, rings: tuple[OrientedRing, ...]) -> tuple[OrientedRing, ...]:

@@ -21,18 +21,16 @@ with c and c' the constants of their limits. Each of the eight choices of direct
 They are what the 64 triples of half-planes of three contacts say; the 48 others surround no point.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import cross
-from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_search import narrow_orientations
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.interpretations import Query
+from palpate.recognizer.tables import split_evenly
 
 _ROUNDING_RAD = 1e-12
 
@@ -113,40 +111,45 @@ def _with_nulls(
     return g, coefficients
 
 
-def all_half_planes(
-    catalogue: Catalogue, paired: Ints, contacts: list[Contact], anchor_mm: Floats
-) -> tuple[Floats, Floats]:
-    """The half-planes of k contacts, each on its edge of `paired` (n, k): g (n, 4k, 2), (n, 4k, 3)."""
+def all_half_planes(query: Query, paired: Ints) -> tuple[Floats, Floats]:
+    """Half-planes of k contacts, each on its edge of `paired` (n, k): g (n, 4k, 2), (n, 4k, 3)."""
     parts = [
-        half_planes(catalogue.edges(contact.finger), paired[:, level], contact, anchor_mm)
-        for level, contact in enumerate(contacts)
+        half_planes(edges, paired[:, level], contact, query.anchor_mm)
+        for level, (edges, contact) in enumerate(zip(query.edges, query.contacts, strict=True))
     ]
     return np.concatenate([g for g, _ in parts], axis=1), np.concatenate([c for _, c in parts], axis=1)
 
 
 _ROUNDING_MM = 1e-9
+_TWO = 2
+_ROWS_AT_ONCE = 8192  # keeps the largest temporary array near 20 MB
 
 
-def two_contact_hull(
-    catalogue: Catalogue, paired: Ints, contacts: Sequence[Contact], lo: Floats, hi: Floats
-) -> tuple[Floats, Floats]:
-    """Narrow intervals [lo, hi] (n,) of θ to the hull of those at which two contacts fit their edges.
+def narrow(query: Query, paired: Ints, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
+    """Narrow intervals [lo, hi] (n,) to the hull of the θ at which two or three contacts fit their edges.
 
-    `paired` (n, 2): the edge of each contact; where one of them is the null edge, the interval is left as it
-    is. Where nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other way
-    about.
+    `paired` (n, 2 or 3): the edge of each contact; where one of two is the null edge, the interval is left as
+    it is. Where nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other
+    way about.
     """
-    if KERNEL is not None:
-        sets = [catalogue.edges(contact.finger) for contact in contacts]
-        return narrow_orientations(KERNEL, sets, contacts, paired, lo, hi)
+    if len(query.contacts) == _TWO:
+        return _narrow_by_two(query, paired, lo, hi)
+    parts = [
+        _narrow_by_three(query, paired[rows], lo[rows], hi[rows])
+        for rows in split_evenly(len(lo), len(lo) // _ROWS_AT_ONCE + 1)
+    ]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _narrow_by_two(query: Query, paired: Ints, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
     null = (paired < 0).any(axis=1)
     if null.any():
         lo, hi = lo.copy(), hi.copy()
         if not null.all():
-            lo[~null], hi[~null] = two_contact_hull(catalogue, paired[~null], contacts, lo[~null], hi[~null])
+            lo[~null], hi[~null] = _narrow_by_two(query, paired[~null], lo[~null], hi[~null])
         return lo, hi
-    contact_a, contact_b = contacts
-    first, second = catalogue.edges(contact_a.finger), catalogue.edges(contact_b.finger)
+    contact_a, contact_b = query.contacts
+    first, second = query.edges
     edge_a, edge_b = paired.T
     x, y = contact_b.end_mm[0] - contact_a.end_mm[0], contact_b.end_mm[1] - contact_a.end_mm[1]
     chord = float(np.hypot(x, y))
@@ -183,20 +186,11 @@ def two_contact_hull(
     )
 
 
-def three_contact_hull(
-    catalogue: Catalogue, paired: Ints, contacts: list[Contact], anchor_mm: Floats, lo: Floats, hi: Floats
-) -> tuple[Floats, Floats]:
-    """Narrow intervals [lo, hi] (n,) of θ to the hull of those at which three contacts fit their edges.
-
-    `paired` (n, 3): the edge of each contact. Where nothing is left, lo > hi. The hull may hold orientations
-    that are ruled out, never the other way about.
-    """
-    if KERNEL is not None:
-        sets = [catalogue.edges(contact.finger) for contact in contacts]
-        return narrow_orientations(KERNEL, sets, contacts, paired, lo, hi, anchor_mm)
+def _narrow_by_three(query: Query, paired: Ints, lo: Floats, hi: Floats) -> tuple[Floats, Floats]:
     # Arrays over the choice of direction of the first, the second and the third contact, and over rows.
     one, two, three = (
-        _edge_axes(catalogue, paired[:, k], contact, anchor_mm, k) for k, contact in enumerate(contacts)
+        _edge_axes(half_planes(query.edges[k], paired[:, k], contact, query.anchor_mm), k)
+        for k, contact in enumerate(query.contacts)
     )
     weights = (
         cross(two.direction, three.direction),
@@ -229,14 +223,11 @@ class _EdgeAxes:
     upper: Floats
 
 
-def _edge_axes(
-    catalogue: Catalogue, edge: Ints, contact: Contact, anchor_mm: Floats, place: int
-) -> _EdgeAxes:
-    g, coefficients = half_planes(catalogue.edges(contact.finger), edge, contact, anchor_mm)
+def _edge_axes(planes: tuple[Floats, Floats], place: int) -> _EdgeAxes:
     shape = [1, 1, 1]
     shape[place] = 2
     # Half-planes come in opposite pairs, the one along u second.
-    g, limit = np.moveaxis(g, 1, 0), np.moveaxis(coefficients, 1, 0)
+    g, limit = (np.moveaxis(part, 1, 0) for part in planes)
     return _EdgeAxes(
         direction=g[1::2].reshape(*shape, -1, 2),
         cosine=limit[1::2, :, 1].reshape(*shape, -1),

@@ -86,7 +86,7 @@ def visible_parts(edges: BoundaryEdges, radius_mm: float) -> OffsetParts:
     owner, begin, end = _remaining_intervals(*hidden, turn[convex])
     source = convex[owner]
     arcs = OffsetParts(source, np.ones(len(owner), np.int64), first[source] + begin, first[source] + end)
-    return OffsetParts.joined([lines, arcs])
+    return OffsetParts.join([lines, arcs])
 
 
 def _hidden_of_lines(

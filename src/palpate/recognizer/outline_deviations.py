@@ -41,7 +41,7 @@ class OutlinePlaces:
     gap: Floats
 
     @classmethod
-    def joined(cls, parts: Sequence["OutlinePlaces"]) -> "OutlinePlaces":
+    def join(cls, parts: Sequence["OutlinePlaces"]) -> "OutlinePlaces":
         """The places of all parts, one part after the other, on the same outlines."""
         return cls(
             *(np.concatenate([getattr(part, item.name) for part in parts], axis=1) for item in fields(cls))
@@ -170,7 +170,7 @@ class OutlineTouches:
             np.concatenate([getattr(self, item.name), getattr(other, item.name)], axis=1)
             for item in fields(self)[1:]
         ]
-        return OutlineTouches(OutlinePlaces.joined([self.places, other.places]), *numbers)
+        return OutlineTouches(OutlinePlaces.join([self.places, other.places]), *numbers)
 
     def column(self, index: int) -> "OutlineTouches":
         """One of the touches."""

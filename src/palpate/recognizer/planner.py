@@ -133,7 +133,7 @@ def make_grip(
 ) -> Grip:
     """The grip of certain candidates, with what it promises."""
     indices = [item.index for item in chosen]
-    predictions = Predictions.joined([item.predictions for item in chosen])
+    predictions = Predictions.join([item.predictions for item in chosen])
     travels = np.zeros(len(reachable.approaches))
     travels[indices] = [item.travel_mm for item in chosen]
     return Grip(

@@ -126,10 +126,10 @@ class PreparedStates:
         return cls(columns, vertices, offsets_of_counts([sum(map(len, rings)) for rings in moved]))
 
     @classmethod
-    def joined(cls, parts: Sequence["PreparedStates"]) -> "PreparedStates":
+    def join(cls, parts: Sequence["PreparedStates"]) -> "PreparedStates":
         """The states of all parts, one part after the other."""
         return cls(
-            _Columns.joined([part.columns for part in parts]),
+            _Columns.join([part.columns for part in parts]),
             np.concatenate([part.vertices for part in parts]),
             join_offsets([part.first for part in parts]),
         )
@@ -259,7 +259,7 @@ class FingerPreparation:
         return len(self.boundary.clearance_mm)
 
     @classmethod
-    def joined(cls, parts: Sequence["FingerPreparation"]) -> "FingerPreparation":
+    def join(cls, parts: Sequence["FingerPreparation"]) -> "FingerPreparation":
         """Of the states of all parts, one part after the other."""
         same = all(part.outlines is part.edges for part in parts)
         supports = np.concatenate([part.outlines.supports for part in parts])
@@ -361,10 +361,8 @@ def _join_boundaries(parts: Sequence[TrueBoundary]) -> TrueBoundary:
     numbers = np.arange(len(first_piece) - 1)
     return TrueBoundary(
         np.concatenate([part.radius_mm for part in parts]),
-        replace(
-            Pieces.joined([part.pieces for part in parts]), state=np.repeat(numbers, np.diff(first_piece))
-        ),
-        replace(Sides.joined([part.sides for part in parts]), state=np.repeat(numbers, np.diff(first_side))),
+        replace(Pieces.join([part.pieces for part in parts]), state=np.repeat(numbers, np.diff(first_piece))),
+        replace(Sides.join([part.sides for part in parts]), state=np.repeat(numbers, np.diff(first_side))),
         first_piece,
         first_side,
         np.concatenate([part.clearance_mm for part in parts]),

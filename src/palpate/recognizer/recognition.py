@@ -25,8 +25,8 @@ from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import LARGEST_MM, Contact, NormalRange
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
-from palpate.recognizer.interpretation_tree import Interpretations, LevelCount
-from palpate.recognizer.pose_region import Cells, Intervals, divide_orientations
+from palpate.recognizer.interpretations import Interpretations, LevelCount, Query
+from palpate.recognizer.pose_region import Cells, Intervals, Regions, divide_orientations
 from palpate.recognizer.tree_branches import (
     COARSE_RAD,
     ROOT_BRANCH,
@@ -38,8 +38,7 @@ from palpate.recognizer.tree_branches import (
     join_branches,
     split_into_runs,
 )
-from palpate.recognizer.witness_candidates import find_witnesses
-from palpate.recognizer.witness_search import Regions, connected_regions
+from palpate.recognizer.witness_search import connected_regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +149,11 @@ class Recognition(ShortRepr):
     levels: tuple[LevelCount, ...]
     max_spurious: int = 0
     unpaired: frozenset[int] = frozenset()
-    budget: Budget = STANDARD_BUDGET
+
+    @property
+    def budget(self) -> Budget:
+        """How much may be looked at."""
+        return self.constraints.budget
 
     @property
     def catalogue(self) -> Catalogue:
@@ -175,9 +178,7 @@ class Recognition(ShortRepr):
 
     @cached_property
     def _regions(self) -> Regions:
-        constraints = self.constraints
-        found = find_witnesses(constraints, intervals_of(constraints.nodes, self.budget))
-        return connected_regions(constraints, found)
+        return connected_regions(self.constraints, intervals_of(self.constraints.nodes, self.budget))
 
     @cached_property
     def hypotheses(self) -> Hypotheses:
@@ -233,7 +234,7 @@ class Recognition(ShortRepr):
             contact_after_motion(motion, self.catalogue, contact, states, self._distance_mm(contact))
             for contact in self.contacts
         )
-        nodes = self.interpretations.turned(motion.turn_rad[self.interpretations.state])
+        nodes = self.interpretations.turn(motion.turn_rad[self.interpretations.state])
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells))
 
     def _distance_mm(self, contact: Contact) -> Floats:
@@ -244,14 +245,8 @@ class Recognition(ShortRepr):
         return result
 
     def _with(self, contacts: Sequence[Contact], branches: list[Branch]) -> "Recognition":
-        return _search(
-            self.catalogue,
-            self.anchor_mm,
-            self.max_spurious,
-            self.budget,
-            _SearchState(self.contacts, self.unpaired, branches, self.levels),
-            contacts,
-        )
+        known = _SearchState(self.contacts, self.unpaired, branches, self.levels)
+        return _search(self.constraints.paired, self.max_spurious, known, contacts)
 
 
 def recognise(
@@ -273,7 +268,7 @@ def recognise(
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
     nothing = _SearchState((), frozenset(), [ROOT_BRANCH], ())
-    return _search(catalogue, anchor_of(touched), max_spurious, budget, nothing, contacts)
+    return _search(Query(catalogue, touched, anchor_of(touched), budget), max_spurious, nothing, contacts)
 
 
 def anchor_of(touched: Sequence[Contact]) -> Floats:
@@ -319,20 +314,19 @@ class _SearchState:
             if not (max_spurious and number in self.unpaired)
         ]
 
-    def with_contact(
-        self, contact: Contact, catalogue: Catalogue, anchor_mm: Floats, max_spurious: int, budget: Budget
-    ) -> "_SearchState":
+    def with_contact(self, contact: Contact, query: Query, max_spurious: int) -> "_SearchState":
         """The same with one more contact: paired, unless it touched nothing or costs more than it says."""
         number, contacts = len(self.contacts), (*self.contacts, contact)
         if not contact.touched:
             return replace(self, contacts=contacts)
-        paired = [*self.paired, contact]
+        query = replace(query, contacts=[*self.paired, contact])
         try:
-            branches, count = grow_branches(catalogue, self.branches, paired, anchor_mm, max_spurious, budget)
+            branches, count = grow_branches(query, self.branches, max_spurious)
         except BudgetSpentError:
             return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
         before, after = _interpretations(self.branches), _interpretations(branches)
-        if len(paired) > TREE_LEVELS and not max_spurious and after > max(budget.worthwhile, before):
+        worthwhile = max(query.budget.worthwhile, before)
+        if len(query.contacts) > TREE_LEVELS and not max_spurious and after > worthwhile:
             return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
         return replace(self, contacts=contacts, branches=branches, levels=(*self.levels, count))
 
@@ -341,18 +335,11 @@ def _interpretations(branches: Sequence[Branch]) -> int:
     return sum(len(branch.nodes) for branch in branches)
 
 
-def _search(
-    catalogue: Catalogue,
-    anchor_mm: Floats,
-    max_spurious: int,
-    budget: Budget,
-    known: _SearchState,
-    new: Sequence[Contact],
-) -> Recognition:
+def _search(query: Query, max_spurious: int, known: _SearchState, new: Sequence[Contact]) -> Recognition:
     """Pair every new contact in turn; hypotheses of what is left are worked out later."""
     for contact in new:
-        known = known.with_contact(contact, catalogue, anchor_mm, max_spurious, budget)
-    nodes = join_branches(known.branches, len(known.paired))
-    evidence = known.evidence(max_spurious)
-    constraints = Constraints(catalogue, nodes, known.paired, evidence, anchor_mm, budget)
-    return Recognition(constraints, known.contacts, known.levels, max_spurious, known.unpaired, budget)
+        known = known.with_contact(contact, query, max_spurious)
+    paired = replace(query, contacts=known.paired)
+    evidence = replace(query, contacts=known.evidence(max_spurious))
+    constraints = Constraints(paired, join_branches(known.branches, len(paired.contacts)), evidence)
+    return Recognition(constraints, known.contacts, known.levels, max_spurious, known.unpaired)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import distance_range, wrap_angle
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.edges import EdgeSet, ring_order
 from palpate.recognizer.tables import Table
@@ -40,45 +40,6 @@ class StripForest(Table):
     right: Ints
     edge: Ints
     root: Ints
-
-    def pairs(
-        self,
-        other: "StripForest",
-        turn_lo_rad: float,
-        turn_hi_rad: float,
-        distance_mm: float,
-        bound_mm: float,
-        most: int | None = None,
-    ) -> tuple[Ints, Ints]:
-        """Pairs (edge here, edge in `other`) of one state, as `PairTable.between` finds them.
-
-        Raises BudgetSpentError where there are more than `most`.
-        """
-        state = np.flatnonzero((self.root >= 0) & (other.root >= 0))
-        one, two = self.root[state], other.root[state]
-        found: list[tuple[Ints, Ints]] = []
-        middle, half = (turn_lo_rad + turn_hi_rad) / 2, (turn_hi_rad - turn_lo_rad) / 2
-        while len(one):
-            off = np.abs(wrap_angle(other.normal[two] - self.normal[one] - middle))
-            fits = off <= half + self.half_turn[one] + other.half_turn[two] + _ROUNDING_RAD
-            one, two = one[fits], two[fits]
-            shortest, longest = distance_range(
-                self.start[one], self.end[one], other.start[two], other.end[two]
-            )
-            stray = self.stray[one] + other.stray[two] + bound_mm + _ROUNDING_MM
-            fits = (shortest <= distance_mm + stray) & (longest >= distance_mm - stray)
-            one, two = one[fits], two[fits]
-            leaves = (self.edge[one] >= 0) & (other.edge[two] >= 0)
-            found.append((self.edge[one[leaves]], other.edge[two[leaves]]))
-            _check_room(found, len(one), most)
-            one, two = one[~leaves], two[~leaves]
-            one, two = self._halves(one, two)
-            two, one = other._halves(two, one)
-        none = np.empty(0, np.int64)
-        return (
-            np.concatenate([none, *(a for a, _ in found)]),
-            np.concatenate([none, *(b for _, b in found)]),
-        )
 
     def descend(
         self, state: Ints, keep: Callable[[Ints, Ints], Bools], most: int | None = None
@@ -135,7 +96,7 @@ def strip_forest(edges: EdgeSet, chosen: Bools) -> StripForest:
         return StripForest(
             np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, nothing, none, none, none, root
         )
-    return replace(StripForest.joined(parts), root=root)
+    return replace(StripForest.join(parts), root=root)
 
 
 def _tree(edges: EdgeSet, ring: Ints, offset: int) -> StripForest:

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from palpate.base.geometry import Bools, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,19 +26,19 @@ class Table:
         return type(self)(*[_rows(getattr(self, name), rows) for name in self._names()])
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def join(cls, parts: Sequence[Self]) -> Self:
         """The rows of all parts, one part after the other."""
         if len(parts) == 1:
             return parts[0]
-        return cls(*[_joined([getattr(part, name) for part in parts]) for name in cls._names()])
+        return cls(*[_concatenate([getattr(part, name) for part in parts]) for name in cls._names()])
 
 
 def _rows(value: Any, rows: Any) -> Any:
     return value.select(rows) if isinstance(value, Table) else value[rows]
 
 
-def _joined(values: list[Any]) -> Any:
-    return type(values[0]).joined(values) if isinstance(values[0], Table) else np.concatenate(values)
+def _concatenate(values: list[Any]) -> Any:
+    return type(values[0]).join(values) if isinstance(values[0], Table) else np.concatenate(values)
 
 
 def expand_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
@@ -52,3 +52,14 @@ def expand_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
     total = int(ends[-1]) if len(ends) else 0
     index = np.arange(total) + np.repeat(first - (ends - count), count)
     return owner, index
+
+
+def split_evenly(count: int, parts: int) -> list[Ints]:
+    """Numbers from 0 to `count` - 1 in so many stretches, nearly equally long: bounds temporary arrays."""
+    return np.array_split(np.arange(count), parts)
+
+
+def round_to_nine_digits(value: Floats) -> Floats:
+    """Values (n,) to nine digits, however large or small they are."""
+    share, power = np.frexp(value)
+    return np.ldexp(share.round(9), power)

@@ -91,7 +91,7 @@ def pairing_edges(
         parts.append(_along_edges(solid, sides, radius_mm, band.off_mm))
         if radius_mm > 0:
             parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
-    found = PairingEdges.joined(parts)
+    found = PairingEdges.join(parts)
     if radius_mm <= band.off_mm:
         return found
     return found.select(~_is_covered(found, section, radius_mm - band.off_mm, facet_error_mm))

@@ -197,7 +197,7 @@ def sampled_poses(hypotheses: Hypotheses) -> SampledPoses:
     if share == 1:
         return witness_poses(hypotheses)
     own, spread = witness_poses(hypotheses), _spread(hypotheses, share - 1)
-    cells = Cells.joined([own.cells, spread])
+    cells = Cells.join([own.cells, spread])
     owner = np.concatenate([own.owner, np.repeat(own.owner, share - 1)])
     return SampledPoses(cells, owner, own.weight[owner] / share)
 

@@ -10,86 +10,30 @@ from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
-from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.geometry.plane import point_segment_distance
-from palpate.recognizer.budget import STANDARD_BUDGET, Budget
-from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_search import further_children
+from palpate.base.geometry import Bools, Floats
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
-from palpate.recognizer.interpretation_tree import (
-    Interpretations,
-    LevelCount,
-    first_level,
-    intersect,
-    matching_edges,
-    next_level,
-    orientation_range,
-    second_level,
-)
-from palpate.recognizer.pose_region import Cells, build_cells, divide_orientations
+from palpate.recognizer.interpretation_tree import first_level, second_level, third_level
+from palpate.recognizer.interpretations import Children, Interpretations, LevelCount, Query
+from palpate.recognizer.pose_region import Cells, divide_orientations
+from palpate.recognizer.steps import STEPS
 
 
 def extend_by_region(
-    catalogue: Catalogue,
-    nodes: Interpretations,
-    cells: Cells,
-    contact: Contact,
-    level: int,
-    anchor_mm: Floats,
-    budget: Budget = STANDARD_BUDGET,
+    query: Query, nodes: Interpretations, cells: Cells
 ) -> tuple[Interpretations, LevelCount]:
-    """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells.
+    """Pair the last contact with every edge on which it may lie somewhere in the cells of `nodes`.
 
     Raises BudgetSpentError where there are too many to look at.
     """
-    edges = catalogue.edges(contact.finger)
+    contact, edges, level = query.contacts[-1], query.edges[-1], len(query.contacts)
     candidates = int(np.sum(edges.count[nodes.state]))
-    point, reach = contact_in_object(cells, contact, anchor_mm)
-
     normals = contact.outward_normals()
     if normals is None:
-        none = np.empty(0, np.int64)
-        return nodes.paired(none, none), LevelCount(level, candidates, 0, 0, 0)
-    if KERNEL is not None:
-        found = further_children(
-            KERNEL,
-            edges,
-            contact,
-            normals,
-            (cells.state, cells.lo, cells.hi),
-            (point, reach),
-            budget.candidates,
-        )
-        after_angle = found.looked_up
-        owner, edge, lo, hi = found.parent, found.edge, found.lo, found.hi
-    else:
-        owner, edge, after_angle = _near_edges(catalogue, cells, contact, point, reach, budget)
-        lo, hi = intersect(cells.lo[owner], cells.hi[owner], *orientation_range(normals, edges, edge))
-        meets = lo <= hi
-        owner, edge, lo, hi = owner[meets], edge[meets], lo[meets], hi[meets]
-    grown = _merge_by_pairing(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
-    return grown, LevelCount(level, candidates, after_angle, len(grown), len(grown))
-
-
-def _near_edges(
-    catalogue: Catalogue, cells: Cells, contact: Contact, point: Floats, reach: Floats, budget: Budget
-) -> tuple[Ints, Ints, int]:
-    """Cells and edges (n,) within reach of points, seen from the object, and how many normals allowed."""
-    edges = catalogue.edges(contact.finger)
-
-    def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
-        along = end - start
-        length = np.hypot(along[:, 0], along[:, 1])
-        direction = along / np.maximum(length, 1e-300)[:, None]
-        away = point_segment_distance(point[query], start, direction, length)
-        return away <= reach[query] + stray
-
-    owner, edge = matching_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near, budget.candidates)
-    after_angle = len(owner)
-    close = near(owner, edges.start[edge], edges.end[edge], edges.slack_mm[edge])
-    return owner[close], edge[close], after_angle
+        return Interpretations.none(level), LevelCount(level, candidates, 0, 0, 0)
+    found = STEPS.extend(query, normals, cells, *contact_in_object(cells, contact, query.anchor_mm))
+    grown = nodes.extend(_merge_by_pairing(found.children, cells, len(edges.state)))
+    return grown, LevelCount(level, candidates, found.looked_up, len(grown), len(grown))
 
 
 def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
@@ -118,15 +62,13 @@ def contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tupl
     return point, reach
 
 
-def _merge_by_pairing(
-    nodes: Interpretations, node: Ints, edge: Ints, lo: Floats, hi: Floats, edges: int
-) -> Interpretations:
-    """One new interpretation for each pair of an old one and an edge, over the hull of its orientations."""
-    key, inverse = np.unique(node * edges + edge, return_inverse=True)
-    hull_lo, hull_hi = np.full(len(key), np.inf), np.full(len(key), -np.inf)
-    np.minimum.at(hull_lo, inverse, lo)
-    np.maximum.at(hull_hi, inverse, hi)
-    return nodes.paired(key // edges, key % edges).narrowed(hull_lo, hull_hi)
+def _merge_by_pairing(found: Children, cells: Cells, edges: int) -> Children:
+    """One pairing for each interpretation and edge (of so many), over the hull of its orientations."""
+    key, inverse = np.unique(cells.node[found.parent] * edges + found.edge, return_inverse=True)
+    lo, hi = np.full(len(key), np.inf), np.full(len(key), -np.inf)
+    np.minimum.at(lo, inverse, found.lo)
+    np.maximum.at(hi, inverse, found.hi)
+    return Children(key // edges, key % edges, lo, hi)
 
 
 TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
@@ -145,59 +87,45 @@ class Branch:
     cells: Cells | None = None
 
 
-ROOT_BRANCH = Branch(
-    (), Interpretations(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty(0), np.empty(0))
-)
+ROOT_BRANCH = Branch((), Interpretations.none(0))
 """The branch with which a search begins: nothing is paired."""
 
 
 def grow_branches(
-    catalogue: Catalogue,
-    branches: Sequence[Branch],
-    touched: Sequence[Contact],
-    anchor_mm: Floats,
-    max_spurious: int,
-    budget: Budget = STANDARD_BUDGET,
+    query: Query, branches: Sequence[Branch], max_spurious: int
 ) -> tuple[list[Branch], LevelCount]:
-    """The branches with the last of `touched` paired, and with it null where fewer than `max_spurious` are.
+    """The branches with the last contact paired, and with it null where fewer than `max_spurious` are.
 
     Also the counts of the level, over all branches. Raises BudgetSpentError where there are too many ways.
     """
-    new = len(touched) - 1
+    new = len(query.contacts) - 1
     found, counts = [], []
     for branch in branches:
-        nodes, count = _pair_last(catalogue, branch, touched, anchor_mm, budget)
+        nodes, count = _pair_last(query, branch)
         found.append(Branch((*branch.paired, new), nodes))
         counts.append(count)
         if new - len(branch.paired) < max_spurious:
             found.append(branch)
     if len(counts) == 1:
-        return found, replace(counts[0], level=len(touched))
+        return found, replace(counts[0], level=len(query.contacts))
     columns = zip(*(astuple(count)[1:] for count in counts), strict=True)
-    return found, LevelCount(len(touched), *(sum(column) for column in columns))
+    return found, LevelCount(len(query.contacts), *(sum(column) for column in columns))
 
 
-def _pair_last(
-    catalogue: Catalogue, branch: Branch, touched: Sequence[Contact], anchor_mm: Floats, budget: Budget
-) -> tuple[Interpretations, LevelCount]:
+def _pair_last(query: Query, branch: Branch) -> tuple[Interpretations, LevelCount]:
     """The branch's interpretations with one more pairing, that of the last contact."""
-    earlier, new = [touched[k] for k in branch.paired], touched[-1]
-    if not earlier:
-        return first_level(catalogue, new)
-    if len(earlier) == 1:
-        return second_level(catalogue, [*earlier, new], budget)
-    if len(earlier) < TREE_LEVELS:
-        return next_level(catalogue, branch.nodes, [*earlier, new], anchor_mm, budget)
+    paired = query.select([*branch.paired, len(query.contacts) - 1])
+    if not branch.paired:
+        return first_level(query.catalogue, query.contacts[-1])
+    if len(branch.paired) == 1:
+        return second_level(paired)
+    if len(branch.paired) < TREE_LEVELS:
+        return third_level(paired, branch.nodes)
     cells = branch.cells
     if cells is None:
-        cells = build_cells(
-            catalogue,
-            branch.nodes,
-            earlier,
-            anchor_mm,
-            divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1),
-        )
-    return extend_by_region(catalogue, branch.nodes, cells, new, len(touched), anchor_mm, budget)
+        intervals = divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1)
+        cells, _ = STEPS.cut_cells(query.select(branch.paired), branch.nodes, intervals)
+    return extend_by_region(paired, branch.nodes, cells)
 
 
 def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:
@@ -207,7 +135,7 @@ def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:
         columns = np.full((len(branch.nodes), contacts), NULL_EDGE)
         columns[:, list(branch.paired)] = branch.nodes.edges
         parts.append(replace(branch.nodes, edges=columns))
-    return Interpretations.joined(parts)
+    return Interpretations.join(parts)
 
 
 def branches_of(nodes: Interpretations, cells: Cells) -> list[Branch]:
@@ -230,16 +158,3 @@ def _select_branch(nodes: Interpretations, cells: Cells, null: Bools, chosen: Bo
         replace(part, edges=part.edges[:, columns]),
         replace(some, node=number[some.node]),
     )
-
-
-def null_mask(nodes: Interpretations, node: Ints, contacts: Sequence[Contact]) -> Bools | None:
-    """Which of m contacts, misses included, are null in the interpretations `node` (k,): (k, m).
-
-    None if none of them is. Misses are never null.
-    """
-    null = nodes.edges[node] < 0
-    if not null.any():
-        return None
-    result = np.zeros((len(node), len(contacts)), dtype=bool)
-    result[:, [k for k, contact in enumerate(contacts) if contact.touched]] = null
-    return result

@@ -13,17 +13,14 @@ Unlike a tree of geometries they are built in no time, of little memory.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.outlines import oriented_rings_of
 from palpate.base.geometry.plane import wrap_angle
-from palpate.recognizer.boundary_pieces import Pieces, Sides, block_circles, segment_circles, uncovered_pieces
-from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.boundary_pieces import Pieces, Sides, uncovered_pieces
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.tables import Table, expand_ranges
@@ -161,49 +158,6 @@ class TrueBoundary:
         return self._boxes.near(state, point, reach)
 
     @cached_property
-    def arrays(self) -> tuple[NDArray[Any], ...]:
-        """What the compiled kernel takes of it, in the order of `recognizer/kernel/boundary.c`."""
-        pieces, sides = self.pieces, self.sides
-        last = pieces.normal_rad + pieces.turn_rad
-        rows = (
-            pieces.start,
-            pieces.along,
-            np.column_stack([pieces.length, pieces.normal_rad % (2 * np.pi), pieces.turn_rad, pieces.off]),
-            pieces.radius[:, None],
-            np.column_stack(
-                [np.cos(pieces.normal_rad), np.sin(pieces.normal_rad), np.cos(last), np.sin(last)]
-            ),
-        )
-        of_pieces = pieces.circles
-        first_piece_block, of_piece_blocks = block_circles(of_pieces, self.first_piece)
-        first_side_block, of_side_blocks = block_circles(
-            segment_circles(sides.start, sides.end), self.first_side
-        )
-        values = (
-            self.radius_mm,
-            self.clearance_mm,
-            np.concatenate(rows, axis=1),
-            np.concatenate([sides.start, sides.end], axis=1),
-            of_pieces,
-            self.first_piece,
-            self.first_side,
-            first_piece_block,
-            first_side_block,
-            of_piece_blocks,
-            of_side_blocks,
-        )
-        return tuple(np.ascontiguousarray(value) for value in values)
-
-    @cached_property
-    def prepared(self) -> object:
-        """The boundary as the compiled kernel takes it."""
-        return None if KERNEL is None else KERNEL.prepared_boundary(self.arrays)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what another process has to prepare anew."""
-        return {key: value for key, value in self.__dict__.items() if key not in {"arrays", "prepared"}}
-
-    @cached_property
     def _boxes(self) -> PieceBoxes:
         return boxes_of(self.pieces, self.first_piece)
 
@@ -226,7 +180,7 @@ def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBound
             pieces += _all_uncertain_pieces(number, item, met)
         else:
             pieces.append(_visible_pieces(outer, met.radius_mm))
-    whole, every = Pieces.joined([_NO_PIECES, *pieces]), Sides.joined([_NO_SIDES, *sides])
+    whole, every = Pieces.join([_NO_PIECES, *pieces]), Sides.join([_NO_SIDES, *sides])
     numbers = np.arange(len(states) + 1)
     return TrueBoundary(
         np.array(radius, np.float64),
@@ -258,7 +212,7 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
         points = ring[np.hypot(*(np.roll(ring, -1, axis=0) - ring).T) > _NOTHING_MM]
         whole = np.full(len(points), 1)
         parts.append(Sides(state * whole, number * whole, points, np.roll(points, -1, axis=0)))
-    return Sides.joined(parts)
+    return Sides.join(parts)
 
 
 def _all_uncertain_pieces(state: int, item: CatalogueState, met: TipObstacle) -> list[Pieces]:
@@ -300,7 +254,7 @@ def _uncertain_pieces(sides: Sides, solid: shapely.Geometry, radius_mm: float, m
     )
     # What touches the end of a side has a piece of that side if its normals are any, or those the tip leaves.
     held = whole | (tilt >= np.pi)
-    return Pieces.joined([faces, arcs.select((turn > 0) & ~(held | held[before]))])
+    return Pieces.join([faces, arcs.select((turn > 0) & ~(held | held[before]))])
 
 
 def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:
@@ -312,5 +266,5 @@ def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:
     before = sides.before
     bend = wrap_angle(normal - normal[before])
     arcs = Pieces(sides.state, sides.start, sides.along, nothing, normal[before], bend, nothing, radius)
-    whole = Pieces.joined([faces, arcs.select(bend > 0)])
+    whole = Pieces.join([faces, arcs.select(bend > 0)])
     return uncovered_pieces(whole, sides, radius_mm)

@@ -15,10 +15,8 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate
-from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_judgement import evidence_of, judge_poses, poses_may_fit
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.interpretations import Query
 from palpate.recognizer.proximity import ALLOWANCE_MM, NEAR_MM, Places, lines_are_free, nearest_places
 from palpate.recognizer.tables import Table
 from palpate.recognizer.true_boundary import TrueBoundary
@@ -60,63 +58,50 @@ class Verification(Table):
     limited: Bools
 
 
-def verify(
-    catalogue: Catalogue,
-    poses: Poses,
-    contacts: Sequence[Contact],
-    anchor_mm: Floats,
-    skipped: Bools | None = None,
-) -> Verification:
+def verify(evidence: Query, poses: Poses, skipped: Bools | None = None) -> Verification:
     """Judge configurations by m contacts and misses; those `skipped` (n, m) are no evidence.
 
     Paths are looked at where all contacts are satisfied.
     """
-    if KERNEL is not None:
-        evidence = evidence_of(catalogue, contacts, anchor_mm)
-        return Verification(*judge_poses(KERNEL, evidence, poses.state, poses.theta, poses.position, skipped))
-    shape = (len(poses), len(contacts))
+    shape = (len(poses), len(evidence.contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
-    places = _places(catalogue, poses, contacts, anchor_mm, asked)
+    places = _places(evidence, poses, asked)
     gap, offset = places.distance.reshape(shape), places.offset.reshape(*shape, 2)
     fits = places.fits.reshape(shape) | ~asked
     holds: Bools = np.all(fits, axis=1)
     asked &= holds[:, None]
-    holds &= np.all(_paths_are_free(catalogue, poses, contacts, anchor_mm, asked, offset), axis=1)
+    holds &= np.all(_paths_are_free(evidence, poses, asked, offset), axis=1)
     return Verification(
         fits, holds, gap, offset, places.normal.reshape(*shape, 2), places.limited.reshape(shape)
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """Neighbourhood of n configurations: turned by `turn_rad`, position s off by `shift_mm` (n,), at most."""
+
+    turn_rad: Floats
+    shift_mm: Floats
+
+
 def may_fit(
-    catalogue: Catalogue,
-    poses: Poses,
-    contacts: Sequence[Contact],
-    anchor_mm: Floats,
-    turn_rad: Floats,
-    shift_mm: Floats,
-    skipped: Bools | None = None,
-    most: int | None = None,
+    evidence: Query, poses: Poses, near: Nearness, skipped: Bools | None = None, most: int | None = None
 ) -> Bools:
     """Configurations (n,) near which one may satisfy all contacts: False where none can.
 
-    Near: turned by at most `turn_rad` and with a position s that is off by at most `shift_mm` (n,). Once
-    `most` pieces of the boundary were found near by for one kind of finger, all others may.
+    Once `most` pieces of the boundary were found near by for one kind of finger, all others may.
     """
-    if KERNEL is not None:
-        evidence = evidence_of(catalogue, contacts, anchor_mm)
-        return poses_may_fit(
-            KERNEL, evidence, poses.state, poses.theta, poses.position, turn_rad, shift_mm, skipped, most
-        )
+    contacts = evidence.contacts
     shape = (len(poses), len(contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
-    lever = np.hypot(*(_ends(contacts) - anchor_mm).T)
-    more = turn_rad[:, None] * lever + shift_mm[:, None]
-    wider = np.broadcast_to(turn_rad[:, None], shape)
-    places = _places(catalogue, poses, contacts, anchor_mm, asked, more, wider, most)
+    lever = np.hypot(*(_ends(contacts) - evidence.anchor_mm).T)
+    more = near.turn_rad[:, None] * lever + near.shift_mm[:, None]
+    wider = np.broadcast_to(near.turn_rad[:, None], shape)
+    places = _places(evidence, poses, asked, (more, wider), most)
     bound = np.array([contact.position_bound_mm for contact in contacts]) + more
-    near = places.distance.reshape(shape) <= bound + ALLOWANCE_MM
+    close = places.distance.reshape(shape) <= bound + ALLOWANCE_MM
     untouched = np.array([not contact.touched for contact in contacts])
-    result: Bools = np.all(near | ~asked | untouched, axis=1)
+    result: Bools = np.all(close | ~asked | untouched, axis=1)
     return result
 
 
@@ -125,25 +110,25 @@ def _ends(contacts: Sequence[Contact]) -> Floats:
 
 
 def _places(
-    catalogue: Catalogue,
+    evidence: Query,
     poses: Poses,
-    contacts: Sequence[Contact],
-    anchor_mm: Floats,
     asked: Bools,
-    more_mm: Floats | None = None,
-    wider_rad: Floats | None = None,
+    margins: tuple[Floats, Floats] | None = None,
     most: int | None = None,
 ) -> Places:
     """Places next to where tips are said to be, for all poses and contacts `asked` (n, m), row by row.
 
-    Bounds are larger by `more_mm`, and ranges of normals wider by `wider_rad` at either end (n, m).
+    `margins` (n, m): bounds are larger by so many mm, and ranges of normals wider by so many rad at either
+    end.
     """
-    point = poses.seen(_ends(contacts), anchor_mm)
+    contacts = evidence.contacts
+    point = poses.seen(_ends(contacts), evidence.anchor_mm)
     ranges = [contact.outward_normals() if contact.touched else None for contact in contacts]
     first, last = np.array([(r.lo_rad, r.hi_rad) if r else (0.0, -1.0) for r in ranges]).T
     bound = np.broadcast_to([contact.position_bound_mm for contact in contacts], asked.shape)
     lo, width = first - poses.theta[:, None], np.broadcast_to(last - first, asked.shape)
-    if more_mm is not None and wider_rad is not None:
+    if margins is not None:
+        more_mm, wider_rad = margins
         bound, lo = bound + more_mm, lo - wider_rad
         width = np.where(width >= 0, width + 2 * wider_rad, width)
     touched = np.array([contact.touched for contact in contacts])
@@ -153,29 +138,23 @@ def _places(
         of = np.array([contact.finger == finger for contact in contacts])
         row, column = np.nonzero(asked & (of & touched))
         some = nearest_places(
-            catalogue.boundary(finger),
+            evidence.catalogue.boundary(finger),
             poses.state[row],
             point[row, column],
             lo[row, column],
             width[row, column],
             bound[row, column],
-            NEAR_MM if more_mm is None else 10 * ALLOWANCE_MM,
-            judged=more_mm is None,
+            NEAR_MM if margins is None else 10 * ALLOWANCE_MM,
+            judged=margins is None,
             most=most,
         )
         found.place(row * asked.shape[1] + column, some)
     return found
 
 
-def _paths_are_free(
-    catalogue: Catalogue,
-    poses: Poses,
-    contacts: Sequence[Contact],
-    anchor_mm: Floats,
-    asked: Bools,
-    offset: Floats,
-) -> Bools:
+def _paths_are_free(evidence: Query, poses: Poses, asked: Bools, offset: Floats) -> Bools:
     """Paths (n, m) that are free if they are moved by something, at most their bound; or are not `asked`."""
+    contacts, anchor_mm = evidence.contacts, evidence.anchor_mm
     free = ~asked
     start = poses.seen(np.array([contact.start_mm for contact in contacts]), anchor_mm)
     end = poses.seen(_ends(contacts), anchor_mm)
@@ -184,7 +163,7 @@ def _paths_are_free(
         of = np.array([contact.finger == finger for contact in contacts])
         row, column = np.nonzero(asked & of)
         if len(row):
-            boundary = catalogue.boundary(finger)
+            boundary = evidence.catalogue.boundary(finger)
             free[row, column] = _some_way_is_free(
                 boundary,
                 poses.state[row],

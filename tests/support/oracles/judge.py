@@ -14,6 +14,7 @@ from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue, Configuration, Contact, Finger, Recognition, recognise
 from palpate.recognizer.contact import NormalRange
+from palpate.recognizer.interpretations import Query
 from palpate.recognizer.verification import Poses
 from support.campaign.objects import FAMILIES, displaced, drawn_objects, drawn_source, objects_of
 from support.commands.repository import SHARED_OUTLINES
@@ -318,6 +319,10 @@ class Case:
     def catalogue(self) -> Catalogue:
         """A new one."""
         return Catalogue(self.models)
+
+    def evidence(self) -> Query:
+        """All contacts, and a new catalogue."""
+        return Query(self.catalogue(), self.contacts, self.anchor_mm)
 
 
 @cache

@@ -1,52 +1,95 @@
-"""The recogniser with and without its compiled kernel."""
+"""Both sides of the steps, kernel calls that only tests make, and the bits of a prepared catalogue."""
 
 import hashlib
 import json
 import struct
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import fields, replace
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import ModuleType
 
 import numpy as np
-import pytest
 
 from palpate.base.array_cache import Cache
-from palpate.base.geometry import ObjectModel
+from palpate.base.geometry import Ints, ObjectModel
 from palpate.config.objects_file import load_objects
-from palpate.recognizer import Catalogue, Finger
-from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer import Catalogue, Finger, numpy_steps
+from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.interpretations import Query
+from palpate.recognizer.pose_region import Cells
+from palpate.recognizer.steps import Steps
+from palpate.recognizer.verification import Poses, Verification
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from support.campaign.objects import drawn_objects, objects_of
 
+BUILT = find_spec("palpate.recognizer._kernel") is not None
+"""True if there was a C compiler."""
+
+
+def both_sides() -> tuple[Steps, ...]:
+    """Numpy's steps and, where they are built, the compiled ones."""
+    return (numpy_steps, _steps()) if BUILT else (numpy_steps,)
+
+
 # ----------------------------------------------------------------------------------------------------
-# The recogniser without its compiled kernel, for a while: the kernel has to match what numpy computes.
-
-needs_kernel = pytest.mark.skipif(KERNEL is None, reason="the compiled kernel is not built, or is off")
+# Judgements that the kernel makes within its rounds, asked for by themselves.
 
 
-@contextmanager
-def without_kernel(*modules: str) -> Iterator[None]:
-    """These modules of the recogniser compute with numpy alone; all of them if none is named.
+def compiled_verify(evidence: Query, poses: Poses, skipped: np.ndarray | None = None) -> Verification:
+    """What `verify` says, by the kernel."""
+    shape = (len(poses), len(evidence.contacts))
+    fits, holds, gap, offset, normal, limited = _kernel().verify(
+        _steps().judged_by(evidence), *_rows(poses), len(poses), skipped
+    )
+    return Verification(
+        np.frombuffer(fits, dtype=bool).reshape(shape),
+        np.frombuffer(holds, dtype=bool),
+        np.frombuffer(gap).reshape(shape),
+        np.frombuffer(offset).reshape(*shape, 2),
+        np.frombuffer(normal).reshape(*shape, 2),
+        np.frombuffer(limited, dtype=bool).reshape(shape),
+    )
 
-    Then catalogues are not to be shared with the outside: what they keep for the kernel would be missing.
-    """
-    found = {
-        name.removeprefix("palpate.recognizer."): module
-        for name, module in list(sys.modules.items())
-        if name.startswith("palpate.recognizer.") and hasattr(module, "KERNEL")
-    }
-    users = [found[name] for name in modules or found]
-    before = [module.KERNEL for module in users]
-    try:
-        for module in users:
-            module.KERNEL = None
-        yield
-    finally:
-        for module, kernel in zip(users, before, strict=True):
-            module.KERNEL = kernel
+
+def compiled_polish(
+    constraints: Constraints, cells: Cells, first: Ints, region: Ints, cell: Ints, poses: Poses
+) -> tuple[Poses, np.ndarray]:
+    """What `polish` gives, by the kernel."""
+    null, skipped = constraints.nodes.edges < 0, constraints.skipped(cells.node[cell])
+    rows = [np.ascontiguousarray(item) for item in (cells.node, cells.lo, cells.hi, cells.polygon, first)]
+    regions = (
+        *rows,
+        None if skipped is None else np.ascontiguousarray(null),
+        *cells.polygon.shape[:2],
+        len(first) - 1,
+        *null.shape,
+    )
+    theta, position, holds = _kernel().polish(
+        _steps().judged_by(constraints.evidence),
+        regions,
+        np.ascontiguousarray(region),
+        np.ascontiguousarray(cell),
+        *_rows(poses),
+        len(region),
+        skipped,
+    )
+    polished = Poses(poses.state, np.frombuffer(theta), np.frombuffer(position).reshape(-1, 2))
+    return polished, np.frombuffer(holds, dtype=bool)
+
+
+def _rows(poses: Poses) -> list[np.ndarray]:
+    return [np.ascontiguousarray(item) for item in (poses.state, poses.theta, poses.position)]
+
+
+def _kernel() -> ModuleType:
+    return import_module("palpate.recognizer._kernel")
+
+
+def _steps() -> ModuleType:
+    return import_module("palpate.recognizer.compiled_steps")
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-/* True boundaries, as `palpate.recognizer.true_boundary.TrueBoundary.arrays` lists them; the place on one that is
+/* True boundaries, as `compiled_steps._prepared_boundary` lists them; the place on one that is
    nearest to a point, and lines that keep clear of the section. */
 
 #ifndef PALPATE_BOUNDARY_H
@@ -6,9 +6,9 @@
 
 #include "kernel.h"
 
-#define ALLOWANCE_MM 1e-6 /* `free_line.ALLOWANCE_MM` */
-#define ALLOWANCE_RAD 1e-9 /* `nearest_place.ALLOWANCE_RAD` */
-#define BLOCK_ROWS 16 /* `true_boundary.BLOCK_ROWS` */
+#define ALLOWANCE_MM 1e-6 /* `proximity.ALLOWANCE_MM` */
+#define ALLOWANCE_RAD 1e-9 /* `proximity.ALLOWANCE_RAD` */
+#define BLOCK_ROWS 16 /* `boundary_pieces.BLOCK_ROWS` */
 #define NEXT_TO_NOTHING 1e-300
 
 typedef struct {
@@ -56,7 +56,7 @@ typedef struct {
     double lo, width, bound, beyond;
 } claim;
 
-/* `nearest_place.Places` of one point. */
+/* `proximity.Places` of one point. */
 typedef struct {
     double distance;
     vector offset, normal;

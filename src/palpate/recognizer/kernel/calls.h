@@ -11,15 +11,12 @@ PyObject *third_level(PyObject *self, PyObject *arguments);
 PyObject *extend(PyObject *self, PyObject *arguments);
 PyObject *narrow(PyObject *self, PyObject *arguments);
 PyObject *cut_cells(PyObject *self, PyObject *arguments);
-PyObject *clip_polygons(PyObject *self, PyObject *arguments);
 PyObject *sift_intervals(PyObject *self, PyObject *arguments);
 PyObject *sift_parts(PyObject *self, PyObject *arguments);
 PyObject *refine(PyObject *self, PyObject *arguments);
 PyObject *regions(PyObject *self, PyObject *arguments);
-PyObject *shapes(PyObject *self, PyObject *arguments);
 PyObject *furthest(PyObject *self, PyObject *arguments);
 PyObject *groups(PyObject *self, PyObject *arguments);
-PyObject *sweep(PyObject *self, PyObject *arguments);
 PyObject *free_paths(PyObject *self, PyObject *arguments);
 PyObject *prepared_boundary(PyObject *self, PyObject *arrays);
 PyObject *verify(PyObject *self, PyObject *arguments);
@@ -33,15 +30,12 @@ PyObject *polish(PyObject *self, PyObject *arguments);
     {"extend", extend, METH_VARARGS, NULL}, \
     {"narrow", narrow, METH_VARARGS, NULL}, \
     {"cut_cells", cut_cells, METH_VARARGS, NULL}, \
-    {"clip_polygons", clip_polygons, METH_VARARGS, NULL}, \
     {"sift_intervals", sift_intervals, METH_VARARGS, NULL}, \
     {"sift_parts", sift_parts, METH_VARARGS, NULL}, \
     {"refine", refine, METH_VARARGS, NULL}, \
     {"regions", regions, METH_VARARGS, NULL}, \
-    {"shapes", shapes, METH_VARARGS, NULL}, \
     {"furthest", furthest, METH_VARARGS, NULL}, \
     {"groups", groups, METH_VARARGS, NULL}, \
-    {"sweep", sweep, METH_VARARGS, NULL}, \
     {"free_paths", free_paths, METH_VARARGS, NULL}, \
     {"prepared_boundary", prepared_boundary, METH_O, NULL}, \
     {"verify", verify, METH_VARARGS, NULL}, \

@@ -1,5 +1,5 @@
 /* Cells: for an interval of orientations, the convex polygon of positions that every contact's half-planes, at
-   their largest over the interval, leave. The same as `palpate.recognizer.region.cut_cells` by whole arrays. */
+   their largest over the interval, leave. The same as `palpate.recognizer.numpy_cells.cut_cells` by whole arrays. */
 
 #include "calls.h"
 #include "cells.h"
@@ -218,37 +218,5 @@ PyObject *cut_cells(PyObject *self, PyObject *arguments)
     }
     free(room);
     end_pairings(&from);
-    return cells_found(&all, &cells, &points, most, fine);
-}
-
-/* clip_polygons(polygons, k, v, g (k × 2), limits (k)): parts of convex polygons where g·s ≤ limit: vertices of the
-   largest, rows of polygons that have such a part, and the parts. */
-PyObject *clip_polygons(PyObject *self, PyObject *arguments)
-{
-    PyObject *polygon_in, *g_in, *limit_in;
-    Py_ssize_t count, vertices;
-    buffers all = {.count = 0};
-    list cells = new_list(sizeof(cell)), points = new_list(sizeof(point));
-    (void)self;
-    if (!PyArg_ParseTuple(arguments, "OnnOO", &polygon_in, &count, &vertices, &g_in, &limit_in))
-        return NULL;
-    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
-    const point *polygon = borrow(&all, polygon_in, vertices * count * (Py_ssize_t)sizeof(point)), *g = NULL;
-    const double *limit = NULL;
-    int fine = polygon && (g = borrow(&all, g_in, 2 * row)) && (limit = borrow(&all, limit_in, row));
-    point *left = malloc((size_t)(2 * vertices + 1) * sizeof(point));
-    if (fine && !left)
-        PyErr_NoMemory();
-    fine = fine && left;
-    int64_t most = vertices;
-    for (Py_ssize_t k = 0; fine && k < count; k++) {
-        const half_plane side = {g[k].x, g[k].y, limit[k]};
-        int size = clip(polygon + k * vertices, (int)vertices, &side, left);
-        if (!size)
-            continue;
-        fine = add_cell(&cells, &points, k, left, size);
-        most = size > most ? size : most;
-    }
-    free(left);
     return cells_found(&all, &cells, &points, most, fine);
 }

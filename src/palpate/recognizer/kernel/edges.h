@@ -1,4 +1,4 @@
-/* Edge sets, as `palpate.recognizer.edges.EdgeSet.arrays` lists them, and what contacts say of an edge. */
+/* Edge sets, as `palpate.recognizer.compiled_steps.edge_arrays` lists them, and what contacts say of an edge. */
 
 #ifndef PALPATE_EDGES_H
 #define PALPATE_EDGES_H

@@ -5,7 +5,7 @@
 
 #include "kernel.h"
 
-/* `grouping.Boxes`, one of them. */
+/* `connected_components.Boxes`, one of them. */
 typedef struct {
     double x0, y0, x1, y1, middle, half, turn;
     int64_t state;

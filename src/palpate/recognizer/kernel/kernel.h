@@ -58,7 +58,7 @@ static inline double modulo_turn(double x)
 /* To so many decimals, 1e9 for nine: as numpy's round. */
 static inline double rounded(double x, double decimals) { return rint(x * decimals) / decimals; }
 
-/* To nine digits: `palpate.recognizer.rounding.to_nine_digits`. */
+/* To nine digits: `palpate.recognizer.tables.round_to_nine_digits`. */
 static inline double to_nine_digits(double x)
 {
     int power;

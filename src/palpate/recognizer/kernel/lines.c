@@ -1,5 +1,5 @@
 /* Free lines: whether the centre of a tip, going straight, keeps clear of a section. The same as
-   `free_line.lines_are_free` and `free_line.clearances`, line by line. */
+   `proximity.lines_are_free` and `proximity.clearances`, line by line. */
 
 #include "boundary.h"
 
@@ -105,7 +105,7 @@ static int keeps_away(const boundary *all, int64_t state, const line *from, doub
     return !inside;
 }
 
-/* Where a line comes within `wide` of a side, and where it leaves; enter > leave: nowhere. `free_line._within`. */
+/* Where a line comes within `wide` of a side, and where it leaves; enter > leave: nowhere. `proximity._near_stretches`. */
 static passed_side pass(const seen_side *s, double wide)
 {
     passed_side near = {INFINITY, -INFINITY, 0, is_crossed(s)};
@@ -142,7 +142,7 @@ static int by_enter(const void *a, const void *b)
     return one->order < two->order ? -1 : 1;
 }
 
-/* Whether a line is nowhere inside and further than `depth` from every side: `free_line._stays_shallow`. */
+/* Whether a line is nowhere inside and further than `depth` from every side: `proximity._stays_shallow`. */
 static int stays_shallow(const boundary *all, int64_t state, const line *from, double travel, double depth,
                          passed_side *room)
 {

@@ -1,4 +1,4 @@
-/* Nearest places on a true boundary: the same as `nearest_place.nearest_places`, point by point.
+/* Nearest places on a true boundary: the same as `proximity.nearest_places`, point by point.
 
    Pieces that cannot have a place near by are passed over by circles round them, where numpy has a tree. Normals
    are unit vectors here, not angles: whether one is in a range is told by cross products. */
@@ -60,7 +60,7 @@ static inline vector unit(vector a)
 }
 
 /* From a point to the nearest centre of a tip on a piece with normals in a range; of normals that are as good the
-   first one tried: `nearest_place._offsets`. */
+   first one tried: `proximity._offsets`. */
 static nearest offset_to(const piece *on, const arc *range, vector point, double radius)
 {
     vector from_start = {point.x - on->start.x, point.y - on->start.y};
@@ -111,7 +111,7 @@ static int apart(vector a, vector b, double most)
     return length_of(leg) > most;
 }
 
-/* `nearest_place._uncovered`: whether a tip's centre near a point, and `off` of the place, is clear. */
+/* `proximity._is_uncovered`: whether a tip's centre near a point, and `off` of the place, is clear. */
 static int uncovered(const boundary *all, int64_t state, vector point, const nearest *to, double off, double bound)
 {
     bound += ALLOWANCE_MM;
@@ -171,7 +171,7 @@ static void look_at(search *job, const piece *on, const arc *range, int after)
 }
 
 /* What pieces and the contact's normals, from `base` in [0, 2π) on by `width`, have in common:
-   `nearest_place._common_normals`. */
+   `proximity._common_normals`. */
 static void look_at_piece(search *job, const piece *on, double base, double width)
 {
     double after_lo = on->normal - base;

@@ -1,4 +1,4 @@
-/* Witness polishing: the same as `witness_polish.polish`, pose by pose. */
+/* Witness polishing: the same as `numpy_witnesses.polish`, pose by pose. */
 
 #include "calls.h"
 #include "polish.h"
@@ -17,7 +17,7 @@
 #define IN_CELL_RAD 1e-12
 
 /* The damped solution of `count` equations in their first `unknowns`, 2 or 3: normal equations, solved with
-   row exchanges. `witness_polish._least_squares`. */
+   row exchanges. `numpy_witnesses._least_squares`. */
 static void solve(const equation *rows, Py_ssize_t count, int unknowns, double *solution)
 {
     double square[3][4] = {{0}}, damping = 0;
@@ -55,7 +55,7 @@ static void solve(const equation *rows, Py_ssize_t count, int unknowns, double *
     }
 }
 
-/* How a pose is turned, within [lo, hi], and shifted towards the places of its contacts: `witness_polish._step`.
+/* How a pose is turned, within [lo, hi], and shifted towards the places of its contacts: `numpy_witnesses._step`.
    `rows`: room for an equation of each contact. */
 static void step(const evidence *by, const pose *at, double lo, double hi, equation *rows, double *turn, vector *shift)
 {

@@ -1,5 +1,5 @@
 /* Regions: connected cells, a witness for each region where one is found, and the cells that are to be cut finer: a
-   round of the same as `palpate.recognizer.witness_search.connected_regions` does with whole arrays. */
+   round as `palpate.recognizer.numpy_regions.search_round` does it with whole arrays. */
 
 #include "calls.h"
 #include "groups.h"
@@ -238,7 +238,7 @@ static int64_t null_count(const asked *of, int64_t node)
     return count;
 }
 
-/* Priority of a cell as its region's witness: `witness_search._witness_priority`. */
+/* Priority of a cell as its region's witness: `numpy_regions._witness_priority`. */
 static int priority(const asked *of, const round_room *r, int64_t k, int64_t fewest)
 {
     if (!of->null || null_count(of, r->node[k]) == fewest)
@@ -372,7 +372,7 @@ static int rule_out_cells(const asked *of, round_room *r, const evidence *by)
 static int64_t passed(int64_t nth, int64_t share, int64_t size) { return nth < 0 ? -1 : nth * share / size; }
 
 /* Cells of a region in which a witness is looked for: up to CANDIDATES of those kept, evenly among them, the best
-   first. `witness_search._spread`. */
+   first. `numpy_regions._spread_candidates`. */
 static int spread(const round_room *r, Py_ssize_t region, int64_t found[CANDIDATES])
 {
     int64_t size = 0, nth = 0;

@@ -68,39 +68,6 @@ static double *filled(Py_ssize_t count, PyObject **bytes)
     return *bytes ? (double *)PyByteArray_AS_STRING(*bytes) : NULL;
 }
 
-/* shapes(polygons, k, v): middle of each polygon's bounding box (k × 2), largest distance from there to a vertex (k),
-   and area (k). */
-PyObject *shapes(PyObject *self, PyObject *arguments)
-{
-    PyObject *polygon_in, *out[3] = {NULL, NULL, NULL};
-    Py_ssize_t count, vertices;
-    buffers all = {.count = 0};
-    (void)self;
-    if (!PyArg_ParseTuple(arguments, "Onn", &polygon_in, &count, &vertices))
-        return NULL;
-    const point *polygon = borrow(&all, polygon_in, count * vertices * (Py_ssize_t)sizeof(point));
-    double *term = malloc((size_t)(vertices + 1) * sizeof(double));
-    double *centre = polygon && term ? filled(2 * count, &out[0]) : NULL;
-    double *radius = centre ? filled(count, &out[1]) : NULL, *area = radius ? filled(count, &out[2]) : NULL;
-    if (polygon && !term)
-        PyErr_NoMemory();
-    for (Py_ssize_t k = 0; area && k < count; k++) {
-        const shape found = shape_of(polygon + k * vertices, vertices, term);
-        centre[2 * k] = found.centre.x;
-        centre[2 * k + 1] = found.centre.y;
-        radius[k] = found.radius;
-        area[k] = found.area;
-    }
-    free(term);
-    release(&all);
-    if (!area) {
-        Py_XDECREF(out[0]);
-        Py_XDECREF(out[1]);
-        return NULL;
-    }
-    return Py_BuildValue("NNN", out[0], out[1], out[2]);
-}
-
 /* furthest(polygons, k, v, origins (k × 2), lo, hi): how far R(θ)(s − origin) gets along +x, +y, −x and −y (k × 4)
    for s in the polygon and θ in [lo, hi]; over half a turn and more the distance from the origin stands for it. */
 PyObject *furthest(PyObject *self, PyObject *arguments)

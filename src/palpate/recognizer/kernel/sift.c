@@ -1,12 +1,12 @@
 /* Sifting: cells of intervals, or of parts of cells, that the free paths leave, and a candidate for a witness in
-   each: the same as `palpate.recognizer.witness_candidates` finds with whole arrays, and as `region` cuts and divides. */
+   each: the same as `palpate.recognizer.numpy_witnesses` finds with whole arrays, and as `numpy_cells` cuts and divides. */
 
 #include "calls.h"
 #include "shapes.h"
 #include "sweep.h"
 
-#define OUT 0.9 /* `witness_candidates._OUT` */
-#define COINCIDING_MM 1e-9 /* `witness_candidates._COINCIDING_MM` */
+#define CORNER_SHARE 0.9 /* `numpy_witnesses._CORNER_SHARE` */
+#define COINCIDING_MM 1e-9 /* `numpy_witnesses._COINCIDING_MM` */
 
 /* What is found: cells one after the other. */
 typedef struct {
@@ -77,7 +77,7 @@ static int is_corner(const point *polygon, int size, int k)
            came.x * goes.x + came.y * goes.y <= 0;
 }
 
-/* Mean of a polygon's corners: `witness_candidates.corner_means`. */
+/* Mean of a polygon's corners: `numpy_witnesses.corner_means`. */
 static point corner_mean(const point *polygon, int size)
 {
     point sum = {0, 0};
@@ -110,7 +110,7 @@ static void try_section(const paths *of, int64_t state, const point *section, in
     at->spot = mean;
     at->holds = is_open(of, state, theta, mean, skipped);
     for (int k = 0; corners && k < size && !at->holds; k++) {
-        point towards = {mean.x + OUT * (section[k].x - mean.x), mean.y + OUT * (section[k].y - mean.y)};
+        point towards = {mean.x + CORNER_SHARE * (section[k].x - mean.x), mean.y + CORNER_SHARE * (section[k].y - mean.y)};
         if (is_open(of, state, theta, towards, skipped)) {
             at->spot = towards;
             at->holds = 1;
@@ -217,7 +217,7 @@ typedef struct {
     Py_ssize_t count, vertices;
 } cell_rows;
 
-#define AS_FAR 0.999999999 /* `region._AS_FAR` */
+#define FURTHEST_SHARE 0.999999999 /* `numpy_cells._FURTHEST_SHARE` */
 
 /* How a cell is divided: by its orientations, or along `ahead` from `least` on in steps. */
 typedef struct {
@@ -237,7 +237,7 @@ static division division_of(const cell_rows *cells, Py_ssize_t k, double lever, 
     for (Py_ssize_t j = 0; j < cells->vertices; j++) {
         found.ahead.x = polygon[j].x - whole.centre.x;
         found.ahead.y = polygon[j].y - whole.centre.y;
-        if (hypot(found.ahead.x, found.ahead.y) >= AS_FAR * most)
+        if (hypot(found.ahead.x, found.ahead.y) >= FURTHEST_SHARE * most)
             break;
     }
     found.turned = most <= (cells->hi[k] - cells->lo[k]) / 2 * lever;

@@ -1,5 +1,5 @@
 /* Sweep: where straight approaches must stop and may stop, over all configurations of a cell. The same as
-   `palpate.recognizer.constraints`, `rays` and `swept_edges` work out with whole arrays. */
+   `palpate.recognizer.numpy_cells` and `approach` work out with whole arrays. */
 
 #include "calls.h"
 #include "sweep.h"
@@ -9,10 +9,6 @@
 typedef struct {
     double x, y, u, v, rho; /* in the frame of the object in the cell's middle configuration */
 } ray;
-
-typedef struct {
-    double earliest, latest;
-} stop;
 
 static void slab(double at, double speed, double lo, double hi, double *enter, double *leave)
 {
@@ -110,36 +106,9 @@ static int beside_line(const edge_set *edges, int64_t state, const ray *path, do
     return count;
 }
 
-/* No stop comes before `earliest`; the ray cannot pass `latest`, where it is first inside of the outline and in no
-   capsule. `room`: for as many capsules as the state has edges. */
-static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsule *room, int64_t *near)
-{
-    stop found = {INFINITY, INFINITY};
-    const int some = beside_line(edges, state, path, INFINITY, near);
-    int count = 0;
-    for (int k = 0; k < some; k++) {
-        capsule one = capsule_of(edges, near[k], path);
-        if (one.enter == INFINITY)
-            continue;
-        if (one.leave >= 0 && one.enter <= one.leave)
-            found.earliest = smaller(found.earliest, larger(one.enter, 0.0));
-        room[count++] = one;
-    }
-    sort_by_enter(room, count);
-    double covered = -INFINITY;
-    int inside = 0;
-    for (int k = 0; k < count; k++) {
-        double following = k + 1 < count ? room[k + 1].enter : INFINITY;
-        covered = larger(covered, room[k].leave);
-        inside ^= room[k].crossing;
-        if (inside && following > covered && following > 0)
-            found.latest = smaller(found.latest, larger(covered, 0.0));
-    }
-    return found;
-}
-
-/* Whether the latest stop, as `stop_of` has it, is not before `travel`. A place where it is first inside of the outline
-   comes after it has crossed an edge and left that edge's capsule: mostly a look at the edges crossed is enough. */
+/* Whether the ray can pass `travel`: it cannot pass a place where it is inside of the outline and in no capsule. The
+   first such place comes after it has crossed an edge and left that edge's capsule: mostly a look at the edges crossed
+   is enough. `room`: for as many capsules as the state has edges. */
 static int may_travel(const edge_set *edges, int64_t state, const ray *path, double travel, capsule *room,
                       int64_t *near)
 {
@@ -293,45 +262,8 @@ static const double *polygon_of(const sweeping *job, Py_ssize_t cell)
     return job->polygon + 2 * job->vertices * cell;
 }
 
-/* sweep(outlines of m approaches, approaches (m × 6), states, lo, hi, polygons (k × v × 2), k, v, skipped (k × m) or
-   None): earliest and latest stops (k × m), infinite where skipped. */
-PyObject *sweep(PyObject *self, PyObject *arguments)
-{
-    buffers all = {.count = 0};
-    sweeping job;
-    PyObject *earliest = NULL, *latest = NULL;
-    (void)self;
-    if (take_sweeping(&all, &job, arguments)) {
-        Py_ssize_t bytes = job.cells * job.of.count * (Py_ssize_t)sizeof(double);
-        earliest = PyByteArray_FromStringAndSize(NULL, bytes);
-        latest = PyByteArray_FromStringAndSize(NULL, bytes);
-    }
-    if (!earliest || !latest) {
-        Py_XDECREF(earliest);
-        Py_XDECREF(latest);
-        end_sweeping(&all, &job);
-        return NULL;
-    }
-    double *first = (double *)PyByteArray_AS_STRING(earliest), *last = (double *)PyByteArray_AS_STRING(latest);
-    for (Py_ssize_t cell = 0; cell < job.cells; cell++) {
-        const body part = body_of(job.lo[cell], job.hi[cell], polygon_of(&job, cell), job.vertices);
-        const char *skipped = skipped_of(&job, cell);
-        for (Py_ssize_t path = 0; path < job.of.count; path++) {
-            stop found = {INFINITY, INFINITY};
-            if (!(skipped && skipped[path])) {
-                const edge_set *edges = job.of.sets[path];
-                ray way = ray_of(edges, job.state[cell], &part, &job.of.path[path]);
-                found = stop_of(edges, job.state[cell], &way, job.of.room, job.of.near);
-            }
-            *first++ = found.earliest;
-            *last++ = found.latest;
-        }
-    }
-    end_sweeping(&all, &job);
-    return Py_BuildValue("NN", earliest, latest);
-}
-
-/* free_paths(as sweep): which cells (k) no path rules out: its latest stop is not before the end of its travel. */
+/* free_paths(outlines of m paths, paths (m × 6), states, lo, hi, polygons (k × v × 2), k, v, skipped (k × m) or None):
+   which cells (k) no path rules out: its latest stop is not before the end of its travel. */
 PyObject *free_paths(PyObject *self, PyObject *arguments)
 {
     buffers all = {.count = 0};

@@ -4,10 +4,10 @@
 #include "verify.h"
 #include "calls.h"
 
-#define NEAR_MM 1.0 /* `nearest_place.NEAR_MM` */
+#define NEAR_MM 1.0 /* `proximity.NEAR_MM` */
 #define BESIDE 8
 #define WITHIN (1.0 - 1e-9)
-#define AT_ONCE 2000 /* `nearest_place._AT_ONCE`: after so many points it is seen how much was looked at */
+#define AT_ONCE 2000 /* `proximity._POINTS_AT_ONCE`: after so many points it is seen how much was looked at */
 
 int take_evidence(buffers *all, PyObject *tuple, evidence *taken)
 {

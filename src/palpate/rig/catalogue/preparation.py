@@ -79,7 +79,7 @@ def _prepare_states(single: Sequence[ObjectModel], keeper: "_Keeper") -> Prepare
         chunks = _chunks(chosen, [_vertices(single[number]) for number in chosen])
         return keeper.run(_states_of, [([single[number] for number in chunk],) for chunk in chunks])
 
-    return keeper.prepared(_Kind("states", PreparedStates.from_arrays, PreparedStates.joined, make))
+    return keeper.prepared(_Kind("states", PreparedStates.from_arrays, PreparedStates.join, make))
 
 
 def _prepare_for_finger(
@@ -96,7 +96,7 @@ def _prepare_for_finger(
 
     about = [*asdict(finger).values(), FACET_ERROR_MM, float(exact)]
     name = f"finger-{hashlib.sha256(repr(about).encode()).hexdigest()[:16]}"
-    return keeper.prepared(_Kind(name, FingerPreparation.from_arrays, FingerPreparation.joined, make))
+    return keeper.prepared(_Kind(name, FingerPreparation.from_arrays, FingerPreparation.join, make))
 
 
 def _states_of(objects: Sequence[ObjectModel]) -> PreparedStates:

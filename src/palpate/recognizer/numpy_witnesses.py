@@ -1,10 +1,9 @@
-"""Witness candidates: cells that the free paths leave, with configurations that are polished to fit.
+"""Witness candidates by whole arrays: cells that free paths leave, with configurations polished to fit.
 
 Cells come from intervals of orientations, or from cells that are cut finer. Candidates in them satisfy
 rectangles round edges; what counts is the distance from the true boundary. A few weighted Gauss-Newton steps
 on these distances lead to where all contacts are within their bounds, if that is near by. Each result is
-verified; it has to stay in a cell of its region. The compiled kernel cuts, tries and polishes likewise
-(`sift.c`, `polish.c`).
+verified; it has to stay in a cell of its region.
 """
 
 from dataclasses import dataclass
@@ -13,63 +12,71 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import cross
-from palpate.recognizer.compiled import KERNEL
-from palpate.recognizer.compiled_judgement import polish_poses, poses_may_fit
-from palpate.recognizer.compiled_search import SiftedArrays, sift_intervals, sift_parts
 from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.interpretations import Interpretations, Query
+from palpate.recognizer.numpy_cells import cut_cells, divide_cells, free_cells
 from palpate.recognizer.pose_region import (
+    LEVER_MM,
+    PARTS_PER_CELL,
     Cells,
     Intervals,
-    divide_longest,
+    WitnessedCells,
     intervals_to_probe,
-    probe_cells,
-    refine_intervals,
 )
-from palpate.recognizer.tables import Table, expand_ranges
-from palpate.recognizer.tree_branches import null_mask
-from palpate.recognizer.verification import Poses, Verification, may_fit, verify
+from palpate.recognizer.tables import expand_ranges
+from palpate.recognizer.verification import Nearness, Poses, Verification, may_fit, verify
 
-PARTS_PER_CELL = 4
-"""Into so many a cell is cut."""
-LEVER_MM = 40.0
-"""What a turn counts for against a shift, where sides of cells or configurations are compared."""
 _COINCIDING_MM = 1e-9  # vertices as near as that are one
 _CORNER_SHARE = 0.9  # of the way from the middle of the positions to their corners
 
 
 @dataclass(frozen=True, eq=False)
-class WitnessedCells(Table):
-    """k cells; where `holds` (k,), position `spot` s (k, 2) and the middle orientation are a candidate."""
+class ProbedCells:
+    """k cells, t of which were looked at in their middle.
+
+    `section` (t, v, 2) mm: the polygon of positions s that satisfy every contact at exactly the middle
+    orientation of the cells `tried` (t,).
+    """
 
     cells: Cells
-    spot: Floats
-    holds: Bools
+    tried: Ints
+    section: Floats
 
 
-def find_witnesses(
-    constraints: Constraints, intervals: Intervals, *, corners: bool = False
-) -> WitnessedCells:
+def probe_cells(query: Query, nodes: Interpretations, intervals: Intervals) -> ProbedCells:
+    """Cut the intervals, and at exactly their middle orientations as well.
+
+    Where there are many, only the middle one of each few of an interpretation is looked at in its middle.
+    """
+    count = len(intervals.node)
+    middle = (intervals.lo + intervals.hi) / 2
+    tried = intervals_to_probe(intervals)
+    found, alive = cut_cells(
+        query,
+        nodes,
+        Intervals.join([intervals, Intervals(intervals.node[tried], middle[tried], middle[tried])]),
+    )
+    whole = alive < count
+    place = np.full(count, -1)
+    place[alive[whole]] = np.arange(int(whole.sum()))
+    # A cell that is not empty in its middle is not empty.
+    return ProbedCells(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
+
+
+def sift_intervals(constraints: Constraints, intervals: Intervals, *, corners: bool) -> WitnessedCells:
     """Cells of the intervals that the free paths leave, some of them with a candidate for a witness.
 
     What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
     `corners`, places towards their corners as well.
     """
-    if KERNEL is not None:
-        tried = intervals_to_probe(intervals)
-        asked = None if len(tried) == len(intervals) else np.bincount(tried, minlength=len(intervals)) > 0
-        rows = (intervals.node, intervals.lo, intervals.hi)
-        pairings, paths = constraints.compiled_pairings, constraints.compiled_paths
-        sifted = sift_intervals(KERNEL, pairings, paths, rows, asked, corners=corners)
-        return _from_arrays(constraints, intervals.node[sifted.row], sifted)
-    found = probe_cells(
-        constraints.catalogue, constraints.nodes, constraints.touched, constraints.anchor_mm, intervals
-    )
+    found = probe_cells(constraints.paired, constraints.nodes, intervals)
     return _try_places(constraints, found.cells, found.tried, found.section, corners=corners)
 
 
-def _from_arrays(constraints: Constraints, node: Ints, sifted: SiftedArrays) -> WitnessedCells:
-    cells = Cells(node, constraints.nodes.state[node], sifted.lo, sifted.hi, sifted.polygon)
-    return WitnessedCells(cells, sifted.spot, sifted.holds)
+def sift_parts(constraints: Constraints, cells: Cells) -> WitnessedCells:
+    """Cells in parts along whichever of their sides is longest: those that the free paths leave."""
+    parts, _ = divide_cells(cells, LEVER_MM, PARTS_PER_CELL)
+    return _try_places(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
 
 
 def _try_places(
@@ -81,7 +88,8 @@ def _try_places(
         np.concatenate([middle, middle + _CORNER_SHARE * (section - middle)], axis=1) if corners else middle
     )
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
-    free = constraints.allow(Cells.joined([cells, spots]))
+    both = Cells.join([cells, spots])
+    free = free_cells(constraints.evidence, both, constraints.skipped(both.node))
     count = len(cells)
     open_to = free[count:].reshape(places.shape[:2])
     holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
@@ -114,31 +122,9 @@ def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:
     return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
 
 
-def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
-    """Cells in parts: at first by orientation and cut anew, then by whichever of their sides is longest."""
-    if at_first:
-        finer, _ = refine_intervals(
-            constraints.catalogue,
-            constraints.nodes,
-            cells,
-            constraints.touched,
-            constraints.anchor_mm,
-            PARTS_PER_CELL,
-        )
-        return find_witnesses(constraints, finer, corners=True)
-    if KERNEL is not None:
-        rows = (cells.node, cells.state, cells.lo, cells.hi, cells.polygon)
-        nodes = len(constraints.nodes)
-        sifted = sift_parts(KERNEL, rows, LEVER_MM, PARTS_PER_CELL, constraints.compiled_paths, nodes)
-        return _from_arrays(constraints, cells.node[sifted.row], sifted)
-    parts, _ = divide_longest(cells, LEVER_MM, PARTS_PER_CELL)
-    return _try_places(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
-
-
 _MAX_STEPS = 6
 _RELAXATION = 0.6  # weights change with every step: whole ones would swing to and fro
 _MAX_EXCESS_SHARE = 0.9  # of the excess over a bound at least so much has to be left less by every step
-_LEVER_MM = 40.0  # what a turn counts for against a shift
 _MAX_STEP_MM = 1.0
 _DAMPING = 1e-4
 _INNER_SHARE = 0.9  # of a cell's orientations: at its very ends normals have left their ranges by rounding
@@ -176,28 +162,20 @@ def polish(
 
     Orientations stay in the cell: beyond it normals would leave their ranges.
     """
-    node, null = cells.node[cell], constraints.nodes.edges < 0
-    skipped = null_mask(constraints.nodes, node, constraints.evidence)
-    if KERNEL is not None:
-        rows = (poses.state, poses.theta, poses.position)
-        theta, position, holds = polish_poses(
-            KERNEL, constraints.compiled_evidence, cells, first, null, region, cell, rows, skipped
-        )
-        return Poses(poses.state, theta, position), holds
-    regions, inner = _Regions(cells, first, null), _INNER_SHARE * cells.half_width[cell]
+    node = cells.node[cell]
+    skipped = constraints.skipped(node)
+    contacts = constraints.evidence.contacts
+    regions, inner = (
+        _Regions(cells, first, constraints.nodes.edges < 0),
+        _INNER_SHARE * cells.half_width[cell],
+    )
     lo, hi = cells.middle[cell] - inner, cells.middle[cell] + inner
     theta, position, holds = poses.theta.copy(), poses.position.copy(), np.zeros(len(poses), dtype=bool)
-    bound = np.array([contact.position_bound_mm for contact in constraints.evidence])
+    bound = np.array([contact.position_bound_mm for contact in contacts])
     left, worst = np.arange(len(poses)), np.full(len(poses), np.inf)
     for step in range(_MAX_STEPS + 1):
         some = Poses(poses.state[left], theta[left], position[left])
-        found = verify(
-            constraints.catalogue,
-            some,
-            constraints.evidence,
-            constraints.anchor_mm,
-            None if skipped is None else skipped[left],
-        )
+        found = verify(constraints.evidence, some, None if skipped is None else skipped[left])
         good = found.holds
         if step > 0:
             good &= regions.hold(region[left], node[left], some)
@@ -223,7 +201,7 @@ def _step(
     Least squares, with the more weight the further a contact is beyond its bound; damped where the contacts
     leave a direction free.
     """
-    contacts = constraints.evidence
+    contacts = constraints.evidence.contacts
     known = np.isfinite(found.gap)
     away = np.where(known, found.gap, 0.0)
     towards = np.where(
@@ -238,13 +216,13 @@ def _step(
     )
     foot = np.where(found.limited, radius, 0.0)[..., None] * found.normal
     lever = seen - foot + poses.position[:, None]
-    turning = (towards[..., 0] * lever[..., 1] - towards[..., 1] * lever[..., 0]) / _LEVER_MM
+    turning = (towards[..., 0] * lever[..., 1] - towards[..., 1] * lever[..., 0]) / LEVER_MM
     rows = np.concatenate([-towards, turning[..., None]], axis=2) * weight[..., None]
     step = _least_squares(rows, away * weight)
-    turn = np.clip(poses.theta + step[:, 2] / _LEVER_MM, lo, hi) - poses.theta
-    stopped = np.flatnonzero(np.abs(turn * _LEVER_MM - step[:, 2]) > 1e-12)
+    turn = np.clip(poses.theta + step[:, 2] / LEVER_MM, lo, hi) - poses.theta
+    stopped = np.flatnonzero(np.abs(turn * LEVER_MM - step[:, 2]) > 1e-12)
     fixed = rows[stopped]
-    rest = (away * weight)[stopped] - fixed[..., 2] * (turn[stopped] * _LEVER_MM)[:, None]
+    rest = (away * weight)[stopped] - fixed[..., 2] * (turn[stopped] * LEVER_MM)[:, None]
     step[stopped, :2] = _least_squares(fixed[..., :2], rest)
     size = np.hypot(step[:, 0], step[:, 1])
     shift = step[:, :2] * np.minimum(1.0, _MAX_STEP_MM / np.maximum(size, 1e-300))[:, None]
@@ -262,25 +240,10 @@ def _least_squares(rows: Floats, right: Floats) -> Floats:
 
 def can_be_verified(constraints: Constraints, cells: Cells) -> Bools:
     """Cells (k,) that may hold a configuration which satisfies all contacts; in the others none does."""
-    poses = Poses(cells.state, cells.middle, cells.centre)
-    skipped = null_mask(constraints.nodes, cells.node, constraints.evidence)
-    if KERNEL is not None:
-        return poses_may_fit(
-            KERNEL,
-            constraints.compiled_evidence,
-            *(poses.state, poses.theta, poses.position),
-            cells.half_width,
-            cells.radius,
-            skipped,
-            constraints.budget.pieces,
-        )
     return may_fit(
-        constraints.catalogue,
-        poses,
         constraints.evidence,
-        constraints.anchor_mm,
-        cells.half_width,
-        cells.radius,
-        skipped,
+        Poses(cells.state, cells.middle, cells.centre),
+        Nearness(cells.half_width, cells.radius),
+        constraints.skipped(cells.node),
         constraints.budget.pieces,
     )

@@ -1,0 +1,227 @@
+"""Cells by whole arrays: cut from intervals of orientations, cut finer, and swept by free paths."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.recognizer.approach import Approach, Rays, capsules_of, rays_of, split_rays
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import free_paths_of
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.interpretations import Interpretations, Query
+from palpate.recognizer.model_test import all_half_planes, narrow, sinusoid_maximum
+from palpate.recognizer.pose_region import MAX_TRIPLED_CONTACTS, Cells, Intervals, pad_polygons
+from palpate.recognizer.strip_trees import StripForest
+from palpate.recognizer.tables import expand_ranges
+
+_FURTHEST_SHARE = 1 - 1e-9  # of the furthest vertex: of those that are, but for rounding, the first is taken
+
+
+def cut_cells(query: Query, nodes: Interpretations, intervals: Intervals) -> tuple[Cells, Ints]:
+    """Cells of the intervals: the first contact's rectangle, clipped by all other contacts.
+
+    Empty ones are left out; returned with the cells is which interval each belongs to.
+    """
+    node, lo, hi = intervals.node, intervals.lo, intervals.hi
+    g, coefficients = all_half_planes(query, nodes.edges[node])
+    limit = coefficients[..., 0] + sinusoid_maximum(
+        coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]
+    )
+    polygon = _rectangle(g, limit)
+    # Most half-planes cut nothing, and some leave nothing: a look at the corners settles these at once.
+    height = np.einsum("kvj,kmj->kvm", polygon, g[:, 4:]) - limit[:, None, 4:]
+    alive = np.flatnonzero(~np.any(np.all(height > 0, axis=1), axis=1))
+    cutting = np.flatnonzero(np.any(height[alive] > 0, axis=(0, 1))) + 4
+    polygon, g, limit = polygon[alive], g[alive], limit[alive]
+    for side in cutting:
+        polygon, kept = _clip(polygon, g[:, side], limit[:, side])
+        if not kept.all():
+            alive, g, limit = alive[kept], g[kept], limit[kept]
+    node = node[alive]
+    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
+
+
+def _rectangle(g: Floats, limit: Floats) -> Floats:
+    """Corners (k, 4, 2) of the rectangle that the first contact's four half-planes enclose."""
+    inner, along = g[:, 1], g[:, 3]
+    across = (-limit[:, 0], limit[:, 1])
+    length = (-limit[:, 2], limit[:, 3])
+    corners = [
+        across[a][:, None] * inner + length[b][:, None] * along for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))
+    ]
+    return np.stack(corners, axis=1)
+
+
+def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
+    """Clip convex polygons (k, v, 2) by g·s ≤ limit, one half-plane each; returns those left, and a mask.
+
+    The polygons given are overwritten.
+    """
+    height = np.einsum("kvj,kj->kv", polygon, g) - limit[:, None]
+    cut = np.flatnonzero(np.any(height > 0, axis=1))
+    kept = np.ones(len(polygon), dtype=bool)
+    if not len(cut):
+        return polygon, kept
+    clipped, left = _clip_crossed(polygon[cut], height[cut])
+    vertices = max(clipped.shape[1], polygon.shape[1])
+    polygon, clipped = pad_polygons(polygon, vertices), pad_polygons(clipped, vertices)
+    rows = cut[left]
+    polygon[rows] = clipped
+    if len(rows) == len(cut):
+        return polygon, kept
+    kept[cut[~left]] = False
+    return polygon[kept], kept
+
+
+def _clip_crossed(polygon: Floats, height: Floats) -> tuple[Floats, Bools]:
+    """Parts of convex polygons (k, v, 2) where the height (k, v), linear in between, is not positive.
+
+    Returns those that have one and a mask of which these are.
+    """
+    count, vertices = height.shape
+    after = np.arange(1, vertices + 1) % vertices
+    inside, following = height <= 0, height[:, after]
+    crossing = inside != (following <= 0)
+    fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
+    emit = np.empty((count, vertices, 2), dtype=bool)
+    emit[..., 0], emit[..., 1] = inside, crossing
+    point = np.empty((count, vertices, 2, 2))
+    point[:, :, 0] = polygon
+    point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
+    emitted, points = emit.reshape(count, -1), point.reshape(count, -1, 2)
+    left: Bools = np.any(emitted, axis=1)
+    if not left.all():
+        emitted, points = emitted[left], points[left]
+    slot = np.cumsum(emitted, axis=1) - 1
+    rows, columns = np.nonzero(emitted)
+    leading = points[np.arange(len(points)), np.argmax(emitted, axis=1)]
+    clipped = np.repeat(leading[:, None], int(slot.max(initial=0)) + 1, axis=1)
+    clipped[rows, slot[rows, columns]] = points[rows, columns]
+    return clipped, left
+
+
+def refine_intervals(
+    query: Query, nodes: Interpretations, cells: Cells, parts: Ints
+) -> tuple[Intervals, Ints]:
+    """The intervals of cells (k,), each in `parts` (k,), narrowed to what the closed-form test leaves.
+
+    To be cut anew, never larger together, often smaller. Contacts are taken in twos, and in threes as long as
+    they are few: their triples are many, and narrow cells say nearly as much. Also returned: which cell each
+    is of, (m,).
+    """
+    owner, part = expand_ranges(np.zeros(len(cells), np.int64), parts)
+    width = (cells.hi - cells.lo)[owner] / parts[owner]
+    lo = cells.lo[owner] + part * width
+    hi = np.where(part == parts[owner] - 1, cells.hi[owner], lo + width)
+    node, contacts = cells.node[owner], range(len(query.contacts))
+    sizes = (2, 3) if len(contacts) <= MAX_TRIPLED_CONTACTS else (2,)
+    for group in (group for size in sizes for group in combinations(contacts, size)):
+        lo, hi = narrow(query.select(group), nodes.edges[node][:, group], lo, hi)
+        left = lo <= hi
+        owner, node, lo, hi = owner[left], node[left], lo[left], hi[left]
+    return Intervals(node, lo, hi), owner
+
+
+def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints]:
+    """Each cell in `parts` along whichever is longest: its orientations, times the lever, or its polygon.
+
+    Also returned: which cell each is of, (m,).
+    """
+    leg = cells.polygon - cells.centre[:, None]
+    away = np.hypot(leg[..., 0], leg[..., 1])
+    size = away.max(axis=1)
+    end = leg[np.arange(len(cells)), np.argmax(away >= _FURTHEST_SHARE * size[:, None], axis=1)]
+    turned = size <= cells.half_width * lever_mm
+    owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
+    fine = cells.select(owner)
+    width = (fine.hi - fine.lo) / parts
+    lo = np.where(turned[owner], fine.lo + part * width, fine.lo)
+    hi = np.where(turned[owner] & (part < parts - 1), lo + width, fine.hi)
+    fine = replace(fine, lo=lo, hi=hi)
+    along = end / np.maximum(size, 1e-300)[:, None]
+    height = np.einsum("kvj,kj->kv", cells.polygon, along)
+    least, step = height.min(axis=1), np.ptp(height, axis=1) / parts
+    polygon, row = fine.polygon, np.arange(len(fine))
+    for sign, edge, outermost in ((1.0, part + 1, parts), (-1.0, part, 0)):
+        # The outermost parts have no limit, and what is divided by orientation has none at all.
+        cut = sign * (least[owner] + edge * step[owner])
+        cut = np.where(turned[owner] | (edge == outermost), np.inf, cut)
+        polygon, kept = _clip(polygon, sign * along[owner[row]], cut[row])
+        row = row[kept]
+    return replace(fine.select(row), polygon=polygon), owner[row]
+
+
+@dataclass(frozen=True, eq=False)
+class StopIntervals:
+    """For k cells and m approaches: the finger stops after a travel within [`earliest`, `latest`] (k, m) mm.
+
+    `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
+    """
+
+    earliest: Floats
+    latest: Floats
+
+
+def sweep(
+    catalogue: Catalogue,
+    cells: Cells,
+    anchor_mm: Floats,
+    approaches: Sequence[Approach],
+    skipped: Bools | None = None,
+) -> StopIntervals:
+    """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches.
+
+    Those `skipped` (k, m) are not looked at and come back as infinite.
+    """
+    shape = (len(cells), len(approaches))
+    earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
+    for finger in dict.fromkeys(approach.finger for approach in approaches):
+        edges = catalogue.outlines(finger)
+        columns = [k for k, approach in enumerate(approaches) if approach.finger == finger]
+        rays = rays_of(edges, cells, anchor_mm, [approaches[k] for k in columns])
+        row, column = np.divmod(np.arange(len(rays.state)), len(columns))
+        column = np.array(columns)[column]
+        if skipped is not None:
+            wanted = np.flatnonzero(~skipped[row, column])
+            rays, row, column = rays.select(wanted), row[wanted], column[wanted]
+        if len(row):
+            earliest[row, column], latest[row, column] = _stops(edges, catalogue.outline_strips(finger), rays)
+    return StopIntervals(earliest, latest)
+
+
+def free_cells(evidence: Query, cells: Cells, skipped: Bools | None) -> Bools:
+    """Cells (k,) that the free paths of m contacts, and of misses, do not rule out altogether.
+
+    A cell goes only if every configuration in it would have stopped a finger before the end of its path.
+    `skipped` (k, m): paths that are no evidence for a cell, or that are known to leave it.
+    """
+    paths = free_paths_of(evidence.contacts)
+    travel = np.array([path.travel_mm for path in paths])
+    stops = sweep(evidence.catalogue, cells, evidence.anchor_mm, paths, skipped)
+    result: Bools = np.all(stops.latest >= travel, axis=1)
+    return result
+
+
+def _stops(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Floats, Floats]:
+    """Earliest and latest stop (r,) of rays on the edges of their states."""
+    parts = [capsules_of(edges, strips, some) for some in split_rays(edges, strips, rays)]
+    if len(parts) == 1:
+        return parts[0].earliest, parts[0].latest
+    return np.concatenate([part.earliest for part in parts]), np.concatenate([part.latest for part in parts])
+
+
+def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:
+    """Smallest boxes (k, 2) in W that contain every position of `origin_mm` (k, 2), rounded outward.
+
+    The origin is a point of the object, seen from its centroid, that stands for its position.
+    """
+    rel = cells.polygon - origin_mm[:, None]
+    x, y = rel[..., 0], rel[..., 1]
+    lo, hi = cells.lo[:, None], cells.hi[:, None]
+    # x of R(θ) s is x cos θ − y sin θ, and y is y cos θ + x sin θ.
+    across, upward = np.stack([x, y, -x, -y]), np.stack([-y, x, y, -x])
+    furthest = sinusoid_maximum(across, upward, lo, hi).max(axis=2, initial=-np.inf).T
+    return anchor_mm - furthest[:, 2:] - 1e-9, anchor_mm + furthest[:, :2] + 1e-9
