@@ -33,7 +33,7 @@ def test_parts_joined_chosen_and_taken_from_arrays_are_the_whole(seed: int, exac
     for chunk in chunks:
         models = [_only(*single[number]) for number in chunk]
         parts.append(PreparedStates.of(models, prepare_states(models)))
-    states = PreparedStates.joined(parts).select(back)
+    states = PreparedStates.join(parts).select(back)
     states = PreparedStates.from_arrays(NamedArrays(states.arrays()), len(order))
     taken = Catalogue(objects, states=states.states(objects))
     for finger in FINGERS:
@@ -41,7 +41,7 @@ def test_parts_joined_chosen_and_taken_from_arrays_are_the_whole(seed: int, exac
             prepare_finger([taken.states[number] for number in chunk], finger, FACET_ERROR_MM, exact)
             for chunk in chunks
         ]
-        whole = FingerPreparation.joined(made).select(back)
+        whole = FingerPreparation.join(made).select(back)
         taken.take(finger, FingerPreparation.from_arrays(NamedArrays(whole.arrays()), len(order)))
     expected, found = bits_of(fresh), bits_of(taken)
     assert [name for name in expected if expected[name] != found[name]] == []

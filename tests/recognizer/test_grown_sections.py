@@ -16,7 +16,7 @@ from palpate.config import load_objects
 from palpate.recognizer import Catalogue, Finger
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.outline_deviations import in_centred_frame, places_on_outlines
-from palpate.recognizer.proximity import ALLOWANCE_MM, nearest_places
+from palpate.recognizer.proximity import ALLOWANCE_MM, TipCentres, nearest_places
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad
 from palpate.recognizer.tolerance_band import PairingEdges, ToleranceBand, pairing_edges
 from palpate.recognizer.true_boundary import TrueBoundary
@@ -225,7 +225,7 @@ def unknown(boundary: TrueBoundary, row: int, centre: np.ndarray, normal: np.nda
     Cells that cannot be verified are dropped, so that it may leave out none.
     """
     state, nothing = np.full(len(centre), row), np.zeros(len(centre))
-    found = nearest_places(boundary, state, centre, normal, nothing, nothing)
+    found = nearest_places(boundary, TipCentres(state, centre, normal, nothing, nothing))
     return int(np.count_nonzero(found.distance > ALLOWANCE_MM))
 
 

@@ -176,6 +176,20 @@ _POINTS_AT_ONCE = 2_000  # points: each may have hundreds of pieces
 
 
 @dataclass(frozen=True, eq=False)
+class TipCentres(Table):
+    """q stated centres of tips, `point` (q, 2) in frames of objects in `state` (q,), within `bound` (q,) mm.
+
+    Surface normals are in [`lo_rad`, `lo_rad` + `width_rad`] (q,); a negative width allows none.
+    """
+
+    state: Ints
+    point: Floats
+    lo_rad: Floats
+    width_rad: Floats
+    bound: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Places(Table):
     """q places: `distance` (q,) mm from the stated centre, `offset` (q, 2) from there, `normal` (q, 2).
 
@@ -205,87 +219,53 @@ class Places(Table):
 
 def nearest_places(
     boundary: TrueBoundary,
-    state: Ints,
-    point: Floats,
-    lo_rad: Floats,
-    width_rad: Floats,
-    bound: Floats,
+    centres: TipCentres,
     beyond_mm: float = NEAR_MM,
     *,
     judged: bool = True,
     most: int | None = None,
 ) -> Places:
-    """The place next to each point (q, 2) with a normal in [lo, lo + width] (q,); object's frame.
+    """The place next to each centre with a normal that is allowed there; object's frame.
 
-    A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
-    Unless places are `judged`, what may cover them is not looked at: `fits` says that some are within bounds.
-    Once `most` pairs of a point and a piece with a place so near were found, points of the smallest bounds
-    first, nothing is known of the others: their distance is 0.
+    Looked for are places up to `beyond_mm` beyond the bound. Unless places are `judged`, what may cover them
+    is not looked at: `fits` says that some are within bounds. Once `most` pairs of a centre and a piece with
+    a place so near were found, centres of the smallest bounds first, nothing is known of the others: their
+    distance is 0.
     """
-    result = Places.nowhere(len(state))
-    order = np.arange(len(state)) if most is None else np.argsort(bound, kind="stable")
+    result = Places.nowhere(len(centres))
+    order = np.arange(len(centres)) if most is None else np.argsort(centres.bound, kind="stable")
     near = 0
-    for rows in np.array_split(order, len(state) // _POINTS_AT_ONCE + 1):
+    for rows in np.array_split(order, len(centres) // _POINTS_AT_ONCE + 1):
         if most is not None and near > most:
             result.distance[rows] = 0.0
             continue
-        owner, piece = _near_pieces(boundary, state[rows], point[rows], bound[rows], beyond_mm)
-        found, pairs = _nearest_of_pairs(
-            boundary,
-            state[rows],
-            point[rows],
-            lo_rad[rows],
-            width_rad[rows],
-            bound[rows],
-            beyond_mm,
-            owner,
-            piece,
-            judged=judged,
-        )
+        found, pairs = _nearest_places(boundary, centres.select(rows), beyond_mm, judged=judged)
         near += pairs
         result.place(rows, found)
     return result
 
 
-def _nearest_of_pairs(
-    boundary: TrueBoundary,
-    state: Ints,
-    point: Floats,
-    lo: Floats,
-    width: Floats,
-    bound: Floats,
-    beyond_mm: float,
-    owner: Ints,
-    piece: Ints,
-    *,
-    judged: bool,
+def _nearest_places(
+    boundary: TrueBoundary, centres: TipCentres, beyond_mm: float, *, judged: bool
 ) -> tuple[Places, int]:
-    """The same for points with the pieces that may be near: pairs of `owner` and `piece` (m,).
-
-    Also: how many pairs are near.
-    """
+    """The same for centres that are few enough; and how many pairs of a centre and a piece are near."""
+    owner, piece = _near_pieces(boundary, centres, beyond_mm)
     pieces = boundary.pieces.select(piece)
+    lo, width = centres.lo_rad, centres.width_rad
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)
-    offset, normal = _offsets(pieces, begin, turn, point[owner])
+    offset, normal = _offsets(pieces, begin, turn, centres.point[owner])
     away = np.hypot(*offset.T)
     gap = np.maximum(away - pieces.off, 0.0)
-    near = np.flatnonzero(gap <= bound[owner] + beyond_mm)
+    near = np.flatnonzero(gap <= centres.bound[owner] + beyond_mm)
     owner, pieces, offset, normal = owner[near], pieces.select(near), offset[near], normal[near]
     away, gap = away[near], gap[near]
-    fits = gap <= bound[owner] + ALLOWANCE_MM
-    loose = np.flatnonzero(fits & (pieces.off > 0) & (boundary.clearance_mm[state[owner]] > 0))
+    fits = gap <= centres.bound[owner] + ALLOWANCE_MM
+    loose = np.flatnonzero(fits & (pieces.off > 0) & (boundary.clearance_mm[centres.state[owner]] > 0))
     if judged and len(loose):
-        fits[loose] = _is_uncovered(
-            boundary,
-            state[owner[loose]],
-            point[owner[loose]],
-            offset[loose],
-            normal[loose],
-            pieces.off[loose],
-            bound[owner[loose]],
-        )
-    found = Places.nowhere(len(state))
+        some, off = centres.select(owner[loose]), pieces.off[loose]
+        fits[loose] = _is_uncovered(boundary, some, offset[loose], normal[loose], off)
+    found = Places.nowhere(len(centres))
     found.fits[owner[fits]] = True
     # Where two pieces share a place, rounding must not choose.
     order = np.lexsort((np.rint(gap / _EQUAL_MM), owner))
@@ -300,17 +280,15 @@ def _nearest_of_pairs(
     return found, len(near)
 
 
-def _near_pieces(
-    boundary: TrueBoundary, state: Ints, point: Floats, bound: Floats, beyond_mm: float
-) -> tuple[Ints, Ints]:
-    """Pairs of a point and a piece that has places within its bound, or not far beyond."""
+def _near_pieces(boundary: TrueBoundary, centres: TipCentres, beyond_mm: float) -> tuple[Ints, Ints]:
+    """Pairs of a centre and a piece that has places within its bound, or not far beyond."""
     pieces = boundary.pieces
-    owner, piece = boundary.pieces_near(state, point, bound + beyond_mm)
-    x, y = (point[owner] - pieces.start[piece]).T
+    owner, piece = boundary.pieces_near(centres.state, centres.point, centres.bound + beyond_mm)
+    x, y = (centres.point[owner] - pieces.start[piece]).T
     u, v = pieces.along[piece].T
     along = np.clip(x * u + y * v, 0.0, pieces.length[piece])
     away = np.hypot(x - along * u, y - along * v)
-    reach = bound[owner] + pieces.off[piece] + beyond_mm
+    reach = centres.bound[owner] + pieces.off[piece] + beyond_mm
     radius = pieces.radius[piece]
     near = (away <= radius + reach) & ((away >= radius - reach) | (pieces.off[piece] > 0))
     return owner[near], piece[near]
@@ -372,34 +350,28 @@ def _offsets(pieces: Pieces, begin: Floats, turn: Floats, point: Floats) -> tupl
 
 
 def _is_uncovered(
-    boundary: TrueBoundary,
-    state: Ints,
-    point: Floats,
-    offset: Floats,
-    normal: Floats,
-    off: Floats,
-    bound: Floats,
+    boundary: TrueBoundary, centres: TipCentres, offset: Floats, normal: Floats, off: Floats
 ) -> Bools:
     """Whether a tip's centre within `bound` of its point, and `off` of the place, is clear of the section.
 
     Tried are the nearest to either, and those that are furthest out.
     """
-    place = point + offset
-    bound, off = (bound + ALLOWANCE_MM)[:, None], off[:, None]
+    point, place = centres.point, centres.point + offset
+    bound, off = (centres.bound + ALLOWANCE_MM)[:, None], off[:, None]
     tried = [
         _towards(point, place, bound),
         _towards(place, point, off),
         _towards(point, place + off * normal, bound),
         _towards(place, point + bound * normal, off),
     ]
-    found = np.zeros(len(state), dtype=bool)
+    found = np.zeros(len(centres), dtype=bool)
     for centre in tried:
         near = (np.hypot(*(centre - point).T) <= bound[:, 0] + 1e-9) & (
             np.hypot(*(centre - place).T) <= off[:, 0] + 1e-9
         )
         rows = np.flatnonzero(near & ~found)
-        free = clearances(boundary, state[rows], centre[rows])
-        found[rows] = free >= boundary.clearance_mm[state[rows]] - ALLOWANCE_MM
+        state = centres.state[rows]
+        found[rows] = clearances(boundary, state, centre[rows]) >= boundary.clearance_mm[state] - ALLOWANCE_MM
     return found
 
 

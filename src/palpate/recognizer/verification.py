@@ -17,7 +17,14 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.interpretations import Query
-from palpate.recognizer.proximity import ALLOWANCE_MM, NEAR_MM, Places, lines_are_free, nearest_places
+from palpate.recognizer.proximity import (
+    ALLOWANCE_MM,
+    NEAR_MM,
+    Places,
+    TipCentres,
+    lines_are_free,
+    nearest_places,
+)
 from palpate.recognizer.tables import Table
 from palpate.recognizer.true_boundary import TrueBoundary
 
@@ -137,13 +144,10 @@ def _places(
     for finger in dict.fromkeys(contact.finger for contact in contacts if contact.touched):
         of = np.array([contact.finger == finger for contact in contacts])
         row, column = np.nonzero(asked & (of & touched))
+        at = row, column
         some = nearest_places(
             evidence.catalogue.boundary(finger),
-            poses.state[row],
-            point[row, column],
-            lo[row, column],
-            width[row, column],
-            bound[row, column],
+            TipCentres(poses.state[row], point[at], lo[at], width[at], bound[at]),
             NEAR_MM if margins is None else 10 * ALLOWANCE_MM,
             judged=margins is None,
             most=most,
