@@ -23,7 +23,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.drivers.dynamixel import bus, control_table, servo, servo_state
-from palpate.drivers.transport import recorder
+from palpate.drivers.transport import recording
 from palpate.rig.motion import array_guard, device_loss, finger_movers, hand
 from palpate.rig.session import log
 from support.benches.fault_matrix import Cell, Outcome, cells, problems, run_cell, write_page
@@ -105,7 +105,7 @@ def without_output_check() -> None:
 
 def without_shield() -> None:
     """What a recording raises goes through, and the log is written by the thread that drives devices."""
-    replace_guard(recorder.Recorder, "note", lambda self, what: self._sink.note(what))
+    replace_guard(recording.Recorder, "note", lambda self, what: self._sink.note(what))
     replace_guard(log.SessionLog, "_put", lambda self, line: self._write([(line, "")]))
 
 

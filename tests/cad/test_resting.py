@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
-from palpate.cad.hull import centre_of_mass, hull_of
 from palpate.cad.parts import Solid
 from palpate.cad.stable_states import (
     LEAST_TIPPING_RAD,
+    centre_of_mass,
+    hull_of,
     solid_angles,
     stable_states,
     state_as_drawn,

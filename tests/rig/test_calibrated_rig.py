@@ -29,7 +29,7 @@ from palpate.config import (
     shipped_rig,
 )
 from palpate.config.diagnosis_results import Cause
-from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
+from palpate.config.recognition_results import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach

@@ -15,10 +15,9 @@ from palpate.drivers.emulators.usb_adapter import (
 )
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.ports import PortMissing, open_port
+from palpate.drivers.transport.ports import FollowedPorts, PortMissing, open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.replay import PlaybackPort, RecordedBytes
-from palpate.drivers.transport.replugging import FollowedPorts
 from palpate.drivers.transport.wire import Emission
 
 # ----------------------------------------------------------------------------------------------------

@@ -13,13 +13,14 @@ from serial.serialutil import SerialBase
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
-from palpate.drivers.transport.recorder import Recorder, RecordItem
 from palpate.drivers.transport.recording import (
     CALLS,
     ErrorRaised,
     Instants,
     RecordedEvent,
     RecordEntry,
+    Recorder,
+    RecordItem,
     SessionEvent,
     parse_calls,
 )

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
-from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
+from palpate.config.recognition_results import AlternativeOut, IdentificationOut, Relation
 from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines

@@ -17,7 +17,6 @@ import shapely
 
 from palpate.base.geometry import Floats, Ints
 from palpate.base.geometry.outlines import oriented_rings_of
-from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import RotationalSymmetry, Solid, StableState
 from palpate.cad.resting_surface import resting_surface_of, slice_surface
 from palpate.cad.solid_symmetries import (
@@ -27,7 +26,7 @@ from palpate.cad.solid_symmetries import (
     prove_symmetry,
     vertex_permutations,
 )
-from palpate.cad.stable_states import volume_mm3
+from palpate.cad.stable_states import centre_of_mass, volume_mm3
 from palpate.cad.surface_congruence import SurfaceDistance, surface_distance_bound_mm
 
 _FEWEST_SIDES = 24

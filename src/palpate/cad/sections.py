@@ -19,7 +19,6 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints, Polygon
 from palpate.base.geometry.outlines import EdgeRings
 from palpate.base.geometry.plane import segment_distance
-from palpate.cad.outline_simplification import simplify_ring
 from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     ROUNDING_SHARE,
@@ -35,6 +34,7 @@ from palpate.cad.section_bounds import (
     distance_bound,
     facet_pieces,
     material_bound_mm,
+    simplify_ring,
 )
 
 _SIMPLIFY_SHARE = 0.18

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Floats, Ints
-from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import RotationalSymmetry, Solid, StableState
+from palpate.cad.stable_states import centre_of_mass
 from palpate.cad.surface_congruence import SurfaceDistance, congruence_bound_mm, solid_congruence_bound_mm
 
 _SAME_RADIUS_SHARE = 1e-5

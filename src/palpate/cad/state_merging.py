@@ -17,12 +17,11 @@ import shapely
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import signed_area
-from palpate.cad.hull import centre_of_mass
 from palpate.cad.parts import Solid, StableState
 from palpate.cad.planar_congruence import PlanarMotion, find_motions
 from palpate.cad.resting_surface import ROUNDING_SHARE
 from palpate.cad.solid_symmetries import KnownSymmetries, orbits_of
-from palpate.cad.stable_states import LeftOut, settle_leaning, upright_state
+from palpate.cad.stable_states import LeftOut, centre_of_mass, settle_leaning, upright_state
 from palpate.cad.surface_congruence import SurfaceDistance, congruence_bound_mm
 
 SlicesOf = Callable[[StableState, Floats], Sequence[Any]]

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from palpate.base.errors import PalpateError, quantity
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict
 from palpate.config import ObjectsFile
-from palpate.config.identification_result import AlternativeOut, IdentificationOut
-from palpate.config.recognition_results import GripOut
+from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut
 from palpate.config.result_model import BoundsOut, ConfigurationOut, to_json
 from palpate.jobs.files import check_arguments
 from palpate.recognizer import (

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict
-from palpate.config.identification_result import AlternativeOut, CalibrationUsedOut, IdentificationOut
+from palpate.config.recognition_results import AlternativeOut, CalibrationUsedOut, IdentificationOut
 from palpate.config.result_model import UnfinishedOut
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it

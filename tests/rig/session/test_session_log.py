@@ -22,8 +22,15 @@ from serial import SerialException
 from palpate.base.errors import InputError, OutputError
 from palpate.base.file_io import LOG_BYTES, LOG_LINE_BYTES
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.recorder import Recorder, RecordItem
-from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, PortOpened, SessionEvent
+from palpate.drivers.transport.recording import (
+    Direction,
+    ErrorRaised,
+    PortBytes,
+    PortOpened,
+    Recorder,
+    RecordItem,
+    SessionEvent,
+)
 from palpate.rig.bench import connect
 from palpate.rig.session.log import KINDS, SessionLog, error_of, values_of
 from palpate.rig.session.log_reader import read_session

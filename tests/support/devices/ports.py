@@ -13,8 +13,14 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recorder import Recorder, RecordingPort, RecordItem
-from palpate.drivers.transport.recording import Direction, PortBytes, PortOpened
+from palpate.drivers.transport.recording import (
+    Direction,
+    PortBytes,
+    PortOpened,
+    Recorder,
+    RecordingPort,
+    RecordItem,
+)
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

@@ -1,7 +1,19 @@
 """Dynamixel servos over Protocol 2.0: the host side, and the packet codec that the emulators share."""
 
 from palpate.drivers.dynamixel.bus import Bus, GroupRead, Ping
-from palpate.drivers.dynamixel.bus_scan import ALL_IDS, FoundServo, Scan, model_name, scan
+from palpate.drivers.dynamixel.bus_scan import (
+    ALL_IDS,
+    FoundServo,
+    ItemChange,
+    Scan,
+    ServoPort,
+    apply_changes,
+    find_changes,
+    model_name,
+    only_servo,
+    scan,
+    setup_items,
+)
 from palpate.drivers.dynamixel.control_table import (
     BAUD_RATE,
     BAUD_RATES,
@@ -61,14 +73,6 @@ from palpate.drivers.dynamixel.servo import (
     read_health,
     stop_at,
     write_goals,
-)
-from palpate.drivers.dynamixel.servo_setup import (
-    ItemChange,
-    ServoPort,
-    apply_changes,
-    find_changes,
-    only_servo,
-    setup_items,
 )
 from palpate.drivers.dynamixel.servo_state import (
     MAX_TURNS,

@@ -6,17 +6,20 @@ from palpate.drivers.transport.ports import (
     EMULATED_LATENCY_S,
     LATENCY_TIMER,
     PORT_ERRORS,
+    FollowedPorts,
     PortForbidden,
     PortMissing,
     PortTaken,
+    ReopenedPort,
     SerialPort,
+    SystemPlugs,
+    describe_renaming,
     has_baudrate,
     latency_timer_s,
     open_port,
     port_users,
     serial_ports,
 )
-from palpate.drivers.transport.recorder import Recorder, RecordItem, RecordSink
 from palpate.drivers.transport.recording import (
     CALLS,
     Direction,
@@ -25,10 +28,12 @@ from palpate.drivers.transport.recording import (
     PortOpened,
     RecordedEvent,
     RecordEntry,
+    Recorder,
+    RecordItem,
+    RecordSink,
     SessionEvent,
 )
 from palpate.drivers.transport.replay import PlaybackPort, RecordedBytes, RecordEnded, Replayer
-from palpate.drivers.transport.replugging import FollowedPorts, ReopenedPort, SystemPlugs, describe_renaming
 from palpate.drivers.transport.wire import Device, Emission, wire_time_s
 
 __all__ = [

@@ -1,6 +1,6 @@
 """Replay: a clock and ports that give back what was recorded, and compare what the host does; playback.
 
-The other end of `recorder`: a `Replayer` goes through the entries of a session log and lets the host's code
+The other end of `Recorder`: a `Replayer` goes through the entries of a session log and lets the host's code
 run as then. Every call must be the recorded one, and every byte sent the recorded byte. The first difference
 is an error, and so is every call after it. A `PlaybackPort` serves a host that does something else: it
 answers the first questions with what followed them in the recording, and then plays by time.
@@ -16,8 +16,8 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import PalpateError
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recorder import CalledPort
 from palpate.drivers.transport.recording import (
+    CalledPort,
     Direction,
     ErrorRaised,
     Instants,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.base.vocabulary import Strategy
-from palpate.config.identification_result import (
+from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
     IdentificationOut,

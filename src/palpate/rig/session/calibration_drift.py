@@ -25,7 +25,7 @@ from palpate.calibration.drift_test import (
     touch_covariance,
 )
 from palpate.config import CalibrationDevice, CalibrationFile, RigFile, StageConfig
-from palpate.config.identification_result import CalibrationUsedOut
+from palpate.config.recognition_results import CalibrationUsedOut
 from palpate.drivers.dynamixel import Servo
 from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm

@@ -14,7 +14,7 @@ from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import Strategy
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.fields import Number
-from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
+from palpate.config.recognition_results import CalibrationUsedOut, IdentificationOut
 from palpate.recognizer import Catalogue, Configuration
 from palpate.rig.emulated.part_truth import PartTruth
 from palpate.rig.emulated.scene import Placement

@@ -9,7 +9,7 @@ from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
 from palpate.base.tips import Tip, tip_of
 from palpate.config import RigFile
-from palpate.config.identification_result import IdentificationOut
+from palpate.config.recognition_results import IdentificationOut
 from palpate.config.session_results import SessionOut
 from palpate.drivers.transport import PortOpened
 from palpate.recognizer import Catalogue, explain_object
