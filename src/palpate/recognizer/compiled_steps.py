@@ -177,11 +177,19 @@ def _paths_of(constraints: Constraints) -> tuple[object, ...]:
 def _pairings(query: Query, nodes: Interpretations, *, states: bool = False) -> tuple[object, ...]:
     """Interpretations as the kernel takes them: edge sets and tips of contacts, edges, states, number."""
     return (
-        tuple(_prepared_edges(edges) for edges in query.edges),
-        tuple(_tip(contact, query.anchor_mm) for contact in query.contacts),
+        *_edges_and_tips(query),
         np.ascontiguousarray(nodes.edges),
         np.ascontiguousarray(nodes.state) if states else None,
         len(nodes),
+    )
+
+
+@_kept
+def _edges_and_tips(query: Query) -> tuple[tuple[object, ...], tuple[tuple[float, float, float], ...]]:
+    """Edge sets that contacts are paired with, and where the contacts are."""
+    return (
+        tuple(_prepared_edges(edges) for edges in query.edges),
+        tuple(_tip(contact, query.anchor_mm) for contact in query.contacts),
     )
 
 

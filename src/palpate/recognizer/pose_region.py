@@ -74,12 +74,12 @@ class Cells(Table):
     @cached_property
     def _circles(self) -> tuple[Floats, Floats]:
         """Centres and radii, vertex by vertex: many times as fast as cell by cell."""
-        x, y = (self.polygon[..., axis].T.copy() for axis in (0, 1))
-        middle_x, middle_y = (x.min(axis=0) + x.max(axis=0)) / 2, (y.min(axis=0) + y.max(axis=0)) / 2
-        x -= middle_x
-        y -= middle_y
-        radius: Floats = np.sqrt((x * x + y * y).max(axis=0))
-        return np.column_stack([middle_x, middle_y]), radius
+        offset = self.polygon.T.copy()
+        middle = (offset.min(axis=1) + offset.max(axis=1)) / 2
+        offset -= middle[:, None]
+        offset *= offset
+        radius: Floats = np.sqrt((offset[0] + offset[1]).max(axis=0))
+        return np.ascontiguousarray(middle.T), radius
 
     @cached_property
     def volume(self) -> Floats:
