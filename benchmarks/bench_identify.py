@@ -30,9 +30,9 @@ from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_approaches
 from palpate.rig.bench import BenchRig, connect, set_up
-from palpate.rig.conversion import resolution_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import reach_of

@@ -31,7 +31,7 @@ from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, Contact, Recognition, StrangerEvidence, predict, stranger_terms
 from palpate.recognizer.evidence import StrangerTerms
-from palpate.rig.conversion import resolution_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_evidence import normal_halves_rad, paths_of
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, RecognitionEvent, TouchEvent

@@ -23,7 +23,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.config import load_rig
 from palpate.recognizer import Recognition, plan_grip, recognise, used_approaches
-from palpate.rig.conversion import goals_of, resolution_of
+from palpate.rig.conversion import goals_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.reach.approaches import reach_of
 from support.oracles.decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts, models_of
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, place

@@ -25,7 +25,8 @@ from palpate.recognizer import (
 )
 from palpate.recognizer.pad_face import face_offsets_mm, face_points
 from palpate.recognizer.touch_model import touch_outcomes, witness_poses
-from palpate.rig.conversion import goals_of, resolution_of
+from palpate.rig.conversion import goals_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.reach.approaches import Reach, reach_of
 from support.campaign.sampling import sample

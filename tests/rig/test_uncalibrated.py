@@ -30,14 +30,11 @@ from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.rig.arrays import calibration_of, doubt_warning, extractor_of, threshold_problem
-from palpate.rig.conversion import (
-    array_bound_rad,
-    kinematics_of,
-    resolution_of,
-    slide_kinematics,
-    tip_bound_mm,
-)
+from palpate.rig.conversion import array_bound_rad, tip_bound_mm
 from palpate.rig.emulated.devices import description_of
+from palpate.rig.fingers import resolution_of
+from palpate.rig.mechanisms import kinematics_of
+from palpate.rig.mechanisms.slide import slide_kinematics
 from palpate.rig.reach.approaches import reach_of
 from support.benches.rigs import firm_rig
 from support.benches.session import emulated_session, run_checked

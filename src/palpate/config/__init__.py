@@ -39,7 +39,7 @@ from palpate.config.rig_fingers import (
     MountedArrayConfig,
     SlideFingerConfig,
 )
-from palpate.config.rig_servos import JointConfig, StageConfig
+from palpate.config.rig_servos import JointConfig, RigServo, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig
 from palpate.config.rig_tips import TipConfig
 from palpate.config.writers import calibration_toml
@@ -68,6 +68,7 @@ __all__ = [
     "PositionParts",
     "Residuals",
     "RigFile",
+    "RigServo",
     "RotaryCalibration",
     "Scene",
     "SlideCalibration",

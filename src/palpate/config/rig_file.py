@@ -22,7 +22,7 @@ from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import Place, problem
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
-from palpate.config.rig_servos import StageConfig
+from palpate.config.rig_servos import RigServo, StageConfig
 from palpate.config.rig_tables import (
     BusConfig,
     ClosingConfig,
@@ -381,6 +381,13 @@ class RigFile(FileModel):
         return self.workspace.radius_mm + 2 * math.hypot(*self.stage.centre_mm) * math.sin(
             min(most, math.pi) / 2
         )
+
+    @property
+    def servos(self) -> tuple[RigServo, ...]:
+        """All servos on the bus, the stage's first, each finger's after one another."""
+        stage = () if self.stage is None else (RigServo(None, "stage", self.stage.dxl_id, self.stage.model),)
+        joints = ((finger.name, joint) for finger in self.fingers for joint in finger.servos.items())
+        return (*stage, *(RigServo(name, joint, one.dxl_id, one.model) for name, (joint, one) in joints))
 
     @property
     def emulated(self) -> bool:

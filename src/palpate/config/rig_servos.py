@@ -6,6 +6,7 @@ stops that do not fit that are refused here, at the key to be changed. Units are
 
 import math
 import re
+from dataclasses import dataclass
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -75,6 +76,21 @@ class ServoConfig(FileModel):
 
     dxl_id: DxlId = Field(description="ID on the bus.")
     model: ServoModel = Field(description="Model as printed on the servo.")
+
+
+@dataclass(frozen=True, slots=True)
+class RigServo:
+    """Servo of a rig: the joint that it moves, of a finger, or of none for the stage."""
+
+    finger: str | None
+    joint: str
+    dxl_id: int
+    model: str
+
+    @property
+    def owner(self) -> str:
+        """Name for people, such as "f1 slide"."""
+        return self.joint if self.finger is None else f"{self.finger} {self.joint}"
 
 
 class RotaryConfig(ServoConfig):

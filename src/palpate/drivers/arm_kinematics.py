@@ -113,6 +113,11 @@ class ArmKinematics:
         shoulder = self.shoulder.angle_rad(servos_rad[0])
         return self.heading_rad + shoulder + self.elbow.angle_rad(servos_rad[1])
 
+    def levers_mm(self, servos_rad: Servos) -> tuple[float, float]:
+        """Round the base, and round the elbow."""
+        lever = math.dist(self.base_mm, self.centre_mm(servos_rad))
+        return lever / abs(self.shoulder.gear_ratio), self.fore_mm / abs(self.elbow.gear_ratio)
+
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """Bound of the true centre's distance from `centre_mm`."""
         if self.found_position_mm is not None:
@@ -125,9 +130,7 @@ class ArmKinematics:
 
     def cross_track_bound_mm(self, servos_rad: Servos, off_rad: float) -> float:
         """Both servos keep the tip on its line: the errors of both, by their levers."""
-        lever = math.dist(self.base_mm, self.centre_mm(servos_rad))
-        off = lever / abs(self.shoulder.gear_ratio) + self.fore_mm / abs(self.elbow.gear_ratio)
-        return off * off_rad
+        return sum(self.levers_mm(servos_rad)) * off_rad
 
     def body(self, servos_rad: Servos, tip_radius_mm: float) -> FingerBody:
         """Both links, and the tip."""

@@ -76,6 +76,10 @@ class FingerKinematics(Protocol):
         """Direction from which `array.heading_deg` counts."""
         ...
 
+    def levers_mm(self, servos_rad: Servos) -> tuple[float, float]:
+        """Travel of the tip's centre per rad of each servo."""
+        ...
+
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """Bound of the true centre's distance from `centre_mm`."""
         ...

@@ -87,6 +87,10 @@ class SlideKinematics:
         """Direction of travel: the slide's."""
         return self._along(servos_rad[0]).direction_rad
 
+    def levers_mm(self, servos_rad: Servos) -> tuple[float, float]:
+        """Across the slide, and along it."""
+        return abs(self.distance_mm(servos_rad[1]) / self.gear_ratio), abs(self.mm_per_rad)
+
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """Bound of the true centre's distance from `centre_mm`, along the slide and across it."""
         if self.found_position_mm is not None:

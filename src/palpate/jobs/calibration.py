@@ -10,10 +10,8 @@ from typing import Self
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.file_io import check_place, write_text
 from palpate.config import (
-    ArmFingerConfig,
     CalibrationFile,
     RigFile,
-    SlideFingerConfig,
     calibration_path,
     calibration_toml,
     check_calibration,
@@ -32,6 +30,7 @@ from palpate.rig.commissioning.calibration_run import (
     rig_connector,
 )
 from palpate.rig.commissioning.hand_prober import TableOperator
+from palpate.rig.mechanisms import lowest_links, mechanism_of
 from palpate.rig.motion.homing import HomingPolicy
 from palpate.rig.workers import BackgroundCall
 from palpate.views.report.calibration import write_report
@@ -87,8 +86,7 @@ def references_from(references: ReferencesFile | PathLike | None) -> ReferencesF
 def check_references(rig: RigFile, references: ReferencesFile) -> None:
     """Raise InputError for references that a rig's fingers pass above, or that its arms' links would meet."""
     build_references(references)
-    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFingerConfig)]
-    lowest = min(arms, key=lambda finger: finger.links.links_height_mm, default=None)
+    room_mm, lowest = lowest_links(rig)
     highest = max(rig.fingers, key=lambda finger: finger.span_mm[1])
     for name, shape in (("disc", references.disc), ("plate", references.plate)):
         if shape.height_mm <= highest.span_mm[1]:
@@ -96,10 +94,10 @@ def check_references(rig: RigFile, references: ReferencesFile) -> None:
                 f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
                 f"{highest.span_mm[1]:g} mm: references must stand higher than every array"
             )
-        if lowest is not None and shape.height_mm >= lowest.links.links_height_mm:
+        if shape.height_mm >= room_mm:
             raise InputError(
-                f"the {name} is {shape.height_mm:g} mm high, and links of finger {lowest.name} pass at "
-                f"{lowest.links.links_height_mm:g} mm: use lower references, "
+                f"the {name} is {shape.height_mm:g} mm high, and links of finger {lowest} pass at "
+                f"{room_mm:g} mm: use lower references, "
                 "in a file of their own (config/references/low.toml is one)"
             )
 
@@ -201,8 +199,4 @@ def home_rig(on_bench: RigOnBench, seed: int, notice: Callable[[str], None]) -> 
 
 def _homable_fingers(on_bench: RigOnBench) -> list[str]:
     """Fingers whose slides can be homed."""
-    return [
-        spec.name
-        for spec in on_bench.rig.fingers
-        if isinstance(spec, SlideFingerConfig) and spec.slide.stops_mm is not None
-    ]
+    return [spec.name for spec in on_bench.rig.fingers if mechanism_of(spec).homing is not None]

@@ -11,12 +11,13 @@ import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import InputError
-from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, Scene
+from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.drivers.transport import Clock, FollowedPorts, MonotonicClock, Recorder, RecordSink, SystemPlugs
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
 from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placement_of
+from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
 
 
@@ -58,17 +59,13 @@ def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, se
 
 def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:
     """Refuse a catalogue with an object that an arm's links would run into."""
-    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFingerConfig)]
-    if not arms:
-        return
-    lowest = min(arms, key=lambda arm: arm.links.links_height_mm)
-    room = lowest.links.links_height_mm
+    room_mm, name = lowest_links(rig)
     for model in objects.objects:
         top = max(state.top_mm for state in model.states)
-        if top >= room:
+        if top >= room_mm:
             raise InputError(
-                f'object "{model.name}" is {top:g} mm high; the links of finger "{lowest.name}" pass '
-                f"{room:g} mm above the table (links_height_mm), so parts must be lower"
+                f'object "{model.name}" is {top:g} mm high; the links of finger "{name}" pass '
+                f"{room_mm:g} mm above the table (links_height_mm), so parts must be lower"
             )
 
 

@@ -19,12 +19,12 @@ The latency of a port's adapter is what the rig file says, or else the operating
 """
 
 import math
-from collections.abc import Iterable
 
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel import RAD_PER_TICK, UNKNOWN_LATENCY_S, latency_with_timer_s, specification
 from palpate.drivers.transport import EMULATED_LATENCY_S, latency_timer_s
 from palpate.rig.conversion import slide_force_n
+from palpate.rig.mechanisms import mechanism_of
 
 
 def bus_latency_s(rig: RigFile) -> float:
@@ -75,7 +75,7 @@ def unstopped_peak_n(rig: RigFile) -> float:
         + _friction_allowance_n(finger)
         + _inertial_n(finger, model, closing.approach_speed_mm_s / abs(lever_mm))
         for finger in rig.fingers
-        for model, lever_mm in _levers(finger)
+        for model, lever_mm in mechanism_of(finger).levers
     )
 
 
@@ -89,30 +89,19 @@ def _inertial_n(finger: FingerConfig, model: str, profile_rad_s: float) -> float
 
 def _friction_allowance_n(finger: FingerConfig) -> float:
     """What a slide's servo may push with beside max_force_n, in case its friction does not take it."""
-    if isinstance(finger, ArmFingerConfig):
-        return 0.0
-    return slide_force_n(finger.slide, finger.slide.friction_a)
+    slide = mechanism_of(finger).push
+    return 0.0 if slide is None else slide_force_n(slide, slide.friction_a)
 
 
 def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:
     """How fast a finger's slowest servo can brake its tip, an arm's when it is stretched."""
     return min(
         (max_force_n * abs(lever_mm) / 1e3 + motor.friction_nm) / motor.inertia_kg_m2 * abs(lever_mm)
-        for model, lever_mm in _levers(finger)
+        for model, lever_mm in mechanism_of(finger).levers
         for motor in (specification(model).motor,)
     )
 
 
 def travel_step_mm(finger: FingerConfig) -> float:
     """How finely a finger's servos tell where its tip is along its way."""
-    return max(abs(lever_mm) for _, lever_mm in _levers(finger)) * RAD_PER_TICK
-
-
-def _levers(finger: FingerConfig) -> Iterable[tuple[str, float]]:
-    """Model of each servo that moves the tip, and the tip's travel (mm) per rad of it."""
-    if isinstance(finger, ArmFingerConfig):
-        shoulder, elbow = finger.shoulder, finger.elbow
-        yield shoulder.model, (finger.links.upper_mm + finger.links.fore_mm) / shoulder.gear_ratio
-        yield elbow.model, finger.links.fore_mm / elbow.gear_ratio
-    else:
-        yield finger.slide.model, finger.slide.mm_per_rad
+    return max(abs(lever_mm) for _, lever_mm in mechanism_of(finger).levers) * RAD_PER_TICK

@@ -8,29 +8,22 @@ import math
 
 from palpate.base.errors import InputError
 from palpate.config import (
-    ArmFingerConfig,
     ClosingConfig,
     ContactsFile,
     FingerConfig,
-    JointConfig,
     MountedArrayConfig,
     RigFile,
-    SlideFingerConfig,
     TipConfig,
 )
 from palpate.config.rig_servos import SlideConfig
-from palpate.drivers.arm_kinematics import ArmJoint, ArmKinematics
 from palpate.drivers.dynamixel import specification
-from palpate.drivers.kinematics import FingerKinematics, Line
-from palpate.drivers.slide_kinematics import SlideKinematics
+from palpate.drivers.kinematics import Line
 from palpate.drivers.tactile import Corner, Mounting, Shape
-from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
+from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange
 
 SHEAR_SHARE = 2 / 3
 """Of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5."""
 
-_NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
-_SERVO_STOP_S = 0.010  # from the goal that stops a servo to its standing still
 _MAX_FORCE_ERROR_SHARE = 0.9
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
@@ -89,51 +82,8 @@ def slide_force_n(slide: SlideConfig, current_a: float) -> float:
     return 1e3 * motor.stall_torque_nm / motor.stall_current_a * current_a / abs(slide.mm_per_rad)
 
 
-def kinematics_of(finger: FingerConfig) -> FingerKinematics:
-    """Kinematics of a finger of any type."""
-    return arm_kinematics(finger) if isinstance(finger, ArmFingerConfig) else slide_kinematics(finger)
-
-
-def slide_kinematics(finger: SlideFingerConfig) -> SlideKinematics:
-    """Kinematics of aim and slide. The file counts servo angles from Goal Position 0, drivers from 2048."""
-    mm_per_rad = finger.slide.mm_per_rad
-    return SlideKinematics(
-        base_mm=finger.base_mm,
-        heading_rad=math.radians(finger.heading_deg),
-        gear_ratio=finger.aim.gear_ratio,
-        aim_zero_rad=math.radians(finger.aim.zero_deg) - math.pi,
-        mm_per_rad=mm_per_rad,
-        zero_mm=finger.slide.zero_mm + mm_per_rad * math.pi,
-        base_bound_mm=finger.bounds.base_mm,
-        heading_bound_rad=math.radians(finger.bounds.heading_deg),
-        aim_play_rad=math.radians(finger.aim.backlash_deg),
-        slide_play_mm=finger.slide.backlash_mm,
-        zero_bound_mm=finger.slide.zero_bound_mm,
-        travel_spread=finger.slide.mm_per_turn_spread,
-        found_position_mm=finger.bounds.position_mm,
-        found_direction_rad=_calibrated_direction_rad(finger),
-    )
-
-
-def arm_kinematics(finger: ArmFingerConfig) -> ArmKinematics:
-    """Kinematics of a two-link arm."""
-    return ArmKinematics(
-        base_mm=finger.base_mm,
-        heading_rad=math.radians(finger.heading_deg),
-        upper_mm=finger.links.upper_mm,
-        fore_mm=finger.links.fore_mm,
-        shoulder=_joint(finger.shoulder),
-        elbow=_joint(finger.elbow),
-        link_width_mm=finger.links.width_mm,
-        base_bound_mm=finger.bounds.base_mm,
-        heading_bound_rad=math.radians(finger.bounds.heading_deg),
-        length_bound_mm=finger.links.bound_mm,
-        found_position_mm=finger.bounds.position_mm,
-        found_direction_rad=_calibrated_direction_rad(finger),
-    )
-
-
-def _calibrated_direction_rad(finger: FingerConfig) -> float | None:
+def calibrated_direction_rad(finger: FingerConfig) -> float | None:
+    """Bound on the finger's direction that a calibration found; None without one."""
     found = finger.bounds.direction_deg
     return None if found is None else math.radians(found)
 
@@ -169,12 +119,6 @@ def stiffest_n_per_mm(tip: TipConfig) -> float:
 def array_bound_rad(finger: FingerConfig) -> float:
     """How much further off than the finger's direction the array's may be, turned on its tip."""
     return math.radians(finger.array.heading_bound_deg) if finger.bounds.direction_deg is None else 0.0
-
-
-def _joint(servo: JointConfig) -> ArmJoint:
-    lo, hi = (math.radians(value) for value in servo.range_deg)
-    play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
-    return ArmJoint(servo.gear_ratio, zero, play, lo, hi, math.radians(servo.zero_bound_deg))
 
 
 def undetected_force_n(closing: ClosingConfig) -> float:
@@ -227,64 +171,6 @@ def _force_with_friction_n(tip: TipConfig, pressing_n: float) -> float:
 def measured_force_share(finger: FingerConfig) -> float:
     """Share of a force by which it may be mismeasured: gains' spread, crosstalk and the array's edge."""
     return min(finger.array.gain_spread + _CROSSTALK_SHARE, _MAX_FORCE_ERROR_SHARE)
-
-
-def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
-    """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
-
-    The tip presses with the threshold's force and what comes on top until it stands: two sample periods and
-    the servo's own stop. The force is known to within the gains' spread and the crosstalk. In a notch the
-    dent may be along a normal that is not known, so the whole dent counts sideways.
-    """
-    tip = finger.tip
-    late_s = 2 / closing.sample_rate_hz + _SERVO_STOP_S
-    stiffest = stiffest_n_per_mm(tip)
-    force = min(
-        closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s,
-        largest_on_skin_n(tip, closing),
-    )
-    unsure = measured_force_share(finger) * force
-    deepest = (force + unsure) / softest_n_per_mm(tip)
-    shallowest = max(force - unsure, 0.0) / stiffest
-    bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
-    if tip.kind.has_face:
-        return pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
-    return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
-
-
-def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
-    """How far what presses on a pad's skin is from the middle of a column and of the dent, at most.
-
-    And what the place of a column is off by where the face does not look as it should, and that of an edge.
-    """
-    tilt = kinematics_of(finger).direction_bound_rad + array_bound_rad(finger)
-    return math.hypot((finger.array.pitch_mm or 0.0) / 2, deepest_mm / 2) + (
-        tilt * finger.tip.radius_mm + finger.tip.radius_bound_mm
-    )
-
-
-def resolution_of(rig: RigFile) -> Resolution:
-    """What the rig can feel, for planning: by how much two measurements of one thing may differ."""
-    bounds = []
-    for finger in rig.fingers:
-        kinematics = kinematics_of(finger)
-        x, y = finger.base_mm
-        # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
-        dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
-        if finger.tip.kind.has_face:
-            dent = pad_place_bound_mm(finger, dent)
-        servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-        bent = deflection_mm(finger, rig.closing.contact_force_n)
-        bounds.append(kinematics.position_bound_mm(servos) + dent + bent + tip_bound_mm(finger))
-    # An arm that does not get to the middle has no bound there.
-    bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
-    turned = max(_normal_error_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
-    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
-
-
-def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:
-    """By how much a normal may be off besides what the array shows, at a force."""
-    return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)
 
 
 def goals_of(rig: RigFile) -> Goals:

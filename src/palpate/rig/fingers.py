@@ -1,213 +1,169 @@
 """Fingers and turning stage as the host sees them: part of the rig file, servos, limits, kinematics.
 
-The servos of each finger on the bus are limited to its ranges. Said here, too: why a finger or the stage
-must not move from where it stands when it is switched on, and what each servo's EEPROM must hold before a
-run, for runs, `setup-motors` and `check` alike. The stage turns all fingers about a fixed centre; what it
-carries is computed in the ring's frame, and `Turn` leads from there to W.
+The servos of each finger on the bus are limited to its ranges. Said here, too: what each servo's EEPROM must
+hold before a run, for runs, `setup-motors` and `check` alike, and how far off touches may be. The stage turns
+all fingers about a fixed centre; what it carries is computed in the ring's frame, and `Turn` leads from there
+to W.
 """
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
 from palpate.base.errors import InputError
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile, StageConfig
-from palpate.drivers.dynamixel import Bus, OperatingMode, Servo
-from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Line, Servos, Turn
+from palpate.config import ClosingConfig, FingerConfig, RigFile
+from palpate.drivers.dynamixel import Bus, OperatingMode, Servo, ServoState
+from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Line, Turn
 from palpate.drivers.tactile import ArrayDriver, ContactExtractor
-from palpate.rig.conversion import arm_kinematics, slide_kinematics
-from palpate.rig.drives import (
-    AIM_TOLERANCE_RAD,
-    ArmDrive,
-    Drive,
-    ServoLimits,
-    SlideDrive,
-    is_steady,
-    point_on_circle,
-    wait_distance_mm,
-    wait_radius_mm,
+from palpate.recognizer import Resolution
+from palpate.rig.conversion import (
+    array_bound_rad,
+    deflection_mm,
+    deflection_rad,
+    largest_on_skin_n,
+    measured_force_share,
+    shear_rad,
+    softest_n_per_mm,
+    stiffest_n_per_mm,
+    tip_bound_mm,
+    undetected_dent_mm,
+    undetected_force_n,
 )
+from palpate.rig.mechanisms import kinematics_of, mechanism_of
+from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD, Drive, Mechanism, ServoLimits
 
 
 @dataclass(frozen=True, eq=False)
 class HostFinger:
-    """One finger as the host sees it: its part of the rig file, its devices and its kinematics.
+    """One finger as the host sees it: its mechanism and its devices.
 
     `home`: a way that starts where the finger stands when the stage turns.
     """
 
-    spec: FingerConfig
-    kinematics: FingerKinematics
+    mechanism: Mechanism
     drive: Drive
     home: Line
     array: ArrayDriver
     extractor: ContactExtractor
 
     @property
+    def spec(self) -> FingerConfig:
+        """Part of the rig file."""
+        return self.mechanism.spec
+
+    @property
+    def kinematics(self) -> FingerKinematics:
+        """Kinematics of its mechanism."""
+        return self.mechanism.kinematics
+
+    @property
     def name(self) -> str:
-        """The rig file's name of the finger."""
+        """Name in the rig file."""
         return self.spec.name
 
 
-_START_MM = 15.0  # an arm's tip may stand this far from where tips wait when it is switched on
-_JOINT_SLACK_DEG = 0.1  # an encoder step of a joint that stands at its end
-
-
-def drive_of(spec: FingerConfig, rig: RigFile, bus: Bus) -> Drive:
-    """The servos of a finger, limited to its ranges, and what moves them."""
-    closing, radius = rig.closing, rig.clear_radius_mm
+def drive_of(mechanism: Mechanism, rig: RigFile, bus: Bus) -> Drive:
+    """Drive of a finger by its servos on a bus, limited to its ranges."""
     near, far = (
         Servo(bus, servo.dxl_id, servo.model, range_rad=(min(ends), max(ends)))
-        for servo, ends in zip(spec.servos.values(), _servo_ranges_rad(spec), strict=True)
+        for servo, ends in zip(mechanism.spec.servos.values(), mechanism.ranges_rad, strict=True)
     )
-    if isinstance(spec, ArmFingerConfig):
-        wait = wait_radius_mm(spec, radius)
-        return ArmDrive(near, far, arm_kinematics(spec), wait, closing.max_force_n)
-    wait = wait_distance_mm(spec, radius)
-    speed, force = closing.approach_speed_mm_s, closing.max_force_n
-    return SlideDrive(near, far, slide_kinematics(spec), wait, speed, force, spec.slide.friction_a)
+    return mechanism.drive((near, far), rig)
 
 
-def start_problem(
-    spec: FingerConfig,
-    rig: RigFile,
-    servos: tuple[Servo, Servo],
-    angles_rad: Servos,
-    *,
-    is_homed: bool = True,
-) -> str | None:
-    """Why a finger must not start from where it stands; None if it may.
-
-    A slide must be retracted, because its servo knows its angle within one turn only; one whose stops are
-    known may stand anywhere if it `is_homed` before it moves otherwise. An arm's joints must be within their
-    ranges; if it does not come to standby first (not `is_homed`), its tip must be beside the workspace.
-    """
-    if isinstance(spec, ArmFingerConfig) and is_homed:
-        return _joint_problem(spec, servos, angles_rad)
-    if isinstance(spec, ArmFingerConfig):
-        x, y = arm_kinematics(spec).centre_mm(angles_rad)
-        radius = wait_radius_mm(spec, rig.clear_radius_mm)
-        home = point_on_circle(radius, math.atan2(spec.base_mm[1], spec.base_mm[0]))
-        beside = point_on_circle(radius, math.atan2(y, x))
-        if math.dist(beside, (x, y)) <= _START_MM and is_steady(arm_kinematics(spec), beside):
-            return None
-        return (
-            f"its tip (servos {servos[0].dxl_id} and {servos[1].dxl_id}) stands at ({x:.1f}, {y:.1f}) mm; "
-            f"with torque off, push it by hand to within {_START_MM:g} mm of ({home[0]:.1f}, {home[1]:.1f}), "
-            "then start again"
-        )
-    if is_homed and spec.slide.stops_mm is not None:
-        return None
-    distance = slide_kinematics(spec).distance_mm(angles_rad[1])
-    lo, hi = spec.slide.range_mm
-    play = spec.slide.backlash_mm
-    if lo - play <= distance <= hi + play:
-        return None
-    return (
-        f"its slide (servo {servos[1].dxl_id}) stands at {distance:.1f} mm, outside its range "
-        f"{lo:g} … {hi:g} mm; with torque off, push the finger back by hand until it is retracted within the "
-        "servo's first turn, then start again"
-    )
-
-
-def _joint_problem(spec: ArmFingerConfig, servos: tuple[Servo, Servo], angles_rad: Servos) -> str | None:
-    """Why an arm cannot be moved: its servos' turn is only known where its joints are within their ranges."""
-    arm = arm_kinematics(spec)
-    joints = zip(spec.servos.items(), (arm.shoulder, arm.elbow), servos, angles_rad, strict=True)
-    for (key, config), joint, servo, angle in joints:
-        at = math.degrees(joint.angle_rad(angle))
-        lo, hi = config.range_deg
-        slack = config.backlash_deg + _JOINT_SLACK_DEG
-        if not lo - slack <= at <= hi + slack:
-            return (
-                f"its {key} (servo {servo.dxl_id}) stands at {at:.1f}°, outside its range {lo:g} … {hi:g}°; "
-                "with torque off, turn it back by hand, then start again"
-            )
-    return None
-
-
-def _servo_ranges_rad(spec: FingerConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Servo angles at the ends of both ranges."""
-    if isinstance(spec, ArmFingerConfig):
-        arm = arm_kinematics(spec)
-        shoulder, elbow = (
-            tuple(joint.servo_rad(angle) for angle in (joint.lo_rad, joint.hi_rad))
-            for joint in (arm.shoulder, arm.elbow)
-        )
-        return shoulder, elbow
-    slide = slide_kinematics(spec)
-    aims = tuple(slide.aim_servo_rad(math.radians(value)) for value in spec.aim.range_deg)
-    return aims, tuple(slide.slide_servo_rad(value) for value in spec.slide.range_mm)
-
-
-STAGE_SPEED_RAD_S = 2.0
-"""Speed of the stage's servo."""
-
+_STAGE_SPEED_RAD_S = 2.0  # of the stage's servo
 _STAGE_ACCELERATION_RAD_S2 = 3.0
 _STAGE_CURRENT_A = 1.2  # the ring carries all fingers
 
 
-def planned_turn(spec: StageConfig | None, angle_rad: float) -> Turn:
-    """The stage at an angle that it has been sent to: its bound holds wherever it settles."""
-    if spec is None:
-        return Turn()
-    settled = AIM_TOLERANCE_RAD / abs(spec.gear_ratio)
-    return Turn(spec.centre_mm, angle_rad, _stage_bound_rad(spec) + settled, spec.centre_bound_mm)
+@dataclass(frozen=True)
+class Stage:
+    """Turning stage of a rig; a rig without one has a stage that stands at 0, exactly."""
+
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    range_rad: tuple[float, float] = (0.0, 0.0)
+    gear_ratio: float = 1.0
+    zero_rad: float = 0.0
+    angle_bound_rad: float = 0.0
+    settling_rad: float = 0.0
+    centre_bound_mm: float = 0.0
+
+    @classmethod
+    def of(cls, rig: RigFile) -> Self:
+        """Stage of a rig file."""
+        spec = rig.stage
+        if spec is None:
+            return cls()
+        lo, hi = spec.range_deg
+        ratio = abs(spec.gear_ratio)
+        return cls(
+            spec.centre_mm,
+            (math.radians(lo), math.radians(hi)),
+            spec.gear_ratio,
+            math.radians(spec.zero_deg) - math.pi,
+            math.radians(spec.backlash_deg + spec.bound_deg) + TICK_RAD / 2 / ratio,
+            AIM_TOLERANCE_RAD / ratio,
+            spec.centre_bound_mm,
+        )
+
+    def servo_rad(self, angle_rad: float) -> float:
+        """Servo angle for a stage angle."""
+        return self.zero_rad + self.gear_ratio * angle_rad
+
+    def turn(self, servo_rad: float) -> Turn:
+        """Turn of the ring for a servo angle."""
+        angle = (servo_rad - self.servo_rad(0.0)) / self.gear_ratio
+        return Turn(self.centre_mm, angle, self.angle_bound_rad, self.centre_bound_mm)
+
+    def planned_turn(self, angle_rad: float) -> Turn:
+        """Turn to an angle that it has been sent to: its bound holds wherever it settles."""
+        bound = self.angle_bound_rad + self.settling_rad
+        return Turn(self.centre_mm, angle_rad, bound, self.centre_bound_mm)
+
+    def turning_s(self, angle_rad: float) -> float:
+        """Rough time to turn from 0."""
+        return abs(self.gear_ratio * angle_rad) / _STAGE_SPEED_RAD_S
 
 
 @dataclass(frozen=True, eq=False)
 class HostStage:
-    """The stage's part of the rig file and its servo."""
+    """The stage and its servo; `servos` is empty without a stage."""
 
-    spec: StageConfig
-    servo: Servo
+    stage: Stage
+    servos: tuple[Servo, ...]
 
     @classmethod
-    def of(cls, rig: RigFile, bus: Bus) -> Self | None:
-        """The rig's stage, None if it has none."""
+    def of(cls, rig: RigFile, bus: Bus) -> Self:
+        """Stage of a rig on its bus. Nothing is sent."""
+        stage = Stage.of(rig)
         if rig.stage is None:
-            return None
-        ends = [_stage_servo_rad(rig.stage, math.radians(angle)) for angle in rig.stage.range_deg]
-        servo = Servo(bus, rig.stage.dxl_id, rig.stage.model, range_rad=(min(ends), max(ends)))
-        return cls(rig.stage, servo)
+            return cls(stage, ())
+        ends = [stage.servo_rad(angle) for angle in stage.range_rad]
+        return cls(stage, (Servo(bus, rig.stage.dxl_id, rig.stage.model, range_rad=(min(ends), max(ends))),))
 
-    def limits(self) -> ServoLimits:
-        """What the stage's servo may do."""
-        return ServoLimits(OperatingMode.POSITION, min(_STAGE_CURRENT_A, self.servo.model.largest_current_a))
+    def limits(self) -> dict[Servo, ServoLimits]:
+        """Limits of its servo."""
+        return {
+            servo: ServoLimits(OperatingMode.POSITION, min(_STAGE_CURRENT_A, servo.model.largest_current_a))
+            for servo in self.servos
+        }
 
     def prepare(self) -> None:
         """Write mode and limits; torque is off."""
-        self.limits().write(self.servo)
-        self.servo.set_profile(STAGE_SPEED_RAD_S, _STAGE_ACCELERATION_RAD_S2)
+        for servo, limits in self.limits().items():
+            limits.write(servo)
+            servo.set_profile(_STAGE_SPEED_RAD_S, _STAGE_ACCELERATION_RAD_S2)
 
-    def goal_rad(self, angle_rad: float) -> float:
-        """Servo angle for a stage angle."""
-        return _stage_servo_rad(self.spec, angle_rad)
+    def goals(self, angle_rad: float) -> dict[Servo, float]:
+        """Servo angles for a stage angle."""
+        return {servo: self.stage.servo_rad(angle_rad) for servo in self.servos}
 
-    def turn(self, servo_rad: float) -> Turn:
-        """Where the ring stands for a servo angle."""
-        angle = (servo_rad - _stage_servo_rad(self.spec, 0.0)) / self.spec.gear_ratio
-        return Turn(self.spec.centre_mm, angle, _stage_bound_rad(self.spec), self.spec.centre_bound_mm)
-
-    def start_problem(self, servo_rad: float) -> str | None:
-        """Why the stage must not start from where it stands; None if it may."""
-        angle = math.degrees(self.turn(servo_rad).angle_rad)
-        lo, hi = self.spec.range_deg
-        play = self.spec.backlash_deg + self.spec.bound_deg
-        if lo - play <= angle <= hi + play:
-            return None
-        return (
-            f"the stage (servo {self.servo.dxl_id}) stands at {angle:.1f}°, outside {lo:g} … {hi:g}°; "
-            "with torque off, turn it by hand to about 0, then start again"
-        )
-
-
-def _stage_servo_rad(spec: StageConfig, angle_rad: float) -> float:
-    return math.radians(spec.zero_deg) - math.pi + spec.gear_ratio * angle_rad
-
-
-def _stage_bound_rad(spec: StageConfig) -> float:
-    return math.radians(spec.backlash_deg + spec.bound_deg) + TICK_RAD / 2 / abs(spec.gear_ratio)
+    def turn(self, states: Mapping[int, ServoState]) -> Turn:
+        """Turn of the ring, as its servo says."""
+        for servo in self.servos:
+            return self.stage.turn(states[servo.dxl_id].position_rad)
+        return Turn()
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,9 +184,9 @@ class ServoSettings:
 
 @dataclass(frozen=True, eq=False)
 class FingerSettings:
-    """A finger's part of the rig file and its servos, the one next to the base first."""
+    """A finger's mechanism and its servos, the one next to the base first."""
 
-    spec: FingerConfig
+    mechanism: Mechanism
     servos: tuple[ServoSettings, ServoSettings]
 
 
@@ -238,23 +194,96 @@ def finger_settings(rig: RigFile, bus: Bus) -> list[FingerSettings]:
     """Every finger. Nothing is sent."""
     found = []
     for spec in rig.fingers:
-        limits = drive_of(spec, rig, bus).limits()
+        mechanism = mechanism_of(spec)
+        limits = drive_of(mechanism, rig, bus).limits()
         near, far = (
             ServoSettings(f"{spec.name} {joint}", servo, limits[servo])
             for joint, servo in zip(spec.servos, limits, strict=True)
         )
-        found.append(FingerSettings(spec, (near, far)))
+        found.append(FingerSettings(mechanism, (near, far)))
     return found
 
 
-def stage_settings(rig: RigFile, bus: Bus) -> ServoSettings | None:
-    """The stage's servo, None if there is none. Nothing is sent."""
-    stage = HostStage.of(rig, bus)
-    return None if stage is None else ServoSettings("stage", stage.servo, stage.limits())
+def start_problems(
+    rig: RigFile, fingers: Sequence[FingerSettings], states: Mapping[int, ServoState]
+) -> dict[str, str | None]:
+    """Reason why each finger must not start from where it stands, by name; None if it may.
+
+    Fingers whose servos have not both told where they are are left out.
+    """
+    found = {}
+    for finger in fingers:
+        near, far = (item.servo.dxl_id for item in finger.servos)
+        if near in states and far in states:
+            at = states[near].position_rad, states[far].position_rad
+            radius = rig.clear_radius_mm
+            found[finger.mechanism.spec.name] = finger.mechanism.start_problem(
+                radius, (near, far), at, is_homed=True
+            )
+    return found
 
 
 def servo_settings(rig: RigFile, bus: Bus) -> list[ServoSettings]:
     """All of them, the stage's first. Nothing is sent."""
-    stage = stage_settings(rig, bus)
+    stage = HostStage.of(rig, bus).limits().items()
     fingers = [servo for finger in finger_settings(rig, bus) for servo in finger.servos]
-    return fingers if stage is None else [stage, *fingers]
+    return [*(ServoSettings("stage", servo, limits) for servo, limits in stage), *fingers]
+
+
+_NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
+_SERVO_STOP_S = 0.010  # from the goal that stops a servo to its standing still
+
+
+def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
+    """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
+
+    The tip presses with the threshold's force and what comes on top until it stands: two sample periods and
+    the servo's own stop. The force is known to within the gains' spread and the crosstalk. In a notch the
+    dent may be along a normal that is not known, so the whole dent counts sideways.
+    """
+    tip = finger.tip
+    late_s = 2 / closing.sample_rate_hz + _SERVO_STOP_S
+    stiffest = stiffest_n_per_mm(tip)
+    force = min(
+        closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s,
+        largest_on_skin_n(tip, closing),
+    )
+    unsure = measured_force_share(finger) * force
+    deepest = (force + unsure) / softest_n_per_mm(tip)
+    shallowest = max(force - unsure, 0.0) / stiffest
+    bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
+    if tip.kind.has_face:
+        return pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
+    return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
+
+
+def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
+    """How far what presses on a pad's skin is from the middle of a column and of the dent, at most.
+
+    And what the place of a column is off by where the face does not look as it should, and that of an edge.
+    """
+    tilt = kinematics_of(finger).direction_bound_rad + array_bound_rad(finger)
+    return math.hypot((finger.array.pitch_mm or 0.0) / 2, deepest_mm / 2) + (
+        tilt * finger.tip.radius_mm + finger.tip.radius_bound_mm
+    )
+
+
+def resolution_of(rig: RigFile) -> Resolution:
+    """What the rig can feel, for planning: by how much two measurements of one thing may differ."""
+    bounds = []
+    for finger in rig.fingers:
+        # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
+        dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
+        if finger.tip.kind.has_face:
+            dent = pad_place_bound_mm(finger, dent)
+        bent = deflection_mm(finger, rig.closing.contact_force_n)
+        bounds.append(mechanism_of(finger).middle_bound_mm + dent + bent + tip_bound_mm(finger))
+    # An arm that does not get to the middle has no bound there.
+    bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
+    turned = max(_normal_error_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
+    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
+
+
+def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:
+    """By how much a normal may be off besides what the array shows, at a force."""
+    return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)

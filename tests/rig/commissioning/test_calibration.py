@@ -39,9 +39,9 @@ from palpate.rig.commissioning.calibration_run import (
     calibrate,
 )
 from palpate.rig.commissioning.hand_prober import joint_sides
-from palpate.rig.conversion import arm_kinematics
 from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.emulated.ground_truth import built_pose
+from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.views.report.calibration_numbers import finger_tables
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
 from support.commands.command import missing
@@ -125,7 +125,7 @@ def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole)
 def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
     """The rig with its calibration says where tips are, all over the workspace, within its bounds."""
     from palpate.drivers.slide_kinematics import SlideKinematics
-    from palpate.rig.conversion import kinematics_of
+    from palpate.rig.mechanisms import kinematics_of
 
     known = apply_calibration(whole.rig, whole.file)
     truths = [whole.world.truth(k) for k in range(3)]

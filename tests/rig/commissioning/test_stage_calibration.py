@@ -39,9 +39,9 @@ from palpate.rig.commissioning.calibration_run import (
     steps_of,
 )
 from palpate.rig.commissioning.hand_prober import approaches_of
-from palpate.rig.conversion import slide_kinematics
 from palpate.rig.emulated.ground_truth import built_pose
-from palpate.rig.fingers import planned_turn
+from palpate.rig.fingers import Stage
+from palpate.rig.mechanisms.slide import slide_kinematics
 from palpate.views.report.calibration_numbers import summary
 from support.benches.calibration_files import full_calibration, true_calibration
 from support.benches.rigs import STAGE, quick_bench
@@ -182,7 +182,7 @@ def test_its_tips_are_where_the_rig_says_at_all_stage_angles(whole: Whole) -> No
         truth, kinematics = item.truth, slide_kinematics(spec)
         assert isinstance(truth, FingerTruth)
         for angle in np.radians([-30.0, -10.0, 0.0, 20.0, 30.0]).tolist():
-            turn = planned_turn(known.stage, angle)
+            turn = Stage.of(known).planned_turn(angle)
             shaft = math.radians(whole.rig.stage.zero_deg) - math.pi + 5.0 * angle
             for flank in (-1.0, 1.0):
                 ring = (shaft - stage.truth.zero_rad) / 5.0 - flank * stage.truth.play_rad

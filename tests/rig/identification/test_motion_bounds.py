@@ -13,7 +13,7 @@ from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig
 from palpate.drivers.tactile.patches import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
-from palpate.rig.conversion import resolution_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import search

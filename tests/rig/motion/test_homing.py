@@ -18,12 +18,11 @@ from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.kinematics import Servos, Turn
 from palpate.rig.bench import connect
-from palpate.rig.conversion import arm_kinematics, kinematics_of
-from palpate.rig.drives import wait_radius_mm
+from palpate.rig.mechanisms import kinematics_of, mechanism_of
+from palpate.rig.mechanisms.arm import ArmMechanism, arm_kinematics
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.homing import HomingPolicy, back_stop_distances_mm
-from palpate.rig.reach.standby_poses import home_line
-from palpate.rig.reach.standby_ways import Standby, standby_of
+from palpate.rig.reach.standby_ways import Standby
 from support.benches.as_bought import anywhere_rig, run_from_anywhere
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session
@@ -351,7 +350,8 @@ def posture(index: int, place: tuple[float, float]) -> Servos:
 
 def homes() -> list[Servos]:
     return [
-        kinematics_of(spec).servos_rad(home_line(spec, ARMS.clear_radius_mm), 0.0) for spec in ARMS.fingers
+        item.kinematics.servos_rad(item.home(ARMS.clear_radius_mm), 0.0)
+        for item in map(mechanism_of, ARMS.fingers)
     ]
 
 
@@ -462,7 +462,7 @@ def random_postures(rng: np.random.Generator) -> list[Servos]:
 
 
 def test_no_way_to_standby_leads_an_arm_into_another_one() -> None:
-    standby, rng = standby_of(ARMS, Turn()), np.random.default_rng(5)
+    standby, rng = Standby.of(ARMS, Turn()), np.random.default_rng(5)
     found = 0
     for _ in range(4):
         drawn = random_postures(rng)
@@ -480,11 +480,11 @@ def test_no_way_to_standby_leads_an_arm_into_another_one() -> None:
 
 
 def check_arrival(standby: Standby, index: int, servos: list[float]) -> None:
-    spec = ARMS.fingers[index]
-    assert isinstance(spec, ArmFingerConfig)
+    arm = mechanism_of(ARMS.fingers[index])
+    assert isinstance(arm, ArmMechanism)
     assert standby.is_there(index, (servos[0], servos[1]))
-    away = math.hypot(*arm_kinematics(spec).centre_mm((servos[0], servos[1])))
-    assert away == pytest.approx(wait_radius_mm(spec, ARMS.clear_radius_mm), abs=0.1)
+    away = math.hypot(*arm.kinematics.centre_mm((servos[0], servos[1])))
+    assert away == pytest.approx(arm.wait_radius_mm(ARMS.clear_radius_mm), abs=0.1)
 
 
 def test_an_arm_that_is_hemmed_in_has_no_way() -> None:
@@ -494,6 +494,6 @@ def test_an_arm_that_is_hemmed_in_has_no_way() -> None:
     rig = RigFile.model_validate(data | {"obstacles": [{"name": "wall", "outline_mm": wall}]})
     drawn = homes()
     drawn[0] = posture(0, (0.0, 0.0))
-    standby = standby_of(rig, Turn())
+    standby = Standby.of(rig, Turn())
     assert not standby.is_there(0, drawn[0])
     assert next(standby.ways(0, drawn), None) is None

@@ -21,7 +21,8 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.kinematics import TICK_RAD, Line
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import choose_placement, connect
-from palpate.rig.conversion import arm_kinematics, line_of
+from palpate.rig.conversion import line_of
+from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of

@@ -15,9 +15,11 @@ from palpate.base.errors import InputError
 from palpate.config import RigFile, SlideFingerConfig, load_rig
 from palpate.drivers.kinematics import FingerBody
 from palpate.recognizer.planner import FingerApproach
-from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
+from palpate.rig.conversion import line_of
+from palpate.rig.mechanisms import kinematics_of
+from palpate.rig.mechanisms.slide import slide_kinematics
+from palpate.rig.mechanisms.swept_volume import capsules_of, gap_mm, is_apart
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.rig.reach.swept_volume import capsules_of, gap_mm, is_apart
 from support.benches.rigs import firm_rig
 
 # ----------------------------------------------------------------------------------------------------

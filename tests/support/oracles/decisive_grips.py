@@ -25,7 +25,8 @@ from palpate.recognizer import (
     twins,
     used_approaches,
 )
-from palpate.rig.conversion import goals_of, resolution_of
+from palpate.rig.conversion import goals_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.reach.approaches import Reach, reach_of
 from support.benches.rigs import firm_rig

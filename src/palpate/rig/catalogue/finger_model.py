@@ -15,10 +15,10 @@ from palpate.base.geometry import ObjectModel, State
 from palpate.base.tips import Tip, TipShape
 from palpate.config import FingerConfig, RigFile
 from palpate.config.objects_checks import heights_in_words
-from palpate.drivers.kinematics import Line
 from palpate.recognizer import Contact
-from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
-from palpate.rig.fingers import planned_turn
+from palpate.rig.conversion import tip_bound_mm
+from palpate.rig.fingers import Stage, dent_allowance_mm
+from palpate.rig.mechanisms import mechanism_of
 
 
 @dataclass(frozen=True)
@@ -113,10 +113,7 @@ def finger_heights_text(at: Sequence[AtHeight]) -> str:
 
 def _bound_mm(finger: FingerConfig, rig: RigFile) -> float:
     """Bound of a contact in the middle of the table, of all that adds to it; infinite out of reach."""
-    kinematics = kinematics_of(finger)
-    x, y = finger.base_mm
-    servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-    own = kinematics.position_bound_mm(servos) + planned_turn(rig.stage, 0.0).position_bound_mm((0.0, 0.0))
+    own = mechanism_of(finger).middle_bound_mm + Stage.of(rig).planned_turn(0.0).position_bound_mm((0.0, 0.0))
     return own + dent_allowance_mm(finger, rig.closing) + tip_bound_mm(finger)
 
 

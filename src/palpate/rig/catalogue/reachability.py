@@ -18,11 +18,12 @@ import shapely
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import Floats, ObjectModel, State
-from palpate.config import ArmFingerConfig, RigFile
+from palpate.config import RigFile
 from palpate.recognizer import CatalogueState, Symmetry, ball_obstacle
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, finger_heights_text
 from palpate.rig.catalogue.section_stack import region_within
 from palpate.rig.conversion import finger_of
+from palpate.rig.mechanisms import lowest_links
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
@@ -89,8 +90,7 @@ class _RigLimits:
         self.fingers = [(finger.name, finger.span_mm) for finger in rig.fingers]
         self.across = 2 * rig.workspace.radius_mm
         self.unsure = 2 * (contact_bound_mm(rig) or 0.0)
-        links = [arm.links.links_height_mm for arm in rig.fingers if isinstance(arm, ArmFingerConfig)]
-        self.links = min(links, default=math.inf)
+        self.links, _ = lowest_links(rig)
 
 
 class _ScaledState:

@@ -20,11 +20,14 @@ from palpate.calibration.measurements import (
     TouchMeasurement,
 )
 from palpate.calibration.reference import Reference
-from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
+from palpate.config import FingerConfig, RigFile
+from palpate.config.rig_servos import AimConfig, RotaryConfig
 from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Line
 from palpate.recognizer import FingerApproach
-from palpate.rig.conversion import kinematics_of, line_of
-from palpate.rig.fingers import planned_turn
+from palpate.rig.conversion import line_of
+from palpate.rig.fingers import Stage
+from palpate.rig.mechanisms import mechanism_of
+from palpate.rig.mechanisms.mechanism import Mechanism
 from palpate.rig.motion.creep import measure_quasi_statically
 from palpate.rig.motion.end_stops import stall_at_stop, swing_aims
 from palpate.rig.motion.guarded_approach import (
@@ -72,11 +75,10 @@ class HandProber:
     ) -> None:
         """`turned`: with paths at several angles of the stage. Raises InputError for fingers without room."""
         self._hand, self._table, self._tell = hand, table, tell
-        self._specs = [finger.spec for finger in hand.fingers]
-        self._kinematics = [finger.kinematics for finger in hand.fingers]
+        self._mechanisms = [finger.mechanism for finger in hand.fingers]
         self._reach, self._number = (_stage_reach if turned else _middle_reach)(hand.rig)
         self.approaches: Sequence[ServoPath] = [
-            _approach(hand.rig, self._reach, index, self._kinematics) for index in self._number
+            _approach(hand.rig, self._reach, index, self._mechanisms) for index in self._number
         ]
         self._aims: dict[int, tuple[float, int]] = {}
         self._stage_rad = self._reach.middle_rad
@@ -158,7 +160,7 @@ class HandProber:
 
         Slides that are known only roughly may be too near by their bounds, and are guarded on their way.
         """
-        if all(isinstance(spec, SlideFingerConfig) for spec in self._specs):
+        if not any(item.aim is None for item in self._mechanisms):
             return [list(probes)] if probes else []
         groups: list[list[Probe]] = []
         for probe in probes:
@@ -178,9 +180,9 @@ class HandProber:
     def _turn_to(self, stage_rad: float) -> None:
         """Note that the stage is going to turn: every aim goes home for it, to come from there."""
         if stage_rad != self._stage_rad:
-            for index, spec in enumerate(self._specs):
-                if isinstance(spec, SlideFingerConfig):
-                    self._aims[index] = (_home_rad(spec), 0)
+            for index, mechanism in enumerate(self._mechanisms):
+                if mechanism.aim is not None:
+                    self._aims[index] = (_home_rad(mechanism.aim), 0)
         self._stage_rad = stage_rad
 
     def _take_up_play(self, probes: Sequence[Probe]) -> None:
@@ -211,20 +213,20 @@ class HandProber:
         self._hand.disarm()
 
     def _may_push_aim(self, probe: Probe) -> bool:
-        spec = self._specs[self.approaches[probe.approach].finger]
-        return isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None
+        aim = self._mechanisms[self.approaches[probe.approach].finger].aim
+        return aim is not None and aim.backlash_holds_n is not None
 
     def _beside(self, probe: Probe) -> int | None:
         """The next approach of its finger on the side to come from; None at the end of the aim's range."""
         item = self.approaches[probe.approach]
-        spec = self._specs[item.finger]
-        assert isinstance(spec, SlideFingerConfig)
+        aim = self._mechanisms[item.finger].aim
+        assert aim is not None
         before = [
             (further, number)
             for number, other in enumerate(self.approaches)
             if other.finger == item.finger
             and other.stage_rad == item.stage_rad
-            and (further := probe.side * (_aim_rad(item) - _aim_rad(other)) / spec.aim.gear_ratio) > 1e-6
+            and (further := probe.side * (_aim_rad(item) - _aim_rad(other)) / aim.gear_ratio) > 1e-6
         ]
         return min(before)[1] if before else None
 
@@ -235,15 +237,15 @@ class HandProber:
     def _ways(self, number: int) -> tuple[int, int] | None:
         """Sides from which the aim will come to its angle, as far as that is sure; noted for the next.
 
-        None for an arm: its joints move all of the way, and how they came shows where it stands.
+        None without an aim: joints move all of the way, and how they came shows where each stands.
         """
         item = self.approaches[number]
-        spec = self._specs[item.finger]
-        if isinstance(spec, ArmFingerConfig):
+        aim = self._mechanisms[item.finger].aim
+        if aim is None:
             return None
         at = _aim_rad(item)
         before, way = self._aims.get(item.finger, (math.nan, 0))
-        moved = (at - before) / spec.aim.gear_ratio
+        moved = (at - before) / aim.gear_ratio
         sure = abs(at - before) > _MIN_TAKE_UP_RAD
         if sure:
             way = 1 if moved > 0 else -1
@@ -258,14 +260,13 @@ class HandProber:
         patch = touch.patch
         if patch is None:
             return None
-        spec, kinematics = self._specs[touch.finger_index], self._kinematics[touch.finger_index]
-        facing = 0.0
+        mechanism = self._mechanisms[touch.finger_index]
+        kinematics, facing = mechanism.kinematics, 0.0
         if ways is None:
-            assert isinstance(spec, ArmFingerConfig)
             line = _ring_line(self._hand.rig, approach)
             facing = wrap_angle(kinematics.facing_rad(touch.servos) - line.direction_rad)
             last = line.travel_mm(kinematics.centre_mm(touch.servos))
-            ways = joint_sides(spec, servo_table(kinematics, line, (last - _TAKE_UP_MM, last)))
+            ways = joint_sides(mechanism.spec, servo_table(kinematics, line, (last - _TAKE_UP_MM, last)))
         return TouchMeasurement(
             self._hand.fingers[touch.finger_index].name,
             placing,
@@ -284,50 +285,49 @@ class HandProber:
 def approaches_of(rig: RigFile, *, turned: bool = False) -> list[ServoPath]:
     """Every way that the fingers of a rig can go, as their servos go it; `turned`: at all stage angles."""
     reach, numbers = (_stage_reach if turned else _middle_reach)(rig)
-    kinematics = [kinematics_of(finger) for finger in rig.fingers]
-    return [_approach(rig, reach, index, kinematics) for index in numbers]
+    mechanisms = [mechanism_of(finger) for finger in rig.fingers]
+    return [_approach(rig, reach, index, mechanisms) for index in numbers]
 
 
 def _middle_reach(rig: RigFile) -> tuple[Reach, list[int]]:
     """The reach of a rig, and its approaches with the stage where it is nearest to 0."""
-    reach = reach_of(rig, aims=_ARM_AIMS if _has_arms(rig) else _AIMS)
+    reach = reach_of(rig, aims=_ARM_AIMS if _lacks_aims(rig) else _AIMS)
     return reach, reach.of_stage(reach.middle_rad)
 
 
 def _stage_reach(rig: RigFile) -> tuple[Reach, list[int]]:
     """The reach at several angles of the stage, and those of its approaches whose play is taken up."""
-    reach = reach_of(rig, aims=_TURNED_ARM_AIMS if _has_arms(rig) else _TURNED_AIMS)
-    kinds = [kinematics_of(spec) for spec in rig.fingers]
+    reach = reach_of(rig, aims=_TURNED_ARM_AIMS if _lacks_aims(rig) else _TURNED_AIMS)
+    mechanisms = [mechanism_of(spec) for spec in rig.fingers]
 
     def counts(number: int) -> bool:
         item = reach.approaches[number]
-        spec = rig.fingers[item.finger_index]
-        if isinstance(spec, ArmFingerConfig):
+        mechanism = mechanisms[item.finger_index]
+        if mechanism.aim is None:
             return True
-        aim_rad, _ = kinds[item.finger_index].servos_rad(_ring_line(rig, item), 0.0)
-        return abs(aim_rad - _home_rad(spec)) > _MIN_TAKE_UP_RAD
+        aim_rad, _ = mechanism.kinematics.servos_rad(_ring_line(rig, item), 0.0)
+        return abs(aim_rad - _home_rad(mechanism.aim)) > _MIN_TAKE_UP_RAD
 
     return reach, [number for number in range(len(reach.approaches)) if counts(number)]
 
 
-def _has_arms(rig: RigFile) -> bool:
-    return any(isinstance(finger, ArmFingerConfig) for finger in rig.fingers)
+def _lacks_aims(rig: RigFile) -> bool:
+    return any(mechanism_of(finger).aim is None for finger in rig.fingers)
 
 
-def _home_rad(spec: SlideFingerConfig) -> float:
-    """Servo angle of a slide's aim where it waits while the stage turns."""
-    return math.radians(spec.aim.zero_deg) - math.pi
+def _home_rad(aim: AimConfig) -> float:
+    """Servo angle of an aim where it waits while the stage turns."""
+    return math.radians(aim.zero_deg) - math.pi
 
 
-def joint_sides(spec: ArmFingerConfig, servos_rad: Floats) -> tuple[int, int]:
+def joint_sides(spec: FingerConfig, servos_rad: Floats) -> tuple[int, int]:
     """Sides from which both joints of an arm came, +1 from below, by servo angles (2, 2); 0 if not sure.
 
     Sure is what has moved on by more than all of the play, and what encoders may be off.
     """
     ways = []
-    for joint, turned in zip(
-        (spec.shoulder, spec.elbow), (servos_rad[1] - servos_rad[0]).tolist(), strict=True
-    ):
+    for joint, turned in zip(spec.servos.values(), (servos_rad[1] - servos_rad[0]).tolist(), strict=True):
+        assert isinstance(joint, RotaryConfig), "joints of a finger without an aim turn"
         moved = turned / joint.gear_ratio
         least = 2 * math.radians(joint.backlash_deg) + 2 * TICK_RAD / abs(joint.gear_ratio)
         ways.append(int(math.copysign(1, moved)) if abs(moved) > least else 0)
@@ -339,18 +339,18 @@ def servo_table(kinematics: FingerKinematics, line: Line, travels_mm: Sequence[f
     return np.array([kinematics.servos_rad(line, travel) for travel in travels_mm])
 
 
-def _approach(rig: RigFile, reach: Reach, index: int, kinematics: Sequence[FingerKinematics]) -> ServoPath:
+def _approach(rig: RigFile, reach: Reach, index: int, mechanisms: Sequence[Mechanism]) -> ServoPath:
     item = reach.approaches[index]
-    is_arm = isinstance(rig.fingers[item.finger_index], ArmFingerConfig)
-    travels = np.linspace(0.0, item.travel_mm, _PATH_POSTURES if is_arm else 2).tolist()
+    mechanism = mechanisms[item.finger_index]
+    travels = np.linspace(0.0, item.travel_mm, _PATH_POSTURES if mechanism.aim is None else 2).tolist()
     line = _ring_line(rig, item)
-    servos = servo_table(kinematics[item.finger_index], line, travels)
+    servos = servo_table(mechanism.kinematics, line, travels)
     return ServoPath(item.finger_index, servos, item.travel_mm, item.stage_rad)
 
 
 def _ring_line(rig: RigFile, item: FingerApproach) -> Line:
     """An approach's line in the frame that carries the fingers."""
-    return planned_turn(rig.stage, item.stage_rad).line_back(line_of(item))
+    return Stage.of(rig).planned_turn(item.stage_rad).line_back(line_of(item))
 
 
 def _aim_rad(approach: ServoPath) -> float:

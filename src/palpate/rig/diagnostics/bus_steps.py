@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from contextlib import closing, suppress
 
 from palpate.base.errors import quantity
+from palpate.config import RigServo
 from palpate.config.diagnosis_results import Cause, FindingOut
 from palpate.drivers.dynamixel import ALL_IDS, Bus, DamagedAnswer, FoundServo, NotAnswering, model_name, scan
 from palpate.rig.diagnostics.readings import AnsweringServos, Readings
-from palpate.rig.diagnostics.servo_bus import RigServo, baudrates_to_try, list_servos
+from palpate.rig.diagnostics.servo_bus import baudrates_to_try, list_servos
 from palpate.rig.diagnostics.steps import (
     DiagnosisCase,
     Judgement,

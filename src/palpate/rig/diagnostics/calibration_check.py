@@ -38,7 +38,7 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.finger_model import FingerModel, SlideModel, certain_models
 from palpate.calibration.measurements import Prober, TouchMeasurement
 from palpate.calibration.reference import Reference
-from palpate.config import CalibrationFile, FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import CalibrationFile, FingerConfig, RigFile
 from palpate.config.diagnosis_results import (
     CalibrationCheckOut,
     Cause,
@@ -46,6 +46,7 @@ from palpate.config.diagnosis_results import (
     FingerTouchOut,
     TouchCheckOut,
 )
+from palpate.config.rig_servos import SlideConfig
 from palpate.rig.conversion import deflection_mm, slide_force_n
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.servo_bus import list_servos
@@ -58,6 +59,7 @@ from palpate.rig.diagnostics.steps import (
     warning,
     wrong,
 )
+from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.touch import dent_range_mm
 from palpate.rig.session.calibration_drift import device_mismatch
 
@@ -88,16 +90,19 @@ def measure_friction(
 
 def judge_friction(rig: RigFile, friction_a: Mapping[str, float]) -> list[FindingOut]:
     """Judge the force with which tips may press by measured friction, and warn where it matters."""
-    slides = (item for item in rig.fingers if isinstance(item, SlideFingerConfig) and item.name in friction_a)
-    found = (_judge_slide(rig, spec, friction_a[spec.name]) for spec in slides)
+    found = (
+        _judge_slide(rig, spec.name, slide, friction_a[spec.name])
+        for spec in rig.fingers
+        if spec.name in friction_a and (slide := mechanism_of(spec).push) is not None
+    )
     return [item for item in found if item is not None]
 
 
-def _judge_slide(rig: RigFile, spec: SlideFingerConfig, measured_a: float) -> FindingOut | None:
-    allowed_a, dxl_id = spec.slide.friction_a, spec.slide.dxl_id
-    more_n = slide_force_n(spec.slide, allowed_a - measured_a)
+def _judge_slide(rig: RigFile, name: str, slide: SlideConfig, measured_a: float) -> FindingOut | None:
+    allowed_a, dxl_id = slide.friction_a, slide.dxl_id
+    more_n = slide_force_n(slide, allowed_a - measured_a)
     left_n = rig.closing.max_force_n + more_n
-    device = NamedDevice(f"finger {spec.name}", (dxl_id,))
+    device = NamedDevice(f"finger {name}", (dxl_id,))
     if more_n > 0:
         return warning(
             Cause.FRICTION,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from palpate.base.errors import DeviceError
-from palpate.config import FingerConfig
+from palpate.config import FingerConfig, RigServo
 from palpate.config.diagnosis_results import (
     DEVICE_CAUSES,
     AdapterCheckOut,
@@ -74,7 +74,7 @@ from palpate.rig.diagnostics.readings import (
     need_settings,
     need_sound_servo,
 )
-from palpate.rig.diagnostics.servo_bus import RigServo, list_servos
+from palpate.rig.diagnostics.servo_bus import list_servos
 from palpate.rig.diagnostics.servo_examination import examine_servos
 from palpate.rig.diagnostics.servo_steps import (
     judge_firmware,

@@ -3,26 +3,20 @@
 A servo knows its own angle only: which way a tip goes is seen by a person, or by what emulates the bench.
 """
 
-import math
 from collections.abc import Callable
 from typing import Protocol
 
 from palpate.base.errors import DeviceError, InputError, quantity
 from palpate.config.diagnosis_results import Cause, FindingOut
-from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.dynamixel import Servo, ServoMover
-from palpate.drivers.slide_kinematics import SlideKinematics
 from palpate.rig.bench import BenchRig
 from palpate.rig.diagnostics.steps import Judgement, MotionStep, NamedDevice, name_servo, wrong
-from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.fingers import HostFinger
+from palpate.rig.mechanisms.mechanism import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.motion.guarded_approach import retract_all
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.homing import HomingPolicy
 
-_AIM_MOVE_RAD = 0.35  # of the aim's servo, as calibration swings it
-_JOINT_MOVE_RAD = 0.1
-_SLIDE_MOVE_MM = 8.0
 _SPEED_RAD_S = 0.8
 _PERIOD_S = 0.01
 
@@ -85,22 +79,10 @@ def examine_directions(hand: Hand, onlooker: Onlooker) -> Judgement:
 
 def _joint_moves(hand: Hand, finger: HostFinger) -> list[tuple[Servo, str, float, str]]:
     """Each joint of a finger: its servo, its key, the angle to go to, and where the tip goes then."""
-    near, far = finger.drive.servos
     at = hand.servos_of([finger])[finger]
-    kinematics = finger.kinematics
-    if isinstance(kinematics, SlideKinematics):
-        ratio = kinematics.aim_servo_rad(1.0) - kinematics.aim_servo_rad(0.0)
-        aim = at[0] + (_AIM_MOVE_RAD if ratio > 0 else -_AIM_MOVE_RAD)
-        slide = kinematics.slide_servo_rad(kinematics.distance_mm(at[1]) + _SLIDE_MOVE_MM)
-        return [(near, "aim.gear_ratio", aim, LEFT), (far, "slide.mm_per_turn", slide, OUT)]
-    assert isinstance(kinematics, ArmKinematics), "there are two kinds of fingers"
-    shoulder, elbow = kinematics.shoulder, kinematics.elbow
-    turned = min(shoulder.angle_rad(at[0]) + _JOINT_MOVE_RAD, shoulder.hi_rad)
-    bent = elbow.angle_rad(at[1])
-    straighter = min(max(bent - math.copysign(_JOINT_MOVE_RAD, bent), elbow.lo_rad), elbow.hi_rad)
     return [
-        (near, "shoulder.gear_ratio", shoulder.servo_rad(turned), LEFT),
-        (far, "elbow.gear_ratio", elbow.servo_rad(straighter), OUT),
+        (servo, move.key, move.goal_rad, OUT if move.outward else LEFT)
+        for servo, move in zip(finger.drive.servos, finger.mechanism.test_moves(at), strict=True)
     ]
 
 

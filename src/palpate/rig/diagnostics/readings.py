@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from palpate.base.errors import DeviceError
+from palpate.config import RigServo
 from palpate.config.diagnosis_results import FindingOut, TouchForceOut
 from palpate.drivers.dynamixel import FoundServo, model_name
 from palpate.drivers.transport import PortForbidden, PortTaken
 from palpate.rig.diagnostics.array_examination import ExaminedArray, UntouchedArray
-from palpate.rig.diagnostics.servo_bus import RigServo
 from palpate.rig.diagnostics.servo_examination import ExaminedServo, ExaminedServos
 from palpate.rig.diagnostics.steps import DiagnosisCase
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, RigServo, load_rig, shipped_rig
 from palpate.config.commissioning_results import ScannedServoOut, ScanOut, StopOut, StoppedServoOut
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.drivers.dynamixel import (
@@ -30,15 +30,6 @@ from palpate.drivers.dynamixel import (
 )
 from palpate.drivers.transport import Clock, MonotonicClock, PortTaken, has_baudrate, open_port
 from palpate.rig.contact_peak import bus_latency_s, port_latency_s
-
-
-@dataclass(frozen=True, slots=True)
-class RigServo:
-    """A servo of the rig file: what people call it, and what it should be."""
-
-    owner: str
-    dxl_id: int
-    model: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,18 +87,8 @@ def endpoint_of_rig(rig: RigFile, seed: int = 0) -> BusEndpoint:
 
 
 def list_servos(rig: RigFile | None) -> tuple[RigServo, ...]:
-    """All servos of a rig, the stage's first, each finger's after one another."""
-    if rig is None:
-        return ()
-    stage = [] if rig.stage is None else [RigServo("stage", rig.stage.dxl_id, rig.stage.model)]
-    return (
-        *stage,
-        *(
-            RigServo(f"{finger.name} {joint}", servo.dxl_id, servo.model)
-            for finger in rig.fingers
-            for joint, servo in finger.servos.items()
-        ),
-    )
+    """All servos of a rig; none without one."""
+    return () if rig is None else rig.servos
 
 
 def check_dxl_ids(rig: RigFile, dxl_ids: Sequence[int]) -> None:

@@ -25,7 +25,7 @@ from palpate.drivers.dynamixel import (
 )
 from palpate.drivers.transport import Clock
 from palpate.rig.diagnostics.steps import DiagnosisCase, NamedDevice, name_servo
-from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problem
+from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problems
 
 LOOP_S = 1.0
 """How long servos are read over and over."""
@@ -170,17 +170,13 @@ def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServo
         except (DeviceError, InputError) as error:
             loop_failure = str(error)
     counts = BusCountsOut(**bus.counts.as_dict())
-    return ExaminedServos(tuple(seen), loop, loop_failure, counts, _starts(case, bus, states))
-
-
-def _starts(case: DiagnosisCase, bus: Bus, states: Mapping[int, ServoState]) -> dict[str, str | None]:
-    starts: dict[str, str | None] = {}
-    for finger in finger_settings(case.rig, bus):
-        near, far = (item.servo for item in finger.servos)
-        if near.dxl_id in states and far.dxl_id in states:
-            at = states[near.dxl_id].position_rad, states[far.dxl_id].position_rad
-            starts[finger.spec.name] = start_problem(finger.spec, case.rig, (near, far), at)
-    return starts
+    return ExaminedServos(
+        tuple(seen),
+        loop,
+        loop_failure,
+        counts,
+        start_problems(case.rig, finger_settings(case.rig, bus), states),
+    )
 
 
 def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:

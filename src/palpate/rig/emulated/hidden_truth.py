@@ -27,10 +27,12 @@ from palpate.config.emulation import MechanicsConfig
 from palpate.drivers.emulators import ArmTruth, Bench, EmulatedServo, FingerTruth, JointCompliance, JointTruth
 from palpate.drivers.kinematics import FingerBody, Servos, Turn
 from palpate.drivers.tactile import Description, Shape
-from palpate.rig.conversion import arm_kinematics, kinematics_of, slide_kinematics
-from palpate.rig.drives import point_on_circle, wait_radius_mm
 from palpate.rig.emulated.scene import Placement, shape_of
-from palpate.rig.reach.swept_volume import is_apart
+from palpate.rig.fingers import Stage
+from palpate.rig.mechanisms import mechanism_of
+from palpate.rig.mechanisms.mechanism import Mechanism
+from palpate.rig.mechanisms.slide import slide_kinematics
+from palpate.rig.mechanisms.swept_volume import is_apart
 
 _TOUCHABLE_RAD = math.radians(60.0)
 _REACH_FACTOR = 1.02  # slides are off by a little: no tip is further out than that
@@ -119,21 +121,6 @@ def joint_truth(gear_ratio: float, zero_deg: float, play_deg: float, rng: np.ran
     return JointTruth(
         gear_ratio, math.radians(zero_deg) - math.pi, math.radians(play_deg) * rng.uniform(0.3, 1)
     )
-
-
-def start_angles_rad(finger: FingerConfig, rig: RigFile) -> tuple[float, float]:
-    """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them.
-
-    They go by what the servos read, because that is how they are told to. The truth may be a little off.
-    """
-    if isinstance(finger, ArmFingerConfig):
-        home = point_on_circle(
-            wait_radius_mm(finger, rig.clear_radius_mm),
-            math.atan2(finger.base_mm[1], finger.base_mm[0]),
-        )
-        return arm_kinematics(finger).servos_at(home)
-    nominal = slide_kinematics(finger)
-    return nominal.aim_servo_rad(0.0), nominal.slide_servo_rad(finger.slide.range_mm[0] + 1.0)
 
 
 def _with_joints_off(truth: ArmTruth, emulation: EmulationConfig, rng: np.random.Generator) -> ArmTruth:
@@ -291,7 +278,6 @@ def _draw(span: tuple[float, float] | None, absent: float, rng: np.random.Genera
 
 _MAX_DRAWS = 10_000
 _MIN_GAP_MM = 3.0  # more than the truth may differ from the description, on any rig that is used
-_OFF_STOP_MM = 0.5
 
 
 def start_stage_rad(rig: RigFile, rng: np.random.Generator) -> float:
@@ -308,14 +294,15 @@ def start_postures(
 
     Raises InputError if no posture is found in which fingers are apart.
     """
+    mechanisms = [mechanism_of(finger) for finger in rig.fingers]
     if rig.emulation is None or rig.emulation.start == "waiting":
-        return [start_angles_rad(finger, rig) for finger in rig.fingers]
-    turn = Turn((0.0, 0.0) if rig.stage is None else rig.stage.centre_mm, stage_rad)
+        return [item.start_rad(rig.clear_radius_mm) for item in mechanisms]
+    turn = Turn(Stage.of(rig).centre_mm, stage_rad)
     parts = [] if placement is None else [shape_of(placement, part) for part in placement.state.sections]
     posts: list[shapely.Geometry] = [shapely.Polygon(item.outline_mm) for item in rig.obstacles]
     for _ in range(_MAX_DRAWS):
-        drawn = [_draw_posture(finger, rng) for finger in rig.fingers]
-        if _is_free(rig.fingers, drawn, turn, parts, posts):
+        drawn = [item.draw_posture(rng) for item in mechanisms]
+        if _is_free(mechanisms, drawn, turn, parts, posts):
             return drawn
     raise InputError(
         'emulation.start: is "anywhere", and no posture was found in which fingers stand apart; '
@@ -323,29 +310,8 @@ def start_postures(
     )
 
 
-def _draw_posture(finger: FingerConfig, rng: np.random.Generator) -> Servos:
-    if isinstance(finger, ArmFingerConfig):
-        shoulder, elbow = (
-            math.radians(joint.zero_deg + joint.gear_ratio * rng.uniform(*joint.range_deg)) - math.pi
-            for joint in (finger.shoulder, finger.elbow)
-        )
-        return shoulder, elbow
-    return _draw_slide_posture(finger, rng)
-
-
-def _draw_slide_posture(finger: SlideFingerConfig, rng: np.random.Generator) -> Servos:
-    kinematics, slide = slide_kinematics(finger), finger.slide
-    lo, hi = slide.range_mm
-    if slide.stops_mm is not None:
-        lo, hi = (stop + inward * _OFF_STOP_MM for stop, inward in zip(slide.stops_mm, (1, -1), strict=True))
-    off = max(slide.off_mm(lo), slide.off_mm(hi))
-    lo, hi = lo + off, hi - off
-    aim = math.radians(rng.uniform(*finger.aim.range_deg))
-    return kinematics.aim_servo_rad(aim), kinematics.slide_servo_rad(rng.uniform(lo, hi))
-
-
 def _is_free(
-    fingers: Sequence[FingerConfig],
+    fingers: Sequence[Mechanism],
     postures: Sequence[Servos],
     turn: Turn,
     parts: Sequence[shapely.Geometry],
@@ -353,7 +319,7 @@ def _is_free(
 ) -> bool:
     """Whether fingers are apart, and clear of the part, above which links of arms pass, and of posts."""
     bodies = [
-        kinematics_of(finger).body(angles, finger.tip.radius_mm)
+        finger.kinematics.body(angles, finger.spec.tip.radius_mm)
         for finger, angles in zip(fingers, postures, strict=True)
     ]
     apart = all(is_apart(one, two, _MIN_GAP_MM) for k, one in enumerate(bodies) for two in bodies[:k])
@@ -362,7 +328,7 @@ def _is_free(
         and all(
             _clear_mm(body, k, turn, part) > _MIN_GAP_MM
             for finger, body in zip(fingers, bodies, strict=True)
-            for k in (range(len(body.start)) if finger.type == "slide" else (len(body.start) - 1,))
+            for k in (range(len(body.start)) if math.isinf(finger.lowest_link_mm) else (len(body.start) - 1,))
             for part in parts
         )
         and all(

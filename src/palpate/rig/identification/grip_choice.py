@@ -33,7 +33,8 @@ from palpate.recognizer import (
     used_approaches,
 )
 from palpate.rig.contact_peak import expected_peak_n
-from palpate.rig.conversion import finger_of, goals_of, resolution_of
+from palpate.rig.conversion import finger_of, goals_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.pushing_mechanics import (

@@ -22,7 +22,6 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Ints
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import RigFile
-from palpate.drivers.kinematics import Line
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -34,7 +33,7 @@ from palpate.recognizer import (
     contact_in_motion,
     is_explained,
 )
-from palpate.rig.conversion import finger_of, kinematics_of, tip_bound_mm
+from palpate.rig.conversion import finger_of, tip_bound_mm
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -55,6 +54,7 @@ from palpate.rig.identification.observers import (
     StageEvent,
     TouchEvent,
 )
+from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
@@ -358,10 +358,7 @@ def check_accuracy(rig: RigFile, file: str | None) -> None:
     """
     name = f'rig "{rig.name}"' if file is None else file
     for finger in rig.fingers:
-        kinematics = kinematics_of(finger)
-        x, y = finger.base_mm
-        middle = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-        off = kinematics.position_bound_mm(middle) + tip_bound_mm(finger)
+        off = mechanism_of(finger).middle_bound_mm + tip_bound_mm(finger)
         if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
             remedy = (
                 "measure it more finely (docs/pads.md), and narrow its bounds"

@@ -92,12 +92,7 @@ def name_owners(error: BaseException, rig: RigFile) -> None:
     """Put before a servo's error whose joint it is, as "f1 slide: servo 12 on …"."""
     if not isinstance(error, ServoError | WatchdogTripped):
         return
-    owners = {} if rig.stage is None else {rig.stage.dxl_id: "stage"}
-    owners |= {
-        servo.dxl_id: f"{finger.name} {joint}"
-        for finger in rig.fingers
-        for joint, servo in finger.servos.items()
-    }
+    owners = {servo.dxl_id: servo.owner for servo in rig.servos}
     named = [owners[dxl_id] for dxl_id in error.dxl_ids if dxl_id in owners]
     if named:
         error.args = (f"{', '.join(named)}: {error}",)

@@ -11,23 +11,23 @@ from collections.abc import Mapping
 import numpy as np
 
 from palpate.base.errors import DeviceError, InputError
-from palpate.config import SlideFingerConfig
-from palpate.drivers.dynamixel import Guard, MoveEnd, Servo, ServoMover
+from palpate.drivers.dynamixel import MoveEnd, Servo, ServoMover
 from palpate.drivers.kinematics import TICK_RAD
-from palpate.drivers.slide_kinematics import SlideKinematics
-from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_SPEED_RAD_S, AIM_TOLERANCE_RAD
 from palpate.rig.fingers import HostFinger
+from palpate.rig.mechanisms.mechanism import (
+    ACCELERATION_RAD_S2,
+    AIM_SPEED_RAD_S,
+    AIM_TOLERANCE_RAD,
+    HardStops,
+)
 from palpate.rig.motion.finger_movers import ARRIVED_MM
 from palpate.rig.motion.guarded_approach import retract_all
 from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.homing import creep_to_stall
 
 _PERIOD_S = 0.01
-_MOTION_THRESHOLD_MM = 0.03
-_STALL_S = 0.4
 _SLOW_ZONE_MM = 6.0
 _OVERTRAVEL_MM = 4.0
-_PASSED_TOLERANCE_MM = 1.0
-_SLOW_MM_S = 5.0
 _STALL_CURRENT_SHARE = 0.6  # of the largest current
 _SWING_RAD = 0.4  # of the aim's servo
 _SWING_RAD_S = 0.8
@@ -40,7 +40,7 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     Quickly until near the stop, then slowly and with little current. The slide goes back to where it waits.
     DeviceError if it goes on past the stop without stalling.
     """
-    slide, kinematics = finger.drive.closing_servos[0], slide_kinematics_of(finger)
+    slide, kinematics = finger.drive.closing_servos[0], _stops(finger).kinematics
     full_a = finger.drive.limits()[slide].current_a
     hand.arm()
     retract_all(hand)
@@ -49,15 +49,15 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     near, past = stop_mm - way * _SLOW_ZONE_MM, stop_mm + way * _OVERTRAVEL_MM
     speed = hand.rig.closing.approach_speed_mm_s
     if (near - now_at) * way > 0:
-        _set_speed(slide, kinematics, speed)
+        slide.set_profile(speed / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
         goals = {slide: kinematics.slide_servo_rad(near)}
         hand.move_servos(goals, lambda servo: finger.drive.reached_rad(servo, ARRIVED_MM))
     slide.set_goal_current_a(_STALL_CURRENT_SHARE * full_a)
     # Soft limits end before the stop: this move alone may go past them.
     ends = sorted((kinematics.slide_servo_rad(near), kinematics.slide_servo_rad(past)))
-    at = _stall_angle_rad(hand, slide.with_range((ends[0], ends[1])), kinematics, past)
+    end, at = creep_to_stall(hand, slide.with_range((ends[0], ends[1])), kinematics, past)
     slide.set_goal_current_a(full_a)  # nothing presses on: it was stopped where it stalled
-    if at is None:
+    if end is not MoveEnd.STALL:
         raise DeviceError(
             f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard "
             "stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
@@ -70,12 +70,11 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
 def swing_aims(hand: Hand) -> list[float]:
     """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median.
 
-    0 for an arm, which has no aim and stays where it is.
+    0 for a finger without an aim, which stays where it is.
     """
     hand.arm()
     retract_all(hand)
-    slides = [finger for finger in hand.fingers if isinstance(finger.kinematics, SlideKinematics)]
-    aims = [finger.drive.servos[0] for finger in slides]
+    aims = [finger.drive.servos[0] for finger in hand.fingers if finger.mechanism.aim is not None]
     start = {aim: hand.states([aim])[aim.dxl_id].position_rad for aim in aims}
     seen: dict[Servo, list[float]] = {aim: [] for aim in aims}
     for aim in aims:
@@ -88,41 +87,21 @@ def swing_aims(hand: Hand) -> list[float]:
                 if abs(state.velocity_rad_s) > _MIN_TURNING_RAD_S:
                     along = math.copysign(state.current_a, state.current_a * state.velocity_rad_s)
                     seen[mover.servo].append(along)
-    for finger in slides:
-        finger.drive.servos[0].set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
+    for aim in aims:
+        aim.set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
     hand.disarm()
     needed = {aim: float(np.median(found)) for aim, found in seen.items() if found}
     return [needed.get(finger.drive.servos[0], 0.0) for finger in hand.fingers]
 
 
-def slide_kinematics_of(finger: HostFinger) -> SlideKinematics:
-    """Kinematics of a slide; InputError for a finger of another type."""
-    if not isinstance(finger.kinematics, SlideKinematics):
+def _stops(finger: HostFinger) -> HardStops:
+    """Hard stops of a finger; InputError without any."""
+    if finger.mechanism.homing is None:
         raise InputError(
-            f'finger {finger.name} is of type "two-link"; only slides are driven against their stops'
+            f"finger {finger.name} has no stops_mm in the rig file; only slides with stops are driven "
+            "against them"
         )
-    return finger.kinematics
-
-
-def _set_speed(slide: Servo, kinematics: SlideKinematics, speed_mm_s: float) -> None:
-    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
-
-
-def _stall_angle_rad(hand: Hand, slide: Servo, kinematics: SlideKinematics, past_mm: float) -> float | None:
-    """Servo angle (rad) at which a slide stalls before `past_mm`: the mean of what is read while it stands.
-
-    None if it gets there.
-    """
-    per_mm = abs(1 / kinematics.mm_per_rad)
-    guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
-    _set_speed(slide, kinematics, _SLOW_MM_S)
-    mover = ServoMover(slide, kinematics.slide_servo_rad(past_mm), _PASSED_TOLERANCE_MM * per_mm, guard)
-    (end,) = hand.guarded([mover], period_s=_PERIOD_S).values()
-    if end is not MoveEnd.STALL:
-        return None
-    # It may have crept on by less than what counts as motion.
-    since = mover.moved_s + _STALL_S / 2
-    return float(np.mean([state.position_rad for when, state in mover.seen if when > since]))
+    return finger.mechanism.homing
 
 
 _STALL_REPEATABILITY_MM = 0.1  # a stall at a stiff stop comes back to within a few encoder steps
@@ -135,9 +114,8 @@ def slides_at_stops(hand: Hand) -> dict[HostFinger, float]:
     """
     found: dict[HostFinger, float] = {}
     for finger in hand.fingers:
-        spec = finger.spec
-        if isinstance(spec, SlideFingerConfig) and spec.slide.stops_mm is not None:
-            found[finger] = stall_at_stop(hand, finger, spec.slide.stops_mm[0])
+        if finger.mechanism.homing is not None:
+            found[finger] = stall_at_stop(hand, finger, finger.mechanism.homing.back_mm)
     return found
 
 
@@ -145,7 +123,7 @@ def check_slips(hand: Hand, before: Mapping[HostFinger, float]) -> None:
     """Raise DeviceError for a slide that stalls elsewhere than `before` (rad)."""
     now = slides_at_stops(hand)
     for finger, at_rad in before.items():
-        per_rad = abs(slide_kinematics_of(finger).mm_per_rad)
+        per_rad = abs(_stops(finger).kinematics.mm_per_rad)
         off_mm = abs(now[finger] - at_rad) * per_rad
         if off_mm > _STALL_REPEATABILITY_MM + 2 * TICK_RAD * per_rad:
             servo = finger.drive.closing_servos[0]

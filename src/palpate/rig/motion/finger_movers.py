@@ -6,14 +6,15 @@ near. What a finger must never do ends all motion: `judge` raises it, and so doe
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import final
+from typing import Protocol, final
 
 from palpate.base.errors import SafetyStop
+from palpate.config import RigFile
 from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, ServoState
 from palpate.rig.fingers import HostFinger
-from palpate.rig.motion.hand import Hand
+from palpate.rig.mechanisms.swept_volume import is_apart
+from palpate.rig.motion.array_guard import ArrayReading
 from palpate.rig.motion.touch import ApproachState
-from palpate.rig.reach.swept_volume import is_apart
 
 ARRIVED_MM = 0.8
 """How near to where it was sent a tip has arrived."""
@@ -26,6 +27,23 @@ _DEADLINE_FACTOR = 2.0  # than way over speed says
 _STALL_S = 0.6
 _MAX_CROSS_TRACK_MM = 3.0
 _SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos, their lag behind goals
+
+
+class SensingHand(Protocol):
+    """What movers need of a hand: its rig, and what arrays feel."""
+
+    @property
+    def rig(self) -> RigFile:
+        """The rig file."""
+        ...
+
+    def reading(self, finger: HostFinger, /) -> ArrayReading:
+        """What an array has sent in the last pause."""
+        ...
+
+    def take_reading(self, finger: HostFinger, /) -> ArrayReading:
+        """Frames of an array that were not taken before, up to now."""
+        ...
 
 
 class _FingerMover:
@@ -97,9 +115,9 @@ class FreeMover(_FingerMover):
         run: ApproachState | None = None,
     ) -> None:
         super().__init__(finger, begin)
-        self._tolerance_rad = tolerance_rad
+        self.tolerance_rad = tolerance_rad
         self._run = run
-        self._states: dict[Servo, ServoState] = {}
+        self.states: dict[Servo, ServoState] = {}
         self._moved: dict[Servo, float] = {}
         self._moved_s = -math.inf
 
@@ -114,10 +132,10 @@ class FreeMover(_FingerMover):
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Note where the servos are, and whether one has moved."""
-        self._states = {servo: states[servo.dxl_id] for servo in self.servos}
+        self.states = {servo: states[servo.dxl_id] for servo in self.servos}
         if self._run is not None:
             _note_position(self._run, states, now)
-        at = {servo: state.position_rad for servo, state in self._states.items()}
+        at = {servo: state.position_rad for servo, state in self.states.items()}
         if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _MOTION_THRESHOLD_RAD for servo in at):
             self._moved, self._moved_s = at, now
 
@@ -128,15 +146,16 @@ class FreeMover(_FingerMover):
         if self.finger.drive.under_way(now):
             return None
         targets = self.finger.drive.targets()
-        if all(self._is_at(servo, self._states[servo], goal) for servo, goal in targets.items()):
+        if all(self.is_at(servo, self.states[servo], goal) for servo, goal in targets.items()):
             return MoveEnd.REACHED
         if now - self._moved_s > _FREE_STALL_S:
             return MoveEnd.STALL
         return MoveEnd.DEADLINE if self.is_late(now) else None
 
-    def _is_at(self, servo: Servo, state: ServoState, goal_rad: float) -> bool:
+    def is_at(self, servo: Servo, state: ServoState, goal_rad: float) -> bool:
+        """Arrival of one servo: near its target, and standing still."""
         off = abs(state.position_rad - goal_rad)
-        return off <= self._tolerance_rad(servo) and abs(state.velocity_rad_s) <= _STILL_RAD_S
+        return off <= self.tolerance_rad(servo) and abs(state.velocity_rad_s) <= _STILL_RAD_S
 
 
 class TipMover(_FingerMover):
@@ -148,7 +167,7 @@ class TipMover(_FingerMover):
 
     def __init__(
         self,
-        hand: Hand,
+        hand: SensingHand,
         run: ApproachState,
         limit_mm: float,
         speed_mm_s: float,
@@ -247,7 +266,12 @@ class SearchMover(TipMover):
     """
 
     def __init__(
-        self, hand: Hand, run: ApproachState, others: Sequence[ApproachState], *, may_stay: bool = False
+        self,
+        hand: SensingHand,
+        run: ApproachState,
+        others: Sequence[ApproachState],
+        *,
+        may_stay: bool = False,
     ) -> None:
         self._may_stay = may_stay
         closing, approach = hand.rig.closing, run.approach

@@ -16,8 +16,8 @@ from palpate.drivers.kinematics import TICK_RAD, Line, Turn
 from palpate.drivers.tactile import ArrayLost, ContactPatch
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import travel_step_mm
-from palpate.rig.drives import AIM_TOLERANCE_RAD
-from palpate.rig.fingers import HostFinger, planned_turn
+from palpate.rig.fingers import HostFinger, Stage
+from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import BUS_KEEPALIVE_S, Hand
 from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, LoadMeter, TouchStage, tip_friction
@@ -181,15 +181,12 @@ def turn_stage(hand: Hand, wanted_rad: Collection[float]) -> Turn:
     if len(set(wanted_rad)) > 1:
         raise ValueError("approaches of one grip are for different stage angles")
     angle = next(iter(wanted_rad), 0.0)
-    stage = hand.stage
-    if stage is None:
-        return Turn()
-    goal = {stage.servo: stage.goal_rad(angle)}
-    now_at = hand.states([stage.servo])[stage.servo.dxl_id].position_rad
-    if abs(now_at - goal[stage.servo]) > AIM_TOLERANCE_RAD:
+    goals = hand.stage.goals(angle)
+    at = hand.states(hand.stage.servos)
+    if any(abs(at[servo.dxl_id].position_rad - goal) > AIM_TOLERANCE_RAD for servo, goal in goals.items()):
         _move_to_starts(hand, {finger: finger.home for finger in hand.fingers})
-        hand.move_servos(goal, lambda _: AIM_TOLERANCE_RAD)
-    return planned_turn(stage.spec, angle)
+        hand.move_servos(goals, lambda _: AIM_TOLERANCE_RAD)
+    return Stage.of(hand.rig).planned_turn(angle)
 
 
 def _move_to_starts(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:

@@ -17,7 +17,7 @@ from typing import Self, TypeVar
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, SafetyStop
-from palpate.config import FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import RigFile
 from palpate.drivers.dynamixel import (
     Bus,
     MoveEnd,
@@ -36,9 +36,9 @@ from palpate.drivers.kinematics import Servos, Turn
 from palpate.drivers.tactile import ArrayDriver, ArrayLost, TactileFrame
 from palpate.drivers.transport import Clock, describe_renaming
 from palpate.rig.arrays import extractor_of, threshold_problem
-from palpate.rig.conversion import kinematics_of
-from palpate.rig.drives import Drive
-from palpate.rig.fingers import HostFinger, HostStage, drive_of, start_problem
+from palpate.rig.fingers import HostFinger, HostStage, drive_of
+from palpate.rig.mechanisms import mechanism_of
+from palpate.rig.mechanisms.mechanism import Drive, Mechanism
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.motion.device_loss import (
     HandArrays,
@@ -53,13 +53,11 @@ from palpate.rig.motion.homing import (
     forget_turn,
     home_slides,
     homing_problem,
-    is_homable,
     is_within_stops,
     recall_turn,
 )
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.standby import come_to_standby, stage_problem
-from palpate.rig.reach.standby_poses import home_line
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
@@ -105,7 +103,6 @@ class Hand:
         self._arrays = HandArrays(clock)
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
-        self.stage: HostStage | None = None
         self.emulated = False
         self._driven = False
         try:
@@ -171,18 +168,20 @@ class Hand:
         gc.freeze()
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
-        if self.stage is not None:
-            self.stage.prepare()
-            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
-            wrong = stage_problem(self.stage, self.rig, at)
-            if wrong is not None:
-                raise DeviceError(wrong)
+        self.stage.prepare()
+        wrong = stage_problem(self.rig, self.turn)
+        if wrong is not None:
+            raise DeviceError(wrong)
         unknown = []
         for finger in self.fingers:
-            recalled = is_homable(finger) and home is not HomingPolicy.ALL and recall_turn(self.bus, finger)
+            recalled = (
+                finger.mechanism.homing is not None
+                and home is not HomingPolicy.ALL
+                and recall_turn(self.bus, finger)
+            )
             finger.drive.prepare()
-            if home is HomingPolicy.NONE or not is_homable(finger):
-                self._check_start(finger, is_homed=home is not HomingPolicy.NONE and not _is_slide(finger))
+            if home is HomingPolicy.NONE or finger.mechanism.homing is None:
+                self._check_start(finger, is_homed=home is not HomingPolicy.NONE)
             elif not (recalled and is_within_stops(finger, self.servos_of([finger])[finger][1])):
                 unknown.append(finger)
         for finger in unknown:
@@ -198,12 +197,14 @@ class Hand:
             come_to_standby(self)
 
     @property
+    def servos(self) -> Sequence[Servo]:
+        """All servos, the stage's first."""
+        return self._servos
+
+    @property
     def turn(self) -> Turn:
         """Where the turning stage stands now; raises DeviceError if it does not answer."""
-        if self.stage is None:
-            return Turn()
-        servo = self.stage.servo
-        return self.stage.turn(self.states([servo])[servo.dxl_id].position_rad)
+        return self.stage.turn(self.states(self.stage.servos))
 
     def servos_of(self, fingers: Sequence[HostFinger]) -> dict[HostFinger, Servos]:
         """Angles of some fingers' servos now."""
@@ -231,6 +232,8 @@ class Hand:
         Raises NotAnswering for silent ones, HardwareAlert for one with a hardware error, Restarted for one
         that has lost its power meanwhile, WatchdogTripped for one that heard nothing for too long.
         """
+        if not servos:
+            return {}
         try:
             states = self._reader.read(servos).all()
         except Restarted as error:
@@ -291,12 +294,8 @@ class Hand:
 
     def _owner(self, servo: Servo) -> str:
         """What the rig file calls a servo."""
-        names = {
-            own: f"finger {finger.name}, {joint}"
-            for finger in self.fingers
-            for joint, own in zip(finger.spec.servos, finger.drive.servos, strict=True)
-        }
-        return names.get(servo, "the stage")
+        (own,) = (item for item in self.rig.servos if item.dxl_id == servo.dxl_id)
+        return "the stage" if own.finger is None else f"finger {own.finger}, {own.joint}"
 
     def tare(self) -> None:
         """Start every array and take its baseline; nothing may touch the tips."""
@@ -405,47 +404,35 @@ class Hand:
             reopen=lambda: open_port(rig.bus.port, rig.bus.baudrate_bps),
         )
         self.stage = HostStage.of(rig, self.bus)
-        if self.stage is not None:
-            self._servos.append(self.stage.servo)
-        drives = []
-        for spec in rig.fingers:
-            drive = drive_of(spec, rig, self.bus)
-            self._servos += drive.servos
-            drives.append(drive)
+        mechanisms = [mechanism_of(spec) for spec in rig.fingers]
+        drives = [drive_of(mechanism, rig, self.bus) for mechanism in mechanisms]
+        self._servos += [*self.stage.servos, *(servo for drive in drives for servo in drive.servos)]
         for servo in self._servos:
             servo.check()
         self._reader = StateReader(self.bus, self._servos)
         # All ports first: boards that reset when their port opens then boot at the same time.
         arrays = [self._arrays.open(spec, open_port) for spec in rig.fingers]
-        self.fingers = tuple(map(self._finger, rig.fingers, drives, arrays))
+        self.fingers = tuple(map(self._finger, mechanisms, drives, arrays))
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
-    def _finger(self, spec: FingerConfig, drive: Drive, array: ArrayDriver) -> HostFinger:
-        extractor = extractor_of(self.rig, spec, array.connect())
-        return HostFinger(
-            spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
-        )
+    def _finger(self, mechanism: Mechanism, drive: Drive, array: ArrayDriver) -> HostFinger:
+        extractor = extractor_of(self.rig, mechanism.spec, array.connect())
+        return HostFinger(mechanism, drive, mechanism.home(self.rig.clear_radius_mm), array, extractor)
 
     def _after_restart(self, error: Restarted) -> str:
         """What is to be done about a servo that has lost its turns."""
-        fingers = [finger for finger in self.fingers if finger.drive.servos[1].dxl_id == error.dxl_ids[0]]
-        if any(map(is_homable, fingers)):
-            return "then start again: the next run, or palpate home, homes it"
-        if any(map(_is_slide, fingers)):
-            return "push its finger back by hand until it is retracted, then start again"
-        return "then start again"
+        for finger in self.fingers:
+            if finger.drive.servos[1].dxl_id == error.dxl_ids[0]:
+                return finger.mechanism.restart_advice
+        return Mechanism.restart_advice
 
     def _check_start(self, finger: HostFinger, *, is_homed: bool) -> None:
         """Raise DeviceError if a finger stands where it must not start."""
-        states = self.states(finger.drive.servos)
-        near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
-        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far), is_homed=is_homed)
+        near, far = (servo.dxl_id for servo in finger.drive.servos)
+        at = self.servos_of([finger])[finger]
+        wrong = finger.mechanism.start_problem(self.rig.clear_radius_mm, (near, far), at, is_homed=is_homed)
         if wrong is not None:
             raise DeviceError(f"finger {finger.name}: {wrong}")
-
-
-def _is_slide(finger: HostFinger) -> bool:
-    return isinstance(finger.spec, SlideFingerConfig)
 
 
 @dataclass(frozen=True, eq=False)

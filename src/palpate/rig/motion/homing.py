@@ -18,7 +18,6 @@ from typing import Protocol
 import numpy as np
 
 from palpate.base.errors import DeviceError
-from palpate.config import SlideFingerConfig
 from palpate.config.rig_servos import SlideConfig
 from palpate.drivers.dynamixel import (
     MAX_TURNS,
@@ -37,8 +36,8 @@ from palpate.drivers.dynamixel import (
 )
 from palpate.drivers.kinematics import Servos
 from palpate.drivers.slide_kinematics import SlideKinematics
-from palpate.rig.drives import ACCELERATION_RAD_S2
 from palpate.rig.fingers import HostFinger
+from palpate.rig.mechanisms.mechanism import ACCELERATION_RAD_S2, HardStops
 
 _PERIOD_S = 0.01
 _ARRIVED_MM = 0.8
@@ -80,11 +79,6 @@ class _Hand(Protocol):
     def disarm(self) -> None: ...
 
 
-def is_homable(finger: HostFinger) -> bool:
-    """Whether it is a slide of which the rig file names the stops."""
-    return isinstance(finger.spec, SlideFingerConfig) and finger.spec.slide.stops_mm is not None
-
-
 def recall_turn(bus: Bus, finger: HostFinger) -> bool:
     """Take over the turn that a slide's servo is marked with; False if it is not marked, and must be homed.
 
@@ -108,38 +102,35 @@ def forget_turn(bus: Bus, finger: HostFinger) -> None:
 
 def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
     """Whether a slide's tip can stand at the distance that its servo's angle says."""
-    slide = _slide(finger)
-    back, front = _stops_mm(slide)
-    slack = _stop_tolerance_mm(slide)
-    distance = _kinematics(finger).distance_mm(angle_rad)
-    return back - slack <= distance <= front + slack + slide.off_mm(front)
+    stops = _stops(finger)
+    slack = _stop_tolerance_mm(stops.slide)
+    distance = stops.kinematics.distance_mm(angle_rad)
+    return stops.back_mm - slack <= distance <= stops.front_mm + slack + stops.slide.off_mm(stops.front_mm)
 
 
 def homing_problem(finger: HostFinger, angles_rad: Servos) -> str | None:
     """Why a finger must not be homed from where it stands; None if it may. `angles_rad`: aim, and slide."""
-    spec = finger.spec
-    assert isinstance(spec, SlideFingerConfig)
+    stops = _stops(finger)
     aim, slide = finger.drive.servos
-    kinematics = _kinematics(finger)
+    kinematics = stops.kinematics
     aimed = math.degrees((angles_rad[0] - kinematics.aim_zero_rad) / kinematics.gear_ratio)
-    lo, hi = spec.aim.range_deg
+    lo, hi = stops.aim.range_deg
     if not lo - _AIM_SLACK_DEG <= aimed <= hi + _AIM_SLACK_DEG:
         return (
             f"its aim (servo {aim.dxl_id}) stands at {aimed:.1f}°, outside its range {lo:g} … {hi:g}°; "
             "with torque off, turn it back by hand, then start again"
         )
-    if 2 * _stop_tolerance_mm(spec.slide) + _SLOW_ZONE_MM + 2 * _PASSED_TOLERANCE_MM >= abs(
-        spec.slide.mm_per_turn
-    ):
+    needed_mm = 2 * _stop_tolerance_mm(stops.slide) + _SLOW_ZONE_MM + 2 * _PASSED_TOLERANCE_MM
+    if needed_mm >= abs(stops.slide.mm_per_turn):
         return (
             f"its slide (servo {slide.dxl_id}) cannot be homed: zero_bound_mm and mm_per_turn_spread leave "
             "open which turn its back stop is in; measure better"
         )
-    if not back_stop_distances_mm(spec.slide, kinematics.distance_mm(angles_rad[1])):
-        back, front = _stops_mm(spec.slide)
+    if not back_stop_distances_mm(stops.slide, kinematics.distance_mm(angles_rad[1])):
         return (
             f"its slide (servo {slide.dxl_id}) stands where it cannot be in any turn between its stops at "
-            f"{back:g} and {front:g} mm; check slide.stops_mm, slide.zero_mm and slide.mm_per_turn"
+            f"{stops.back_mm:g} and {stops.front_mm:g} mm; check slide.stops_mm, slide.zero_mm "
+            "and slide.mm_per_turn"
         )
     return None
 
@@ -186,9 +177,9 @@ def back_stop_distances_mm(slide: SlideConfig, reading_mm: float) -> list[tuple[
 
 def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     """Go back until a stop is met where one may be; how many turns the servo counts ahead."""
-    slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
-    reading_mm = kinematics.distance_mm(_angle_rad(hand, slide))
-    for stop_mm, turns in back_stop_distances_mm(_slide(finger), reading_mm):
+    slide, stops = finger.drive.closing_servos[0], _stops(finger)
+    reading_mm = stops.kinematics.distance_mm(_angle_rad(hand, slide))
+    for stop_mm, turns in back_stop_distances_mm(stops.slide, reading_mm):
         if _meets_stop(hand, finger, stop_mm):
             return turns
     raise DeviceError(
@@ -199,8 +190,8 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
 
 def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
     """Go to where the back stop may be, then slowly on; whether the slide stalls there."""
-    slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
-    half = _stop_tolerance_mm(_slide(finger))
+    slide, stops = finger.drive.closing_servos[0], _stops(finger)
+    kinematics, half = stops.kinematics, _stop_tolerance_mm(stops.slide)
     near, past = stop_mm + half + _SLOW_ZONE_MM, stop_mm - half - 2 * _PASSED_TOLERANCE_MM
     at_mm = kinematics.distance_mm(_angle_rad(hand, slide))
     ends = sorted(kinematics.slide_servo_rad(mm) for mm in (past, max(at_mm, near)))
@@ -213,23 +204,36 @@ def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
         leg = ServoMover(homing, kinematics.slide_servo_rad(near), _ARRIVED_MM * per_mm, free)
         if _guarded_end(hand, leg) is not MoveEnd.REACHED:
             raise _held_error(hand, finger, at_mm)
-    slide.set_profile(_SLOW_MM_S * per_mm, ACCELERATION_RAD_S2)
-    guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
-    mover = ServoMover(homing, kinematics.slide_servo_rad(past), _PASSED_TOLERANCE_MM * per_mm, guard)
-    end = _guarded_end(hand, mover)
+    end, at_rad = creep_to_stall(hand, homing, kinematics, past)
     if end is MoveEnd.REACHED:
         return False
-    since = mover.moved_s + _STALL_S / 2
-    stood = [state.position_rad for when, state in mover.seen if when > since]
-    off_mm = kinematics.distance_mm(float(np.mean(stood))) - stop_mm
-    if end is not MoveEnd.STALL or abs(off_mm) > half:
+    if end is not MoveEnd.STALL or abs(kinematics.distance_mm(at_rad) - stop_mm) > half:
         raise _held_error(hand, finger, at_mm)
     return True
 
 
+def creep_to_stall(
+    hand: _Hand, slide: Servo, kinematics: SlideKinematics, past_mm: float
+) -> tuple[MoveEnd, float]:
+    """Go slowly towards `past_mm` until the slide stalls; how it ends, and the servo's angle there (rad).
+
+    The angle is the mean of what is read while it stands; nan if it gets there.
+    """
+    per_mm = abs(1 / kinematics.mm_per_rad)
+    slide.set_profile(_SLOW_MM_S * per_mm, ACCELERATION_RAD_S2)
+    guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
+    mover = ServoMover(slide, kinematics.slide_servo_rad(past_mm), _PASSED_TOLERANCE_MM * per_mm, guard)
+    end = _guarded_end(hand, mover)
+    if end is MoveEnd.REACHED:
+        return end, math.nan
+    # It may have crept on by less than what counts as motion.
+    since = mover.moved_s + _STALL_S / 2
+    return end, float(np.mean([state.position_rad for when, state in mover.seen if when > since]))
+
+
 def _held_error(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
     slide = finger.drive.closing_servos[0]
-    gone = from_mm - _kinematics(finger).distance_mm(_angle_rad(hand, slide))
+    gone = from_mm - _stops(finger).kinematics.distance_mm(_angle_rad(hand, slide))
     return DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) is held {abs(gone):.1f} mm on its way back "
         "to its stop, where no stop can be; clear its way; if it is clear, check slide.stops_mm and "
@@ -272,11 +276,6 @@ def _stops_mm(slide: SlideConfig) -> tuple[float, float]:
     return slide.stops_mm
 
 
-def _slide(finger: HostFinger) -> SlideConfig:
-    assert isinstance(finger.spec, SlideFingerConfig)
-    return finger.spec.slide
-
-
-def _kinematics(finger: HostFinger) -> SlideKinematics:
-    assert isinstance(finger.kinematics, SlideKinematics)
-    return finger.kinematics
+def _stops(finger: HostFinger) -> HardStops:
+    assert finger.mechanism.homing is not None, "only slides with stops are homed"
+    return finger.mechanism.homing

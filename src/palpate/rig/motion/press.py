@@ -17,7 +17,7 @@ from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMea
 from palpate.drivers.dynamixel import MoveEnd, ServoGoals, ServoState
 from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Servos
 from palpate.recognizer import FingerApproach
-from palpate.rig.fingers import planned_turn
+from palpate.rig.fingers import Stage
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import (
     aim_fingers,
@@ -229,7 +229,7 @@ def _approach_contacts(hand: Hand, ways: Contacts) -> list[ApproachState]:
     """Fingers that have aimed and tared and gone so far along their ways."""
     hand.arm()
     retract_all(hand)
-    turn = planned_turn(hand.rig.stage, 0.0)
+    turn = Stage.of(hand.rig).planned_turn(0.0)
     runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item, _ in ways]
     aim_fingers(hand, runs)
     hand.tare()

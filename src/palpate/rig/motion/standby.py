@@ -17,14 +17,14 @@ import numpy as np
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Floats
 from palpate.config import RigFile
-from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.dynamixel import MoveEnd, Mover, Servo, ServoGoals, ServoState
 from palpate.drivers.kinematics import Servos, Turn
-from palpate.rig.drives import AIM_TOLERANCE_RAD, ARM_AIM_SPEED_MM_S, ArmDrive
-from palpate.rig.fingers import HostFinger, HostStage
+from palpate.rig.fingers import HostFinger
+from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD, CIRCLE_SPEED_MM_S
 from palpate.rig.motion.array_guard import ArrayReading
-from palpate.rig.reach.approaches import stage_range_rad
-from palpate.rig.reach.standby_ways import Standby, StandbyWay, standby_of
+from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover
+from palpate.rig.reach.approaches import WaitingFingers
+from palpate.rig.reach.standby_ways import Standby, StandbyWay
 
 _MAX_WAYS_TRIED = 10  # ways of a finger, after which it is a person's turn
 _CURRENT_CONTACT_N = (
@@ -33,10 +33,7 @@ _CURRENT_CONTACT_N = (
 _FRICTION_WINDOW_S = (0.15, 2.0)  # friction is the most that a servo has needed in this time
 _OBSTACLE_MARGIN_MM = 4.0  # a way must lead so far past what was met, once it is further off
 _MAX_BLIND_SHARE = 0.02  # share of the tip's leading half without taxels, below which its array is relied on
-_FREE_STALL_S = 1.0
-_MOTION_THRESHOLD_RAD = 0.003
 _WAY_TIMEOUT_S = 120.0
-_ARRIVED_MM = 0.8
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -73,24 +70,28 @@ class _Hand(Protocol):
     def stop_arrays(self) -> None: ...
 
 
-def stage_problem(stage: HostStage, rig: RigFile, angle_rad: float) -> str | None:
-    """Why the stage must not turn from its servo's angle; None if it may.
+def stage_problem(rig: RigFile, turn: Turn) -> str | None:
+    """Reason why the stage must not turn from where it stands; None if it may.
 
     It must be in its range, and no obstacle between there and angle 0.
     """
-    wrong = stage.start_problem(angle_rad)
-    if wrong is not None or not rig.obstacles:
-        return wrong
-    turn = stage.turn(angle_rad)
-    slack = turn.angle_bound_rad + AIM_TOLERANCE_RAD
-    lo, hi = stage_range_rad(rig)
-    if lo - slack <= turn.angle_rad <= hi + slack:
+    spec = rig.stage
+    if spec is None:
         return None
-    return (
-        f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(turn.angle_rad):.1f}°, and between "
-        "there and 0 a finger would meet an obstacle; with torque off, turn it by hand to about 0, then "
-        "start again"
-    )
+    angle = math.degrees(turn.angle_rad)
+    stands = f"the stage (servo {spec.dxl_id}) stands at {angle:.1f}°"
+    remedy = "with torque off, turn it by hand to about 0, then start again"
+    lo, hi = spec.range_deg
+    play = spec.backlash_deg + spec.bound_deg
+    if not lo - play <= angle <= hi + play:
+        return f"{stands}, outside {lo:g} … {hi:g}°; {remedy}"
+    if not rig.obstacles:
+        return None
+    slack = turn.angle_bound_rad + AIM_TOLERANCE_RAD
+    free = WaitingFingers.of(rig).stage_range_rad
+    if free[0] - slack <= turn.angle_rad <= free[1] + slack:
+        return None
+    return f"{stands}, and between there and 0 a finger would meet an obstacle; {remedy}"
 
 
 def come_to_standby(hand: _Hand) -> None:
@@ -99,7 +100,7 @@ def come_to_standby(hand: _Hand) -> None:
     Raises DeviceError for a finger that has no way there, or meets something on each that is tried, and what
     the guards of every motion raise.
     """
-    standby = standby_of(hand.rig, hand.turn)
+    standby = Standby.of(hand.rig, hand.turn)
     if not _away(hand, standby):
         return
     hand.arm()
@@ -124,7 +125,7 @@ def _retract(hand: _Hand) -> None:
         goals |= finger.drive.retract()
     by_servo = {servo: finger for finger in hand.fingers for servo in finger.drive.servos}
     if goals:
-        hand.move_servos(goals, lambda servo: by_servo[servo].drive.reached_rad(servo, _ARRIVED_MM))
+        hand.move_servos(goals, lambda servo: by_servo[servo].drive.reached_rad(servo, ARRIVED_MM))
 
 
 def _bring_to_standby(hand: _Hand, standby: Standby, index: int) -> bool:
@@ -135,13 +136,13 @@ def _bring_to_standby(hand: _Hand, standby: Standby, index: int) -> bool:
         way = next(met.past(standby.ways(index, [at[other] for other in hand.fingers]), finger), None)
         if way is None:
             break
-        if not isinstance(finger.drive, ArmDrive):
-            aim = finger.drive.servos[0]
-            hand.move_servos({aim: float(way.servos_rad[-1, 0])}, lambda _: AIM_TOLERANCE_RAD)
+        if not finger.drive.streams:
+            goals = finger.drive.follow(way.servos_rad, way.travel_mm, CIRCLE_SPEED_MM_S, 0.0)
+            hand.move_servos(goals, lambda _: AIM_TOLERANCE_RAD)
             return True
         if not met.places:
             hand.notice(f"finger {finger.name} goes to where it waits")
-        contact = _follow_way(hand, finger, finger.drive, way)
+        contact = _follow_way(hand, finger, way)
         if contact is None:
             return True
         met.places.append(contact)
@@ -181,18 +182,16 @@ class _MetObstacles:
                 yield way
 
 
-def _follow_way(
-    hand: _Hand, finger: HostFinger, drive: ArmDrive, way: StandbyWay
-) -> tuple[Floats, float] | None:
+def _follow_way(hand: _Hand, finger: HostFinger, way: StandbyWay) -> tuple[Floats, float] | None:
     """Go a way; where the tip stood and in which direction it has met something, None if it has arrived."""
     for first, last, speed in _legs(hand.rig, way):
-        mover = _WayMover(hand, finger, drive, way, (first, last), speed)
+        mover = _WayMover(hand, finger, way, (first, last), speed)
         if hand.guarded([mover], period_s=1 / hand.rig.closing.sample_rate_hz)[mover] is MoveEnd.REACHED:
             continue
         found = mover.met()
         gone = way.up_to(mover.travel_mm).reversed().up_to(hand.rig.closing.back_off_mm)
         if gone.travel_mm[-1] > 0:
-            back = _WayMover(hand, finger, drive, gone, (0, len(gone.travel_mm) - 1), speed, feels=False)
+            back = _WayMover(hand, finger, gone, (0, len(gone.travel_mm) - 1), speed, feels=False)
             hand.guarded([back], period_s=1 / hand.rig.closing.sample_rate_hz)
         return found
     return None
@@ -202,62 +201,51 @@ def _legs(rig: RigFile, way: StandbyWay) -> Iterator[tuple[int, int, float]]:
     """Pieces of a way, by the numbers of their first and last postures, each with its speed (mm/s)."""
     closing = rig.closing
     seeing = np.where(way.blind <= _MAX_BLIND_SHARE, closing.search_mm_s, closing.touch_speed_mm_s)
-    speeds = np.where(way.is_inside, seeing, min(ARM_AIM_SPEED_MM_S, closing.approach_speed_mm_s))
+    speeds = np.where(way.is_inside, seeing, min(CIRCLE_SPEED_MM_S, closing.approach_speed_mm_s))
     ends = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(speeds)]
     for first, last in pairwise(ends):
         if last > first:
             yield first, last, float(speeds[first])
 
 
-class _WayMover:
-    """An arm on a piece of its way: it must arrive, and ends where its array or its currents show a contact.
+class _WayMover(FreeMover):
+    """A finger on a piece of its way: it arrives, or ends where its array or its currents show a contact.
 
     `travel_mm`: how far it is on the way.
     """
-
-    streams = True
 
     def __init__(
         self,
         hand: _Hand,
         finger: HostFinger,
-        drive: ArmDrive,
         way: StandbyWay,
         piece: tuple[int, int],
         speed_mm_s: float,
         *,
         feels: bool = True,
     ) -> None:
-        self.finger, self._hand, self._drive = finger, hand, drive
-        self._way, self._piece, self._speed_mm_s, self._feels = way, piece, speed_mm_s, feels
+        super().__init__(finger, self._follow, lambda servo: finger.drive.reached_rad(servo, ARRIVED_MM))
+        self._hand, self._way, self._piece, self._speed_mm_s, self._feels = (
+            hand,
+            way,
+            piece,
+            speed_mm_s,
+            feels,
+        )
         self.travel_mm = float(way.travel_mm[piece[0]])
-        self._begun_s = self._moved_s = -math.inf
-        self._states: dict[Servo, ServoState] = {}
-        self._moved: dict[Servo, float] = {}
         self._needed: deque[tuple[float, Floats]] = deque()
         self._patch_rad: float | None = None
 
-    @property
-    def servos(self) -> Sequence[Servo]:
-        """Both servos."""
-        return self._drive.servos
-
-    @property
-    def driven(self) -> Sequence[Servo]:
-        """Both."""
-        return self._drive.servos
-
-    def start(self, now: float) -> ServoGoals:
+    def _follow(self, now: float) -> ServoGoals:
         """Begin the piece."""
         first, last = self._piece
         postures = self._way.servos_rad[first : last + 1]
         travel = self._way.travel_mm[first : last + 1]
-        self._begun_s = now
-        return self._drive.follow(postures, travel - travel[0], self._speed_mm_s, now)
+        return self.finger.drive.follow(postures, travel - travel[0], self._speed_mm_s, now)
 
-    def stream(self, now: float) -> ServoGoals:
-        """What the drive writes now."""
-        return self._drive.goals(now)
+    def longest_s(self) -> float:
+        """Time for a slow way over all of the workspace."""
+        return _WAY_TIMEOUT_S
 
     def sense(self, _now: float) -> MoveEnd | None:
         """A contact that the array feels."""
@@ -270,68 +258,50 @@ class _WayMover:
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Note where the servos are and what they need."""
-        self._states = {servo: states[servo.dxl_id] for servo in self.servos}
-        at = {servo: state.position_rad for servo, state in self._states.items()}
-        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _MOTION_THRESHOLD_RAD for servo in at):
-            self._moved, self._moved_s = at, now
-        near, far = at.values()
-        x, y = self._kinematics.centre_mm((near, far))
-        away = np.hypot(*(self._way.places_mm - [x, y]).T)
+        super().look(states, now)
+        at = self.finger.kinematics.centre_mm(self._at())
+        away = np.hypot(*(self._way.places_mm - np.array(at)).T)
         self.travel_mm = float(self._way.travel_mm[away.argmin()])
-        self._needed.append((now, self._forces_n((near, far))))
+        self._needed.append((now, self._forces_n()))
         while self._needed[0][0] < now - _FRICTION_WINDOW_S[1]:
             self._needed.popleft()
 
-    def stopped(self, now: float) -> None:
-        """Nothing: another way begins."""
-
     def judge(self, now: float) -> MoveEnd | None:
-        """A contact that currents show; arrival; a stall."""
-        if self._feels and self._is_pressing(now):
-            return MoveEnd.CONTACT
-        if self._drive.under_way(now):
-            return None
-        near = {
-            servo: abs(self._states[servo].position_rad - goal)
-            for servo, goal in self._drive.targets().items()
-        }
-        if all(off <= self._drive.reached_rad(servo, _ARRIVED_MM) for servo, off in near.items()):
-            return MoveEnd.REACHED
-        if now - self._moved_s > _FREE_STALL_S:
-            return MoveEnd.STALL
-        return MoveEnd.DEADLINE if now - self._begun_s > _WAY_TIMEOUT_S else None
+        """A contact that currents show; else arrival or a stall."""
+        return MoveEnd.CONTACT if self._feels and self._is_pressing(now) else super().judge(now)
+
+    def is_at(self, servo: Servo, state: ServoState, goal_rad: float) -> bool:
+        """Arrival as soon as a servo is near its goal: another piece follows, on which it moves on."""
+        return abs(state.position_rad - goal_rad) <= self.tolerance_rad(servo)
 
     def met(self) -> tuple[Floats, float]:
         """Where the tip stood when it met something, and in which direction that is."""
-        near, far = (self._states[servo].position_rad for servo in self.servos)
-        at = np.array(self._kinematics.centre_mm((near, far)))
+        kinematics, servos = self.finger.kinematics, self._at()
+        at = np.array(kinematics.centre_mm(servos))
         if self._patch_rad is not None:
-            facing = self._kinematics.facing_rad((near, far))
+            facing = kinematics.facing_rad(servos)
             return at, facing + math.radians(self.finger.spec.array.heading_deg) + self._patch_rad
         number = min(int(np.searchsorted(self._way.travel_mm, self.travel_mm)), len(self._way.blind) - 1)
         x, y = np.diff(self._way.places_mm[number : number + 2], axis=0)[0]
         return at, math.atan2(y, x)
 
-    @property
-    def _kinematics(self) -> ArmKinematics:
-        assert isinstance(self.finger.kinematics, ArmKinematics)
-        return self.finger.kinematics
+    def _at(self) -> Servos:
+        near, far = (self.states[servo].position_rad for servo in self.servos)
+        return near, far
 
-    def _forces_n(self, servos_rad: Servos) -> Floats:
+    def _forces_n(self) -> Floats:
         """What each servo's current would press with at the tip, (2,), friction and all."""
-        k = self._kinematics
-        levers = math.dist(k.base_mm, k.centre_mm(servos_rad)), k.fore_mm
-        joints = k.shoulder, k.elbow
+        levers_mm = self.finger.kinematics.levers_mm(self._at())
         return np.array(
             [
-                abs(state.current_a * servo.model.known_torque.nm_per_a * joint.gear_ratio) / lever * 1000
-                for (servo, state), joint, lever in zip(self._states.items(), joints, levers, strict=True)
+                abs(self.states[servo].current_a * servo.model.known_torque.nm_per_a) / lever * 1000
+                for servo, lever in zip(self.servos, levers_mm, strict=True)
             ]
         )
 
     def _is_pressing(self, now: float) -> bool:
         """Whether a servo needs more than its friction, as the last seconds have shown that."""
         before = [needed for when, needed in self._needed if when < now - _FRICTION_WINDOW_S[0]]
-        if not before or now - self._begun_s < 2 * _FRICTION_WINDOW_S[0]:
+        if not before or now - self.started_s < 2 * _FRICTION_WINDOW_S[0]:
             return False
         return bool((self._needed[-1][1] - np.max(before, axis=0) > _CURRENT_CONTACT_N).any())

@@ -9,72 +9,29 @@ connected range of angles round 0 counts at which every finger's home is clear.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.config import ArmFingerConfig, ClosingConfig, RigFile, SlideFingerConfig
-from palpate.drivers.kinematics import FingerBody, FingerKinematics, Line, Turn
-from palpate.drivers.slide_kinematics import SlideKinematics
+from palpate.config import ClosingConfig, RigFile
+from palpate.drivers.kinematics import Line, Turn
 from palpate.recognizer import FingerApproach
-from palpate.rig.conversion import (
-    arm_kinematics,
-    array_bound_rad,
-    dent_allowance_mm,
-    finger_of,
-    kinematics_of,
-    slide_kinematics,
-    tip_bound_mm,
-)
-from palpate.rig.drives import (
-    AIM_SPEED_RAD_S,
-    AIM_TOLERANCE_RAD,
-    ARM_AIM_SPEED_MM_S,
-    STREAM_TOLERANCE_RAD,
-    is_steady,
-    point_on_circle,
-    wait_distance_mm,
-    wait_radius_mm,
-)
-from palpate.rig.fingers import STAGE_SPEED_RAD_S, planned_turn
-from palpate.rig.reach.standby_poses import StandbyPoses, body_of, clear_aims, free_ranges, standby_poses_of
-from palpate.rig.reach.swept_volume import (
+from palpate.rig.conversion import finger_of, tip_bound_mm
+from palpate.rig.fingers import Stage, dent_allowance_mm
+from palpate.rig.mechanisms import mechanism_of
+from palpate.rig.mechanisms.mechanism import ApproachPath, Mechanism, StandbyPoses
+from palpate.rig.mechanisms.swept_volume import (
     BodyCapsules,
     Swept,
-    capsules_of,
     gap_mm,
+    gaps_mm,
     longest_way_mm,
     polygon_gap_mm,
 )
-
-_AIM_END_MARGIN_RAD = 1e-7
-_PATH_END_MARGIN_MM = 1.0
-_ARM_SAMPLE_MM = 8.0  # of an arm's path, between two postures
-_MAX_OBLIQUITY_DEG = 42.0  # of an arm's path, from straight inward
-
-
-@dataclass(frozen=True, eq=False)
-class ApproachPath:
-    """Straight path of finger `finger_index` along `line` in the ring's frame, at most `travel_mm`.
-
-    `aiming_s`: rough time of turning to its start. `capsules` are what it sweeps, counted from travels
-    `since` (s,) on; those that `grow` (s,) have ends that move along the line.
-    """
-
-    finger_index: int
-    line: Line
-    travel_mm: float
-    aiming_s: float
-    capsules: BodyCapsules
-    since: Floats
-    grows: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-
-    def up_to(self, travel_mm: float) -> "ApproachPath":
-        """The same path, not as far."""
-        return replace(self, travel_mm=travel_mm)
 
 
 def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
@@ -94,109 +51,6 @@ def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
     )
 
 
-def paths_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count: int) -> list[ApproachPath]:
-    """Ways of a finger from aims between two: `count` of a slide, about five times as many of an arm."""
-    spec = rig.fingers[finger_index]
-    radius = rig.clear_radius_mm
-    if isinstance(spec, ArmFingerConfig):
-        aims = np.linspace(lo_rad, hi_rad, count // 3 + 1) if hi_rad > lo_rad else np.array([lo_rad])
-        turns = np.radians(np.linspace(-_MAX_OBLIQUITY_DEG, _MAX_OBLIQUITY_DEG, 2 * (count // 6) + 1))
-        paths = [_arm_path(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
-    else:
-        # An aim at the very end of its servo's range may be beyond it once it has been a line in between.
-        inner = min(_AIM_END_MARGIN_RAD, (hi_rad - lo_rad) / 2)
-        aims = np.unique(np.linspace(lo_rad + inner, hi_rad - inner, count))
-        wait = wait_distance_mm(spec, radius)
-        kinematics = slide_kinematics(spec)
-        paths = [_slide_path(spec, kinematics, finger_index, float(aim), wait, radius) for aim in aims]
-    return [path for path in paths if path is not None and path.travel_mm > _PATH_END_MARGIN_MM]
-
-
-def crossing_mm(line: Line, radius_mm: float) -> float:
-    """Travel at which a line leaves the circle round the origin; 0 if it misses it."""
-    middle = line.travel_mm((0.0, 0.0))
-    miss = math.hypot(*line.point_mm(middle))
-    return 0.0 if miss >= radius_mm else middle + math.sqrt(radius_mm**2 - miss**2)
-
-
-def _slide_path(
-    spec: SlideFingerConfig,
-    kinematics: SlideKinematics,
-    finger_index: int,
-    aim_rad: float,
-    wait_mm: float,
-    workspace_radius_mm: float,
-) -> ApproachPath:
-    """Until the tip has left the workspace on the far side, or the slide ends."""
-    line = kinematics.line(aim_rad, wait_mm)
-    room = spec.slide.range_mm[1] - _PATH_END_MARGIN_MM - wait_mm
-    travel = min(crossing_mm(line, workspace_radius_mm), room)
-    # What bounds the tip's place is largest at one of the ends.
-    far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec)
-    here = body_of(kinematics, kinematics.servos_rad(line, 0.0), spec)
-    one = np.zeros(1)
-    return ApproachPath(
-        finger_index,
-        line,
-        travel,
-        abs(kinematics.gear_ratio * aim_rad) / AIM_SPEED_RAD_S,
-        BodyCapsules(
-            here.start, here.end, np.maximum(here.half_width, far.half_width), np.zeros(1, np.int64)
-        ),
-        one - 1.0,
-        np.ones(1, bool),
-    )
-
-
-def _arm_path(
-    spec: ArmFingerConfig, finger_index: int, aim_rad: float, turn_rad: float, workspace_radius_mm: float
-) -> ApproachPath | None:
-    """From a place on the circle, at a turn from straight inward: as far as joints and array allow.
-
-    None where not even the start is within reach. All of the path the arm is off its singular postures, and
-    the array sees everything that the tip may touch: a quarter turn either way of the direction of travel.
-    """
-    kinematics = arm_kinematics(spec)
-    start = point_on_circle(wait_radius_mm(spec, workspace_radius_mm), aim_rad)
-    line = Line(start, aim_rad + math.pi + turn_rad)
-    view = math.radians(spec.array.coverage_deg / 2) - math.pi / 2 - array_bound_rad(spec)
-    middle = math.radians(spec.array.heading_deg)
-
-    def good(travel_mm: float) -> bool:
-        if not is_steady(kinematics, line.point_mm(travel_mm)):
-            return False
-        seen = kinematics.facing_rad(kinematics.servos_rad(line, travel_mm)) + middle
-        return abs(math.remainder(line.direction_rad - seen, 2 * math.pi)) <= view
-
-    most = crossing_mm(line, workspace_radius_mm)
-    travels = np.append(np.arange(0.0, most, _ARM_SAMPLE_MM), most)
-    usable = [bool(good(float(travel))) for travel in travels]
-    if not all(usable):
-        travels = travels[: usable.index(False)]
-    if len(travels) < 2:
-        return None
-    bodies = [body_of(kinematics, kinematics.servos_rad(line, float(travel)), spec) for travel in travels]
-    links = [FingerBody(body.start[:2], body.end[:2], body.half_width[:2]) for body in bodies]
-    swept = capsules_of(links, between=True)
-    tip = max(float(body.half_width[2]) for body in bodies)
-    since = np.concatenate([[-1.0], travels[:-1]])
-    home = math.atan2(spec.base_mm[1], spec.base_mm[0])
-    return ApproachPath(
-        finger_index,
-        line,
-        float(travels[-1]),
-        abs(math.remainder(aim_rad - home, 2 * math.pi)) * math.hypot(*start) / ARM_AIM_SPEED_MM_S,
-        BodyCapsules(
-            np.vstack([swept.start, [start]]),
-            np.vstack([swept.end, [start]]),
-            np.append(swept.half_width, tip),
-            np.zeros(len(swept.owner) + 1, np.int64),
-        ),
-        np.append(np.repeat(since, 2), -1.0),
-        np.append(np.zeros(len(swept.owner), bool), True),
-    )
-
-
 def _heading(line: Line) -> tuple[float, float]:
     return math.cos(line.direction_rad), math.sin(line.direction_rad)
 
@@ -212,37 +66,150 @@ def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
 
     Raises InputError for a finger that has no room even where it starts.
     """
-    standby = [standby_poses_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
-    obstacles = [np.array(item.outline_mm) for item in rig.obstacles]
+    waiting = WaitingFingers.of(rig)
     known: dict[tuple[int, float, float], list[ApproachPath]] = {}
-
-    def paths_at(angle: float) -> list[ApproachPath]:
-        return _paths_at(rig, standby, _obstacles_in_ring(rig, obstacles, angle), aims, known)
-
-    middle = paths_at(0.0)
-    if rig.stage is None:
-        return [(0.0, path) for path in middle]
+    middle = _paths_at(waiting, 0.0, aims, known)
     return [
         (angle, path)
-        for angle in _angles(rig, standby, obstacles, len(middle))
-        for path in (middle if angle == 0.0 else paths_at(angle))
-    ][:_MAX_PATHS]
+        for angle in _angles(waiting, len(middle))
+        for path in (middle if angle == 0.0 else _paths_at(waiting, angle, aims, known))
+    ][: max(_MAX_PATHS, len(middle))]
 
 
-def stage_range_rad(rig: RigFile) -> tuple[float, float]:
-    """Angles between which a rig's stage may turn, with every finger at its home."""
-    standby = [standby_poses_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
-    return _stage_range(rig, standby, [np.array(item.outline_mm) for item in rig.obstacles])
+@dataclass(frozen=True, eq=False)
+class WaitingFingers:
+    """Fingers of a rig and the places where each may wait, with what stands round them."""
+
+    rig: RigFile
+    stage: Stage
+    mechanisms: tuple[Mechanism, ...]
+    poses: tuple[StandbyPoses, ...]
+
+    @classmethod
+    def of(cls, rig: RigFile) -> Self:
+        """Fingers of a rig file."""
+        mechanisms = tuple(mechanism_of(spec) for spec in rig.fingers)
+        poses = tuple(item.standby(rig.clear_radius_mm) for item in mechanisms)
+        return cls(rig, Stage.of(rig), mechanisms, poses)
+
+    def obstacles(self, angle_rad: float) -> list[Floats]:
+        """Obstacles (c, 2) as they look from the ring at a stage angle."""
+        back = Turn(self.stage.centre_mm, -angle_rad)
+        return [
+            np.array([back.point_mm((float(x), float(y))) for x, y in item.outline_mm])
+            for item in self.rig.obstacles
+        ]
+
+    @cached_property
+    def reach_radius_mm(self) -> float:
+        """Distance from the stage's centre within which all parts of fingers are that can meet anything."""
+        centre = self.stage.centre_mm
+        parts = [math.dist(item.spec.base_mm, centre) + item.swing_mm for item in self.mechanisms]
+        return max(*parts, self.rig.clear_radius_mm + math.hypot(*centre))
+
+    def free_ranges(self, obstacles: Sequence[Floats], unsure_mm: float) -> list[tuple[int, int] | None]:
+        """Range of each finger among obstacles whose places are `unsure_mm`, as `free_ranges` has it."""
+        clearance = self.rig.closing.clearance_mm
+        clear = [clear_aims(poses, obstacles, clearance + unsure_mm) for poses in self.poses]
+        return free_ranges(self.poses, clear, clearance)
+
+    @property
+    def unsure_mm(self) -> float:
+        """How far off a finger may be from an obstacle, because the stage's angle and centre are."""
+        widest = max(map(abs, self.stage.range_rad))
+        shifted = 2 * math.sin(min(widest, math.pi) / 2) * self.stage.centre_bound_mm
+        return self.stage.planned_turn(0.0).angle_bound_rad * self.reach_radius_mm + shifted
+
+    @property
+    def stage_range_rad(self) -> tuple[float, float]:
+        """The connected range of stage angles round 0 at which every finger's home is clear."""
+        step = _STAGE_SCAN_MM / self.reach_radius_mm
+        homes = [poses.capsules.of(poses.capsules.owner == poses.home) for poses in self.poses]
+        least = self.rig.closing.clearance_mm + self.unsure_mm + _STAGE_SCAN_MM
+
+        def clear(angle: float) -> bool:
+            there = self.obstacles(angle)
+            return all(
+                bool((polygon_gap_mm(home, corners) >= least).all()) for home in homes for corners in there
+            )
+
+        def reached(end: float) -> float:
+            angles = np.linspace(0.0, end, math.ceil(abs(end) / step) + 1)[1:].tolist()
+            blocked = next((k for k, angle in enumerate(angles) if not clear(angle)), len(angles))
+            return float(angles[blocked - 1]) if blocked else 0.0
+
+        lo, hi = self.stage.range_rad
+        return reached(lo), reached(hi)
 
 
-def _angles(
-    rig: RigFile, standby: Sequence[StandbyPoses], obstacles: Sequence[Floats], each: int
-) -> list[float]:
+def clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
+    """Aims (m,) at which a waiting finger keeps clear of polygons (c, 2)."""
+    clear = np.ones(len(poses.aims_rad), dtype=bool)
+    for corners in obstacles:
+        far = polygon_gap_mm(poses.capsules, corners) >= clearance_mm
+        np.logical_and.at(clear, poses.capsules.owner, far)
+    return clear
+
+
+def free_ranges(
+    standby: Sequence[StandbyPoses], clear: Sequence[Bools], clearance_mm: float
+) -> list[tuple[int, int] | None]:
+    """For each finger the first and last aim of its range, by index; None where not even home is clear.
+
+    The ranges grow from home, each by one aim in turn at either end, as long as the new aim is clear and
+    apart from all places in the other fingers' ranges.
+    """
+    meets = {
+        (i, j): _clashing_pairs(one, other, clearance_mm)
+        for i, one in enumerate(standby)
+        for j, other in enumerate(standby)
+        if i < j
+    }
+    ranges: list[tuple[int, int] | None] = [None] * len(standby)
+
+    def fits(finger: int, aim: int) -> bool:
+        if not 0 <= aim < len(standby[finger].aims_rad) or not clear[finger][aim]:
+            return False
+        for other, found in enumerate(ranges):
+            if other == finger or found is None:
+                continue
+            pair = meets[finger, other][aim] if finger < other else meets[other, finger][:, aim]
+            if pair[found[0] : found[1] + 1].any():
+                return False
+        return True
+
+    for finger, poses in enumerate(standby):
+        if fits(finger, poses.home):
+            ranges[finger] = (poses.home, poses.home)
+    growing = [(finger, step) for finger in range(len(standby)) for step in (-1, 1)]
+    while growing:
+        still = []
+        for finger, step in growing:
+            now = ranges[finger]
+            if now is None:
+                continue
+            aim = now[0] - 1 if step < 0 else now[1] + 1
+            if fits(finger, aim):
+                ranges[finger] = (min(now[0], aim), max(now[1], aim))
+                still.append((finger, step))
+        growing = still
+    return ranges
+
+
+def _clashing_pairs(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:
+    """Whether the finger at each aim (m,) of one may meet the other finger at each of its aims: (m, n)."""
+    near = gaps_mm(one.capsules, other.capsules) < clearance_mm
+    result = np.zeros((len(one.aims_rad), len(other.aims_rad)), dtype=bool)
+    rows, columns = np.nonzero(near)
+    result[one.capsules.owner[rows], other.capsules.owner[columns]] = True
+    return result
+
+
+def _angles(waiting: WaitingFingers, each: int) -> list[float]:
     """Stage angles to offer paths at, with `each` paths at one of them: evenly spaced on both sides of 0."""
-    assert rig.stage is not None
-    lo, hi = _stage_range(rig, standby, obstacles)
+    lo, hi = waiting.stage_range_rad
     room = max(_MAX_PATHS // max(each, 1), 1) - 1
-    wanted = math.ceil((hi - lo) * rig.clear_radius_mm / _STAGE_STEP_MM)
+    wanted = math.ceil((hi - lo) * waiting.rig.clear_radius_mm / _STAGE_STEP_MM)
     count = min(room, wanted)
     before = round(count * -lo / (hi - lo)) if hi > lo else 0
     low = np.linspace(lo, 0.0, before + 1)[:-1]
@@ -250,92 +217,36 @@ def _angles(
     return [*low.tolist(), 0.0, *high.tolist()]
 
 
-def _stage_range(
-    rig: RigFile, standby: Sequence[StandbyPoses], obstacles: Sequence[Floats]
-) -> tuple[float, float]:
-    """The connected range of stage angles round 0 at which every finger's home is clear."""
-    assert rig.stage is not None
-    lo, hi = (math.radians(angle) for angle in rig.stage.range_deg)
-    step = _STAGE_SCAN_MM / reach_radius_mm(rig)
-    homes = [poses.capsules.of(poses.capsules.owner == poses.home) for poses in standby]
-    least = rig.closing.clearance_mm + _stage_bound_mm(rig) + _STAGE_SCAN_MM
-
-    def clear(angle: float) -> bool:
-        there = _obstacles_in_ring(rig, obstacles, angle)
-        return all(
-            bool((polygon_gap_mm(home, corners) >= least).all()) for home in homes for corners in there
-        )
-
-    def reached(end: float) -> float:
-        angles = np.linspace(0.0, end, math.ceil(abs(end) / step) + 1)[1:]
-        far = 0.0
-        for angle in angles.tolist():
-            if not clear(angle):
-                break
-            far = angle
-        return far
-
-    return reached(lo), reached(hi)
-
-
-def _obstacles_in_ring(rig: RigFile, obstacles: Sequence[Floats], angle_rad: float) -> list[Floats]:
-    """Obstacles (c, 2) as they look from the ring at a stage angle."""
-    if rig.stage is None or angle_rad == 0.0:
-        return list(obstacles)
-    back = Turn(rig.stage.centre_mm, -angle_rad)
-    return [np.array([back.point_mm((float(x), float(y))) for x, y in corners]) for corners in obstacles]
-
-
-def reach_radius_mm(rig: RigFile) -> float:
-    """No part of a finger that can meet anything is further from the stage's centre."""
-    centre = rig.stage.centre_mm if rig.stage else (0.0, 0.0)
-    parts = [
-        math.dist(spec.base_mm, centre) + (spec.links.upper_mm if isinstance(spec, ArmFingerConfig) else 0.0)
-        for spec in rig.fingers
-    ]
-    return max(*parts, rig.clear_radius_mm + math.hypot(*centre))
-
-
-def _stage_bound_mm(rig: RigFile) -> float:
-    """How far off a finger may be from an obstacle, because the stage's angle and centre are."""
-    if rig.stage is None:
-        return 0.0
-    widest = math.radians(max(map(abs, rig.stage.range_deg)))
-    shifted = 2 * math.sin(min(widest, math.pi) / 2) * rig.stage.centre_bound_mm
-    return planned_turn(rig.stage, 0.0).angle_bound_rad * reach_radius_mm(rig) + shifted
-
-
 def _paths_at(
-    rig: RigFile,
-    standby: Sequence[StandbyPoses],
-    obstacles: Sequence[Floats],
+    waiting: WaitingFingers,
+    angle_rad: float,
     aims: int,
     known: dict[tuple[int, float, float], list[ApproachPath]],
 ) -> list[ApproachPath]:
-    """What all fingers can do, in the frame that carries them, among obstacles that stand there.
+    """What all fingers can do, in the frame that carries them, with the stage at an angle.
 
     `known`: paths by finger and range of aims, without what stands in their way.
     """
-    clearance = rig.closing.clearance_mm
-    wide = clearance + _stage_bound_mm(rig)
-    ranges = free_ranges(standby, [clear_aims(w, obstacles, wide) for w in standby], clearance)
+    rig, obstacles = waiting.rig, waiting.obstacles(angle_rad)
+    ranges = waiting.free_ranges(obstacles, waiting.unsure_mm)
     result: list[ApproachPath] = []
-    for index, (poses, found) in enumerate(zip(standby, ranges, strict=True)):
+    for index, (poses, found) in enumerate(zip(waiting.poses, ranges, strict=True)):
         if found is None:
             raise InputError(
                 f'rig "{rig.name}": finger "{rig.fingers[index].name}" has no room where it waits: with its '
-                f"bounds it comes nearer than closing.clearance_mm = {clearance:g} to an obstacle or to "
-                "another finger"
+                f"bounds it comes nearer than closing.clearance_mm = {rig.closing.clearance_mm:g} to an "
+                "obstacle or to another finger"
             )
-        key = (index, float(poses.aims_rad[found[0]]), float(poses.aims_rad[found[1]]))
-        if key not in known:
-            known[key] = paths_of(rig, *key, aims)
+        lo, hi = float(poses.aims_rad[found[0]]), float(poses.aims_rad[found[1]])
+        if (index, lo, hi) not in known:
+            paths = waiting.mechanisms[index].paths(index, (lo, hi), aims, rig.clear_radius_mm)
+            known[index, lo, hi] = [path for path in paths if path.travel_mm > _MIN_FREE_TRAVEL_MM]
         others = [
             _range_capsules(other, pair)
-            for other, pair in zip(standby, ranges, strict=True)
+            for other, pair in zip(waiting.poses, ranges, strict=True)
             if other is not poses and pair is not None
         ]
-        result += _cut_at_obstacles(rig, known[key], obstacles, others)
+        result += _cut_at_obstacles(waiting, known[index, lo, hi], obstacles, others)
     return result
 
 
@@ -346,13 +257,16 @@ def _range_capsules(poses: StandbyPoses, found: tuple[int, int]) -> BodyCapsules
 
 
 def _cut_at_obstacles(
-    rig: RigFile, paths: Sequence[ApproachPath], obstacles: Sequence[Floats], others: Sequence[BodyCapsules]
+    waiting: WaitingFingers,
+    paths: Sequence[ApproachPath],
+    obstacles: Sequence[Floats],
+    others: Sequence[BodyCapsules],
 ) -> list[ApproachPath]:
     """The paths that are left, each as far as it is free."""
     if not paths:
         return []
-    clearance = rig.closing.clearance_mm
-    least = clearance + _stage_bound_mm(rig)
+    clearance = waiting.rig.closing.clearance_mm
+    least = clearance + waiting.unsure_mm
 
     def free(capsules: BodyCapsules) -> Bools:
         result = np.ones(len(capsules.owner), dtype=bool)
@@ -454,31 +368,26 @@ def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
     where it starts.
     """
     found = free_paths(rig, aims)
-    kinds = [kinematics_of(spec) for spec in rig.fingers]
+    stage, mechanisms = Stage.of(rig), [mechanism_of(spec) for spec in rig.fingers]
     return Reach(
-        tuple(_approach(rig, kinds[path.finger_index], path, angle) for angle, path in found),
-        np.array([path.aiming_s + _stage_turning_s(rig, angle) for angle, path in found]),
+        tuple(
+            _approach(mechanisms[path.finger_index], path, stage.planned_turn(angle), rig.closing)
+            for angle, path in found
+        ),
+        np.array([path.aiming_s + stage.turning_s(angle) for angle, path in found]),
         joint_sweep([path for _, path in found]),
         rig.closing,
     )
 
 
-def _stage_turning_s(rig: RigFile, angle_rad: float) -> float:
-    """Rough time to turn the stage from 0."""
-    return 0.0 if rig.stage is None else abs(rig.stage.gear_ratio * angle_rad) / STAGE_SPEED_RAD_S
-
-
-def _approach(
-    rig: RigFile, kinematics: FingerKinematics, path: ApproachPath, stage_rad: float
-) -> FingerApproach:
+def _approach(mechanism: Mechanism, path: ApproachPath, turn: Turn, closing: ClosingConfig) -> FingerApproach:
     """The approach in W, with a bound that holds for it as it will be carried out and measured."""
-    spec = rig.fingers[path.finger_index]
-    turn = planned_turn(rig.stage, stage_rad)
-    off = STREAM_TOLERANCE_RAD if spec.type == "two-link" else AIM_TOLERANCE_RAD
+    spec, kinematics = mechanism.spec, mechanism.kinematics
     bound = 0.0
     for travel in (0.0, path.travel_mm):
         servos = kinematics.servos_rad(path.line, travel)
-        own = kinematics.position_bound_mm(servos) + kinematics.cross_track_bound_mm(servos, off)
+        own = kinematics.position_bound_mm(servos)
+        own += kinematics.cross_track_bound_mm(servos, mechanism.settling_rad)
         bound = max(bound, own + turn.position_bound_mm(path.line.point_mm(travel)))
     line = turn.line(path.line)
     return FingerApproach(
@@ -486,7 +395,7 @@ def _approach(
         line.start_mm,
         math.remainder(line.direction_rad, 2 * math.pi),
         path.travel_mm,
-        bound + dent_allowance_mm(spec, rig.closing) + tip_bound_mm(spec),
+        bound + dent_allowance_mm(spec, closing) + tip_bound_mm(spec),
         path.finger_index,
-        stage_rad,
+        turn.angle_rad,
     )

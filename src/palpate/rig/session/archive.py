@@ -141,12 +141,8 @@ def _devices(path: Path) -> tuple[PortOfSessionOut, ...]:
 
 
 def _servos(rig: RigFile) -> list[str]:
-    found = [
-        f"{servo.model}, id {servo.dxl_id}: {finger.name} {joint}"
-        for finger in rig.fingers
-        for joint, servo in finger.servos.items()
-    ]
-    return found if rig.stage is None else [*found, f"{rig.stage.model}, id {rig.stage.dxl_id}: stage"]
+    stage_last = sorted(rig.servos, key=lambda servo: servo.finger is None)
+    return [f"{servo.model}, id {servo.dxl_id}: {servo.owner}" for servo in stage_last]
 
 
 def _array(finger: FingerConfig) -> str:

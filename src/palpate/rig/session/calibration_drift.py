@@ -24,12 +24,11 @@ from palpate.calibration.drift_test import (
     contact_uncertainties,
     touch_covariance,
 )
-from palpate.config import CalibrationDevice, CalibrationFile, RigFile, StageConfig
+from palpate.config import CalibrationDevice, CalibrationFile, RigFile
 from palpate.config.recognition_results import CalibrationUsedOut
-from palpate.drivers.dynamixel import Servo
 from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm
-from palpate.rig.fingers import planned_turn
+from palpate.rig.fingers import Stage
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch, dent_range_mm, may_touch_two_edges
@@ -46,7 +45,7 @@ def devices_of(hand: Hand) -> list[CalibrationDevice]:
             model=servo.model.name,
             firmware=str(servo.check().firmware),
         )
-        for servo in _servos(hand)
+        for servo in hand.servos
     ]
     arrays = []
     for finger in hand.fingers:
@@ -68,7 +67,7 @@ def check_devices(file: CalibrationFile | None, hand: Hand) -> None:
     """Raise InputError if a connected device is not the one that was calibrated. Nothing is sent."""
     if file is None:
         return
-    servos = {servo.dxl_id: servo.model.name for servo in _servos(hand)}
+    servos = {servo.dxl_id: servo.model.name for servo in hand.servos}
     _refuse_mismatch(file, _servo_mismatch(file, servos))
     check_arrays(file, {finger.name: finger.array.description.unique_id.hex() for finger in hand.fingers})
 
@@ -115,11 +114,6 @@ def _refuse_mismatch(file: CalibrationFile, other: str | None) -> None:
             f'the calibration of rig "{file.rig}" {other}: calibrate again with `palpate calibrate`, or '
             "leave it out with --no-calibration (an emulated rig's devices are those of its --seed)"
         )
-
-
-def _servos(hand: Hand) -> list[Servo]:
-    stage = [] if hand.stage is None else [hand.stage.servo]
-    return [*stage, *(servo for finger in hand.fingers for servo in finger.drive.servos)]
 
 
 _DIFFERENCE = 1e-6
@@ -203,7 +197,7 @@ def _agreement(
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
-        shared_mm=None if rig.stage is None else _stage_deviation_mm(touches, centre, normal, rig.stage),
+        shared_mm=None if rig.stage is None else _stage_deviation_mm(touches, centre, normal, Stage.of(rig)),
     )
     return compare_touches(residual, slopes, touch_covariance(surface, uncertainties))
 
@@ -216,9 +210,7 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
     return (most - least) / 2 + deflection_mm(finger, patch.force_n)
 
 
-def _stage_deviation_mm(
-    touches: Sequence[Touch], centre: Floats, normal: Floats, stage: StageConfig
-) -> Floats:
+def _stage_deviation_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: Stage) -> Floats:
     """What the turning stage puts contacts off by along their normals: deviations (n, m).
 
     Its axis is alike in all of them; its angle in those between which it did not turn, because where it
@@ -228,7 +220,7 @@ def _stage_deviation_mm(
     stop = np.concatenate([[0], np.cumsum(np.abs(np.diff(angle)) > _MIN_STAGE_TURN_RAD)])
     arm = centre - np.array(stage.centre_mm)
     across = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
-    off_rad = planned_turn(stage, 0.0).angle_bound_rad / math.sqrt(3)
+    off_rad = stage.planned_turn(0.0).angle_bound_rad / math.sqrt(3)
     turned = (stop[:, None] == np.unique(stop)) * (across * off_rad)[:, None]
     shifted = (normal - rotate(normal, -angle)) * stage.centre_bound_mm / 2
     return np.hstack([turned, shifted])

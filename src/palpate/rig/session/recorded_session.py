@@ -41,7 +41,7 @@ from palpate.drivers.transport import (
 from palpate.recognizer import Contact, Finger, NormalRange
 from palpate.rig.arrays import array_of
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.conversion import kinematics_of
+from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile
 
 _RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects.json"
@@ -258,13 +258,13 @@ def open_samples(file: SessionFile, folder: Path) -> SessionSamples:
 
 def _joints(rig: RigFile) -> dict[int, tuple[str, Model]]:
     """Name and model of each servo, by ID."""
-    found = {}
-    for finger in rig.fingers:
-        for joint, servo in finger.servos.items():
-            found[servo.dxl_id] = f"{finger.name}_{joint}", model_by_name(servo.model)
-    if rig.stage is not None:
-        found[rig.stage.dxl_id] = "stage", model_by_name(rig.stage.model)
-    return found
+    return {
+        servo.dxl_id: (
+            servo.joint if servo.finger is None else f"{servo.finger}_{servo.joint}",
+            model_by_name(servo.model),
+        )
+        for servo in rig.servos
+    }
 
 
 class _Tips:

@@ -17,9 +17,10 @@ from palpate.config import FingerConfig, RigFile
 from palpate.drivers.emulators import Part, Skin
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Resolution
 from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
-from palpate.rig.conversion import resolution_of, undetected_dent_mm
+from palpate.rig.conversion import undetected_dent_mm
 from palpate.rig.emulated.driven_tips import ArrayNoise, DrivenTip, DrivenTips
 from palpate.rig.emulated.scene import Placement, displace, outline_at
+from palpate.rig.fingers import resolution_of
 from palpate.rig.motion.guarded_approach import MEASURE_FRAMES, GripPhase
 from palpate.rig.motion.load_meter import (
     STEADY_FRAMES,

@@ -15,11 +15,12 @@ from palpate.config.study_result import RivalOut, StudyRunOut
 from palpate.drivers.emulators import Part
 from palpate.recognizer import Catalogue, Recognition, Resolution
 from palpate.rig.catalogue.preparation import prepare_catalogue
-from palpate.rig.conversion import finger_of, resolution_of
+from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.driven_tips import ArrayNoise, noise_of
 from palpate.rig.emulated.ground_truth import compare_answer, sticks_out_mm
 from palpate.rig.emulated.part_truth import draw_part, part_of
 from palpate.rig.emulated.scene import Placement, put_down
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
 from palpate.rig.identification.loop import PushTables, search_with
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 
 from palpate.config import RigFile
-from palpate.drivers.dynamixel import Bus, MoveEnd, Servo
+from palpate.drivers.dynamixel import Bus, MoveEnd
 from palpate.drivers.transport import MonotonicClock, open_port
 from palpate.recognizer import FingerApproach
 from palpate.rig.contact_peak import bus_latency_s
@@ -96,14 +96,14 @@ class HostSilence(TipMover):
 
     def __init__(self, hand: Hand, run: ApproachState, speed_mm_s: float, silence_s: float) -> None:
         super().__init__(hand, run, run.approach.travel_mm, speed_mm_s, math.inf)
-        self._silence_s = silence_s
+        self._clock, self._silence_s = hand.clock, silence_s
         self.silent_mm = math.nan
 
     def until(self, now: float) -> MoveEnd | None:
         """Silence, once; the next read tells what became of it."""
         if math.isnan(self.silent_mm) and self.run.travel_mm >= _MOVING_AFTER_MM:
             self.silent_mm = self.run.travel_mm
-            self.hand.clock.sleep(self._silence_s)
+            self._clock.sleep(self._silence_s)
             return None
         return super().until(now)
 
@@ -112,9 +112,3 @@ def return_fingers(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Back to where fingers wait; watchdogs off."""
     move_along_lines(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()
-
-
-def hand_servos(hand: Hand) -> list[Servo]:
-    """All servos of a hand, the stage's first."""
-    stage = [] if hand.stage is None else [hand.stage.servo]
-    return stage + [servo for finger in hand.fingers for servo in finger.drive.servos]

@@ -8,12 +8,12 @@ from typing import NoReturn
 import pytest
 
 from palpate.base.errors import DeviceError
-from palpate.config import FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile, RigServo
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.diagnosis import STEPS, Diagnosis, diagnose
 from palpate.rig.diagnostics.host_ports import Computer
-from palpate.rig.diagnostics.servo_bus import RigServo, endpoint_of_rig, list_servos
+from palpate.rig.diagnostics.servo_bus import endpoint_of_rig, list_servos
 from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.motion.hand import Hand
 from palpate.testing.hardware.bench import AirPaths, Note, air_paths

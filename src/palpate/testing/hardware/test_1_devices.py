@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.base.errors import SafetyStop
-from palpate.config import FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile, RigServo
 from palpate.config.diagnosis_results import Cause, FindingOut, Outcome, Severity
 from palpate.drivers.dynamixel import OperatingMode, StateReader, StatusError, guarded_move
 from palpate.drivers.tactile import ContactExtractor
@@ -19,7 +19,6 @@ from palpate.rig.arrays import calibration_of
 from palpate.rig.diagnostics.array_examination import UntouchedArray, frame_rate_hz
 from palpate.rig.diagnostics.diagnosis import Diagnosis, Step
 from palpate.rig.diagnostics.readings import Readings
-from palpate.rig.diagnostics.servo_bus import RigServo
 from palpate.rig.fingers import servo_settings
 from palpate.testing.hardware.bench import Note, open_bus
 

@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import pytest
@@ -19,7 +20,6 @@ from palpate.testing.hardware.bench import (
     HalfWay,
     HostSilence,
     Note,
-    hand_servos,
     return_fingers,
     start_approaches,
 )
@@ -40,7 +40,7 @@ _READ_PERIOD_S = 0.002
 @pytest.mark.moves("nothing should: torque goes on where everything stands")
 def test_torque_goes_on_without_a_jump(resting_hand: Hand, note: Note) -> None:
     """Every servo holds where it stood before torque went on."""
-    servos = hand_servos(resting_hand)
+    servos = resting_hand.servos
     before = _angles(resting_hand, servos)
     resting_hand.prepare()
     resting_hand.pause(_SETTLE_S)
@@ -53,7 +53,7 @@ def test_torque_goes_on_without_a_jump(resting_hand: Hand, note: Note) -> None:
 @pytest.mark.moves("nothing should: torque goes on where everything stands, until `palpate stop` ends it")
 def test_palpate_stop_switches_torque_off_beside_a_run(on_bench: RigOnBench, hand: Hand, note: Note) -> None:
     """Another process takes the torque away; the run notices, and all servos confirm."""
-    servos, begin = hand_servos(hand), hand.clock.now()
+    servos, begin = hand.servos, hand.clock.now()
     noticed = False
     stop = subprocess.Popen(
         [sys.executable, "-m", "palpate", "stop", "--rig", str(on_bench.path), "--json"],
@@ -93,7 +93,7 @@ def test_bus_watchdog_stops_what_moves_when_the_host_falls_silent(
         mover = HostSilence(hand, run, _SILENT_MM_S, _SILENCE_S)
         with pytest.raises(WatchdogTripped):
             move_tips(hand, [mover])
-        servos = hand_servos(hand)
+        servos = hand.servos
         tripped = {servo.dxl_id: servo.read("Bus Watchdog") for servo in servos}
         before = _angles(hand, servos)
         hand.clock.sleep(_SETTLE_S)
@@ -155,7 +155,7 @@ def _observe_stop(hand: Hand, mover: HalfWay) -> StopObservation:
     return StopObservation(times[travels.index(furthest)], furthest - mover.decided_mm, rests)
 
 
-def _angles(hand: Hand, servos: list[Servo]) -> dict[int, float]:
+def _angles(hand: Hand, servos: Sequence[Servo]) -> dict[int, float]:
     """Present Position (rad) of servos, by id, whatever is wrong with them."""
     return {
         servo.dxl_id: (hand.bus.read(servo.dxl_id, ITEMS["Present Position"], alert=False) - servo.zero_tick)
