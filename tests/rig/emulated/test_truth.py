@@ -27,9 +27,10 @@ from palpate.drivers.emulators.part import Displacement, QuasiStaticPart, StillP
 from palpate.drivers.kinematics import Turn
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.ground_truth import in_hand_frame
-from palpate.rig.emulated.hidden_truth import dead_taxels, start_angles_rad
+from palpate.rig.emulated.hidden_truth import dead_taxels
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of, support_of
 from palpate.rig.emulated.scene import Placement, displace, draw_placement, shape_of
+from palpate.rig.mechanisms import mechanism_of
 from support.benches.rigs import firm_rig
 from support.commands.repository import EXAMPLES
 
@@ -87,7 +88,7 @@ def test_what_fresh_rigs_add_leaves_the_other_draws_alone() -> None:
 
 def test_slides_start_where_the_host_takes_them_for_retracted() -> None:
     for spec, finger in zip(slides(), emulate(FRESH, None, 2).bench.fingers, strict=True):
-        aim, slide = start_angles_rad(spec, FRESH)
+        aim, slide = mechanism_of(spec).start_rad(FRESH.clear_radius_mm)
         assert [servo.shaft_rad for servo in finger.servos] == [aim, slide]
         # 1 mm out of the retracted end by the file's numbers: 46 mm = 40 mm + 100 mm · 0.06 turns.
         assert slide + math.pi == pytest.approx(0.06 * 2 * math.pi)
