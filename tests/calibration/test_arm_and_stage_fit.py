@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
+from palpate.calibration.arm_model import ELBOW_PLAY, ELBOW_ZERO, FORE, SHOULDER_PLAY, UPPER, ArmModel
 from palpate.calibration.finger_fit import (
     FingerFit,
     ReferencePlacement,
@@ -19,21 +20,12 @@ from palpate.calibration.finger_fit import (
     fit_fingers,
     predict_residuals,
 )
-from palpate.calibration.finger_model import (
-    ELBOW_PLAY,
-    ELBOW_ZERO,
-    FORE,
-    HEADING,
-    RADIUS,
-    SHOULDER_PLAY,
-    UPPER,
-    ArmModel,
-    nominal_models,
-)
+from palpate.calibration.finger_model import HEADING, RADIUS
 from palpate.calibration.frame_alignment import BasePose, align_fit, align_to_nominal, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
-from palpate.calibration.stage_fit import CENTRE, PLAY, KnownFingers, StageFit, fit_stage, stage_touches
+from palpate.calibration.rig_models import KnownFingers, nominal_models
+from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
 from palpate.calibration.stage_step import calibrate_stage, place_disc
 from palpate.config import RigFile, StageConfig, load_rig
 from palpate.config.calibration_file import StageCalibration

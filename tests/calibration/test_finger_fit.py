@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from palpate.calibration.actuator_estimators import Backlash, StopStalls
 from palpate.calibration.finger_fit import FingerFit, TouchArrays, fit_fingers, predict_residuals
-from palpate.calibration.finger_model import slide_in_contact, slide_model, zero_in_file_mm
 from palpate.calibration.frame_alignment import (
     HEADING_ARM_MM,
     AlignedFit,
@@ -25,6 +24,7 @@ from palpate.calibration.frame_alignment import (
     summarise_residuals,
 )
 from palpate.calibration.measurements import TouchMeasurement
+from palpate.calibration.slide_model import SlideModel, slide_in_contact, zero_in_file_mm
 from support.benches.touched_references import (
     COLUMNS,
     HEADING,
@@ -232,7 +232,7 @@ def test_a_measured_play_counts_before_the_described_one() -> None:
 
 def test_a_model_says_what_the_rig_file_says() -> None:
     slide = slide_in_contact(SPEC, Backlash(0.06, 0.004))
-    model = slide_model(SPEC, slide)
+    model = SlideModel.with_slide(SPEC, slide)
     x, y, heading, radius, zero, play, scale = model.prior
     assert (x, y) == SPEC.base_mm
     assert heading == pytest.approx(math.radians(270.0))

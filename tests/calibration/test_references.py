@@ -23,10 +23,10 @@ from palpate.calibration.drift_test import (
     touch_covariance,
 )
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays, fit_fingers
-from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.finger_step import plan_placements, touch_placing
 from palpate.calibration.measurements import Probe, TouchMeasurement
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
+from palpate.calibration.rig_models import nominal_models
 from palpate.config import RigFile, load_rig
 from palpate.drivers.kinematics import TICK_RAD
 from palpate.rig.emulated.devices import emulate

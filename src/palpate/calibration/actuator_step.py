@@ -23,9 +23,11 @@ from palpate.calibration.actuator_estimators import (
 )
 from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.finger_model import FingerModel, nominal_models, slide_in_contact, zero_in_file_mm
+from palpate.calibration.finger_model import FingerModel
 from palpate.calibration.measurements import PressMeasurement, Prober, StopMeasurement
 from palpate.calibration.reference import Reference
+from palpate.calibration.rig_models import nominal_models
+from palpate.calibration.slide_model import slide_in_contact, zero_in_file_mm
 from palpate.config import (
     ActuatorsCalibration,
     ArmFingerConfig,

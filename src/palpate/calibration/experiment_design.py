@@ -23,7 +23,7 @@ from palpate.calibration.finger_fit import (
 )
 from palpate.calibration.finger_model import FingerModel
 from palpate.calibration.measurements import ApproachTable, Probe, Prober, ServoPath, TouchMeasurement
-from palpate.config import ArmFingerConfig, FingerConfig
+from palpate.config import FingerConfig
 
 _MAX_OBLIQUE_RAD = math.radians(48.0)
 """Further from head-on a tip may slip, and load its aim sideways."""
@@ -286,7 +286,7 @@ def touch_arrays(
     ways = np.array([(item.aim_way, item.elbow_way) for item in touched], dtype=np.float64).reshape(-1, 2)
     loads = touch_loads(touched, specs)
     rounding, flank = np.empty(len(touched)), np.empty(len(touched))
-    for k, (model, spec) in enumerate(zip(models, specs, strict=True)):
+    for k, model in enumerate(models):
         own = finger == k
         values = np.tile(model.prior, (int(own.sum()), 1))
         angle = model.facing_rad(values, servos[own], ways[own]) + loads.towards_rad[own]
@@ -296,8 +296,8 @@ def touch_arrays(
         nearer = np.einsum("nkx,nx->nk", model.moved_by(values, servos[own]), towards)
         pushed = np.where(loads.pushes[own], np.sign(nearer), ways[own])
         unsure = np.abs(pushed - ways[own]) / 2
-        unsure = np.where(ways[own] == 0, 1.0, unsure) if isinstance(spec, ArmFingerConfig) else unsure
-        flank[own] = np.sqrt(((unsure * _plays_rad(spec) * nearer) ** 2).sum(axis=1) / 3)
+        unsure = np.where(ways[own] == 0, 1.0, unsure) if model.gives_all_round else unsure
+        flank[own] = np.sqrt(((unsure * model.plays_rad * nearer) ** 2).sum(axis=1) / 3)
         ways[own] = (ways[own] + pushed) / 2
     stiffness = np.array([spec.tip.stiffness_n_per_mm for spec in specs])[finger]
     placing = np.array([item.placing for item in touched], dtype=np.int64)
@@ -311,10 +311,3 @@ def touch_arrays(
         np.sqrt(rounding**2 + flank**2 + shape**2 + _OTHER_SIGMA_MM**2),
         np.ones(len(touched), dtype=bool),
     )
-
-
-def _plays_rad(spec: FingerConfig) -> Floats:
-    """Declared plays (2,) of both joints; that of a slide is in its zero: a touch keeps it on one flank."""
-    if isinstance(spec, ArmFingerConfig):
-        return np.radians([spec.shoulder.backlash_deg, spec.elbow.backlash_deg])
-    return np.radians([spec.aim.backlash_deg, 0.0])

@@ -23,7 +23,8 @@ from palpate.base.geometry.plane import rotation_matrix, wrap_angle
 from palpate.calibration.finger_model import RADIUS, FingerModel
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import Reference
-from palpate.config import ArmFingerConfig, FingerConfig
+from palpate.calibration.rig_models import nominal_model
+from palpate.config import FingerConfig
 
 _OUTLIER_SIGMAS = 4.5  # standard deviations
 _PLATE_STARTS = 12  # orientations from which a plate's is looked for
@@ -341,7 +342,9 @@ def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[FingerConfi
     dent = force / np.array([spec.tip.stiffness_n_per_mm for spec in own])
     side, sine = np.sign(bearing), np.abs(np.sin(bearing))
     # A slide gives way across its travel; an arm, whose joints both turn, in any direction.
-    arms = np.array([isinstance(spec, ArmFingerConfig) for spec in own], dtype=bool)
+    kinds = {spec.name: nominal_model(spec) for spec in specs}
+    models = [kinds[item.finger] for item in touched]
+    arms = np.array([model.gives_all_round for model in models], dtype=bool)
     give = deflection * force * np.where(arms, 1.0, sine**2)
     # Compliance from 0 to what is declared, and of the sideways push from the least that friction leaves.
     tangent = np.tan(np.minimum(np.abs(bearing), 1.5))
@@ -358,12 +361,5 @@ def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[FingerConfi
         sheared_rad=sheared / 2,
         sheared_sigma_rad=sheared / math.sqrt(12),
         towards_rad=towards,
-        pushes=np.array([_may_be_pushed(spec) for spec in own]),
+        pushes=np.array([model.pushable for model in models]),
     )
-
-
-def _may_be_pushed(spec: FingerConfig) -> tuple[bool, bool]:
-    """Which joints a force may push through their play, as the rig file says."""
-    if isinstance(spec, ArmFingerConfig):
-        return spec.shoulder.backlash_holds_n is not None, spec.elbow.backlash_holds_n is not None
-    return spec.aim.backlash_holds_n is not None, False

@@ -10,47 +10,23 @@ what stopping adds (docs/calibration-method.md).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import chdtri, ndtri
 
 from palpate.base.geometry import Bools, Floats
 from palpate.calibration.finger_fit import FingerFit, TouchArrays, touch_loads
-from palpate.calibration.finger_model import (
-    AIM_PLAY,
-    BASE,
-    ELBOW_PLAY,
-    ELBOW_ZERO,
-    FORE,
-    HEADING,
-    RADIUS,
-    SCALE,
-    SHOULDER_PLAY,
-    UPPER,
-    ZERO,
-    ArmModel,
-    FingerModel,
-    SlideModel,
-    zero_in_file_mm,
-)
+from palpate.calibration.finger_model import BASE, HEADING, RADIUS, FingerModel, SlowTouch
 from palpate.calibration.measurements import ServoPath, TouchMeasurement
 from palpate.config import FingerConfig
 from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
     Actuators,
-    ActuatorsCalibration,
-    ArmPlaceCalibration,
     ContactBounds,
     DirectionParts,
     FingerPlace,
-    PlaceCalibration,
     PositionParts,
-    RotaryCalibration,
-    SlideCalibration,
-    TactileCalibration,
 )
-from palpate.drivers.kinematics import TICK_RAD
 
 HEADING_ARM_MM = 100.0
 """A heading counts like a point so far from its base; with several fingers it hardly matters."""
@@ -112,9 +88,6 @@ def fitted_poses(values: Floats) -> list[BasePose]:
 _DIFFERENCE_STEP = 1e-5
 _FACE_DIRECTIONS = 16
 _SAMPLES_PER_APPROACH = 5
-SLIDE_PLACE_VALUES = [0, 1, HEADING, RADIUS, ZERO]
-ARM_PLACE_VALUES = [0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO]
-"""Values whose covariance a calibration file has, of a slide and of an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,75 +168,24 @@ def calibrate_place(
 ) -> FingerPlace:
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
     values, covariance = hand.values[index], hand.of(index)
-    sigma = np.sqrt(np.diag(covariance))
-    stands: dict[str, Any] = {
-        "base_mm": (float(values[0]), float(values[1])),
-        "base_sigma_mm": (float(sigma[0]), float(sigma[1])),
-        "heading_deg": math.degrees(values[HEADING]),
-        "heading_sigma_deg": math.degrees(sigma[HEADING]),
-        "tip_radius_mm": float(values[RADIUS]),
-        "tip_radius_sigma_mm": float(sigma[RADIUS]),
-        "array_heading_deg": math.degrees(heading[0]),
-        "array_heading_sigma_deg": math.degrees(heading[1]),
-    }
-    if isinstance(model, ArmModel):
-        return ArmPlaceCalibration(
-            **stands,
-            upper_mm=float(values[UPPER]),
-            upper_sigma_mm=float(sigma[UPPER]),
-            fore_mm=float(values[FORE]),
-            fore_sigma_mm=float(sigma[FORE]),
-            elbow_zero_deg=math.degrees(values[ELBOW_ZERO]),
-            elbow_zero_sigma_deg=math.degrees(sigma[ELBOW_ZERO]),
-            covariance=covariance[np.ix_(ARM_PLACE_VALUES, ARM_PLACE_VALUES)].tolist(),
-        )
-    assert isinstance(model, SlideModel)
-    per_rad = model.mm_per_rad * (1 + float(values[SCALE]))
-    return PlaceCalibration(
-        **stands,
-        zero_mm=zero_in_file_mm(float(values[ZERO]), per_rad),
-        mm_per_turn=2 * math.pi * per_rad,
-        covariance=covariance[np.ix_(SLIDE_PLACE_VALUES, SLIDE_PLACE_VALUES)].tolist(),
-    )
+    return model.describe_place(values, covariance, heading)
 
 
-def calibrate_plays(before: Actuators, hand: AlignedFit, index: int) -> Actuators:
+def calibrate_plays(model: FingerModel, before: Actuators, hand: AlignedFit, index: int) -> Actuators:
     """What touches from both sides have shown of the plays of an aim, or of an arm's joints."""
-    values, sigma = hand.values[index], np.sqrt(np.diag(hand.of(index)))
-
-    def seen(joint: RotaryCalibration, column: int) -> RotaryCalibration:
-        play, own = math.degrees(max(float(values[column]), 0.0)), math.degrees(float(sigma[column]))
-        # Not a copy with other numbers: these are checked, and rounded as the file has them.
-        return RotaryCalibration(
-            direction_confirmed=joint.direction_confirmed,
-            backlash_deg=play,
-            backlash_sigma_deg=own,
-            friction_a=joint.friction_a,
-        )
-
-    if isinstance(before, ActuatorsCalibration):
-        return before.model_copy(update={"aim": seen(before.aim, AIM_PLAY)})
-    return before.model_copy(
-        update={
-            "shoulder": seen(before.shoulder, SHOULDER_PLAY),
-            "elbow": seen(before.elbow, ELBOW_PLAY),
-        }
-    )
+    return model.fit_plays(before, hand.values[index], np.sqrt(np.diag(hand.of(index))))
 
 
 @dataclass(frozen=True)
-class _Joints:
-    """What servos, plays and stops add to the bound on a finger's contacts: mm of the place, rad of the turn.
+class TouchErrors:
+    """What touches of all fingers are off by, and the probability with which bounds hold.
 
-    `turned_sigma_rad`: deviation of where it faces.
+    `tolerance_mm`: how far references may be from what is said of them, which no fit makes smaller.
     """
 
-    quantisation_mm: float
-    play_mm: float
-    overshoot_mm: float
-    quantisation_rad: float
-    play_rad: float
-    turned_sigma_rad: float
+    residuals: Residuals
+    tolerance_mm: float
+    coverage: float
 
 
 def bound_contacts(
@@ -271,20 +193,14 @@ def bound_contacts(
     hand: AlignedFit,
     index: int,
     approaches: Sequence[ServoPath],
-    residuals: Residuals,
-    actuators: Actuators,
-    tactile: TactileCalibration,
     heading: tuple[float, float],
-    touch_speed_mm_s: float,
-    tolerance_mm: float,
-    coverage: float,
+    slow: SlowTouch,
+    errors: TouchErrors,
 ) -> ContactBounds:
-    """How far off this finger's contacts may be, with probability `coverage`; parts are added up.
-
-    `tolerance_mm`: how far references may be from what is said of them, which no fit makes smaller.
-    """
-    sigmas = float(ndtri((1 + coverage) / 2))
-    plane = math.sqrt(float(chdtri(2, 1 - coverage)))
+    """Bounds of this finger's contacts; parts are added up. `heading`: of its array, with its deviation."""
+    sigmas = float(ndtri((1 + errors.coverage) / 2))
+    plane = math.sqrt(float(chdtri(2, 1 - errors.coverage)))
+    residuals = errors.residuals
     servos = np.concatenate(
         [
             a.servos_at(np.linspace(0.0, a.length_mm, _SAMPLES_PER_APPROACH))
@@ -295,24 +211,17 @@ def bound_contacts(
     values, covariance = hand.values[index], hand.of(index)
     rows = np.tile(values, (len(servos), 1))
     levers = np.linalg.norm(model.moved_by(rows, servos), axis=2).max(axis=0)
-    if isinstance(model, ArmModel):
-        parts = _arm_joints(model, values, covariance, levers, sigmas)
-    else:
-        assert isinstance(model, SlideModel)
-        assert isinstance(actuators, ActuatorsCalibration)
-        parts = _slide_joints(
-            model, values, covariance, float(levers[0]), sigmas, actuators.slide, touch_speed_mm_s
-        )
+    parts = model.joint_bounds(values, covariance, levers, sigmas, slow)
     scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
     position = PositionParts(
-        fit=plane * _fit_mm(model, rows, covariance, servos) + tolerance_mm,
+        fit=plane * _fit_mm(model, rows, covariance, servos) + errors.tolerance_mm,
         repeatability=sigmas * max(scatter, residuals.held_out_rms_mm),
         quantisation=parts.quantisation_mm,
         play=parts.play_mm,
         overshoot=parts.overshoot_mm,
     )
     turned = math.hypot(parts.turned_sigma_rad, heading[1])
-    apart = abs(math.remainder(heading[0] - math.radians(tactile.phase_deg), 2 * math.pi))
+    apart = abs(math.remainder(heading[0] - math.radians(slow.phase_deg), 2 * math.pi))
     direction = DirectionParts(
         fit=math.degrees(sigmas * turned),
         repeatability=math.degrees(apart),
@@ -324,46 +233,6 @@ def bound_contacts(
         direction_deg=_sum(direction.model_dump()),
         parts_mm=position,
         normal_parts_deg=direction,
-    )
-
-
-def _slide_joints(
-    model: SlideModel,
-    values: Floats,
-    covariance: Floats,
-    farthest_mm: float,
-    sigmas: float,
-    slide: SlideCalibration,
-    touch_speed_mm_s: float,
-) -> _Joints:
-    play = abs(float(values[AIM_PLAY])) + sigmas * math.sqrt(covariance[AIM_PLAY, AIM_PLAY])
-    step = TICK_RAD / 2 / abs(model.gear_ratio)
-    return _Joints(
-        quantisation_mm=math.hypot(abs(model.mm_per_rad) * TICK_RAD / 2, farthest_mm * step),
-        play_mm=farthest_mm * play,
-        # A slide that has run on comes back to where it was to stop; in its play the tip need not follow.
-        overshoot_mm=min(2 * slide.backlash_mm, touch_speed_mm_s * slide.settle_s),
-        quantisation_rad=step,
-        play_rad=play,
-        turned_sigma_rad=math.sqrt(covariance[HEADING, HEADING]),
-    )
-
-
-def _arm_joints(
-    model: ArmModel, values: Floats, covariance: Floats, levers_mm: Floats, sigmas: float
-) -> _Joints:
-    """Both joints; either may be anywhere in its play, so that an overshoot adds nothing to that."""
-    columns = [SHOULDER_PLAY, ELBOW_PLAY]
-    plays = np.abs(values[columns]) + sigmas * np.sqrt(np.diag(covariance)[columns])
-    steps = TICK_RAD / 2 / np.abs(model.gear_ratio)
-    faced = covariance[np.ix_([HEADING, ELBOW_ZERO], [HEADING, ELBOW_ZERO])]
-    return _Joints(
-        quantisation_mm=float(levers_mm @ steps),
-        play_mm=float(levers_mm @ plays),
-        overshoot_mm=0.0,
-        quantisation_rad=float(steps.sum()),
-        play_rad=float(plays.sum()),
-        turned_sigma_rad=math.sqrt(max(float(faced.sum()), 0.0)),
     )
 
 

@@ -29,7 +29,8 @@ from scipy.optimize import least_squares
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
-from palpate.config import ArmFingerConfig, FingerConfig
+from palpate.calibration.rig_models import nominal_model
+from palpate.config import FingerConfig
 from palpate.drivers.tactile import Description
 
 _COLUMN_NODES, _PATCH_NODES = 4, 12  # nodes of Gauss's rule: pressure is smooth where there is any
@@ -238,8 +239,8 @@ class _Model:
         # Softness: how far the tip gives way, sideways or all round, over how far the same force dents it.
         self._friction = spec.tip.max_friction / 2
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
-        self._is_arm = isinstance(spec, ArmFingerConfig)
-        own = self._softness / math.sqrt(3) if self._is_arm else 0.0
+        self._gives_all_round = nominal_model(spec).gives_all_round
+        own = self._softness / math.sqrt(3) if self._gives_all_round else 0.0
         self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own)
         self._load_sigma = np.maximum(
             np.array([self._friction, self._softness]) / math.sqrt(3), _CERTAIN_SIGMA
@@ -458,7 +459,7 @@ class _Model:
         # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
         slid = np.abs(np.tan((turned + bearing[press]) / 2))
         along = np.minimum(_SHEAR_STIFFNESS_SHARE * slid, shared[_FRICTION])
-        aside = 1.0 if self._is_arm else sine * (sine - along * cosine)
+        aside = 1.0 if self._gives_all_round else sine * (sine - along * cosine)
         dent = free / (1 + shared[_SOFTNESS] * aside)
         felt = turned - np.sign(turned) * along * dent / (_SHEAR_STIFFNESS_SHARE * radius)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _MIN_DENT_RADII, _MAX_DENT_RADII)

@@ -18,17 +18,11 @@ from palpate.base.geometry.plane import rotate
 from palpate.calibration.consistency_checks import check_still
 from palpate.calibration.experiment_design import choose_touches, locate_reference, predict_touches
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement
-from palpate.calibration.finger_model import FingerModel, certain_models
+from palpate.calibration.finger_model import FingerModel
 from palpate.calibration.measurements import Probe, Prober, TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.stage_fit import (
-    CENTRE,
-    PLAY,
-    KnownFingers,
-    StageFit,
-    fit_stage,
-    stage_touches,
-)
+from palpate.calibration.rig_models import KnownFingers, certain_models
+from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
 from palpate.config import FingerConfig, RigFile, StageConfig
 from palpate.config.calibration_file import StageCalibration
 from palpate.drivers.kinematics import TICK_RAD

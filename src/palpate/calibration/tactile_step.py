@@ -16,13 +16,14 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats
 from palpate.calibration.experiment_design import locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.finger_model import FingerModel, nominal_models
+from palpate.calibration.finger_model import FingerModel
 from palpate.calibration.idle_statistics import COVERAGE_SIGMAS, IdleFit, analyse_idle, least_contact_force_n
 from palpate.calibration.measurements import LEG_IN, Prober
 from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
 from palpate.calibration.press_model import PressFit, dent_and_bearing, fit_presses
 from palpate.calibration.reference import Reference
-from palpate.config import ArmFingerConfig, FingerConfig, TactileCalibration, UnusableTaxel
+from palpate.calibration.rig_models import nominal_model, nominal_models
+from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile import Description, Shape, column_windows
 
 _ROW_SHARE = 0.003  # rows do not share a load more evenly
@@ -92,7 +93,7 @@ def fit_gains(
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),
-        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), _facing_sigma_deg(spec)),
+        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), nominal_model(spec).facing_sigma_deg),
         presses=len(used),
         residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
     )
@@ -125,11 +126,6 @@ def _worst_press(found: PressFit) -> int | None:
     worst = int(found.misfit.argmax())
     limit = _MAX_MISFIT_RATIO * max(1.0, float(np.median(found.misfit)))
     return worst if found.misfit[worst] > limit else None
-
-
-def _facing_sigma_deg(spec: FingerConfig) -> float:
-    """By how much the finger may face elsewhere than described, from its travel, in all presses alike."""
-    return spec.elbow.zero_bound_deg / math.sqrt(3) if isinstance(spec, ArmFingerConfig) else 0.0
 
 
 def _silent_taxels(levels: PressLevels, idle: IdleFit) -> Bools:

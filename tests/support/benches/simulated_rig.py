@@ -8,7 +8,6 @@ import numpy as np
 
 from palpate.base.geometry import Counts, Floats
 from palpate.base.geometry.plane import wrap_angle
-from palpate.calibration.finger_model import nominal_models
 from palpate.calibration.measurements import (
     LEG_FREE,
     LEG_IN,
@@ -21,6 +20,7 @@ from palpate.calibration.measurements import (
     TouchMeasurement,
 )
 from palpate.calibration.reference import Reference
+from palpate.calibration.rig_models import nominal_models
 from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import ArmTruth, EmulatedStage, FingerTruth, Play

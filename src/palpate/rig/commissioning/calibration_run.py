@@ -18,10 +18,11 @@ from palpate.base.errors import InputError
 from palpate.base.file_io import write_text
 from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays
-from palpate.calibration.finger_model import FingerModel, calibrated_models
+from palpate.calibration.finger_model import FingerModel, SlowTouch
 from palpate.calibration.finger_step import fit_touches, hold_out, plan_placements, touch_placing
 from palpate.calibration.frame_alignment import (
     AlignedFit,
+    TouchErrors,
     align_fit,
     bound_contacts,
     calibrate_place,
@@ -31,7 +32,7 @@ from palpate.calibration.frame_alignment import (
 )
 from palpate.calibration.measurements import Prober, RunRecord, TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
-from palpate.calibration.stage_fit import KnownFingers
+from palpate.calibration.rig_models import KnownFingers, calibrated_models
 from palpate.calibration.stage_step import calibrate_stage, measure_stage
 from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import (
@@ -342,6 +343,8 @@ class _CalibrationRun:
         headings = estimate_array_headings(touched, touches, models, specs, fit)
         closing = self._job.rig.closing
         approaches = approaches_of(self._job.rig)
+        tolerance_mm = max(self._disc.tolerance_mm, self._plate.tolerance_mm)
+        errors = TouchErrors(residuals, tolerance_mm, self._job.coverage)
         fingers = []
         for index, (item, model) in enumerate(zip(file.fingers, models, strict=True)):
             assert item.actuators is not None
@@ -351,16 +354,12 @@ class _CalibrationRun:
                 hand,
                 index,
                 approaches,
-                residuals,
-                item.actuators,
-                item.tactile,
                 headings[index],
-                closing.touch_speed_mm_s,
-                max(self._disc.tolerance_mm, self._plate.tolerance_mm),
-                self._job.coverage,
+                SlowTouch(item.actuators, item.tactile.phase_deg, closing.touch_speed_mm_s),
+                errors,
             )
             place = calibrate_place(model, hand, index, headings[index])
-            seen = calibrate_plays(item.actuators, hand, index)
+            seen = calibrate_plays(model, item.actuators, hand, index)
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 

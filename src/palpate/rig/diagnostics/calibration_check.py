@@ -35,9 +35,10 @@ from palpate.calibration.finger_fit import (
     fit_fingers,
     predict_residuals,
 )
-from palpate.calibration.finger_model import FingerModel, SlideModel, certain_models
+from palpate.calibration.finger_model import FingerModel
 from palpate.calibration.measurements import Prober, TouchMeasurement
 from palpate.calibration.reference import Reference
+from palpate.calibration.rig_models import certain_models
 from palpate.config import CalibrationFile, FingerConfig, RigFile
 from palpate.config.diagnosis_results import (
     CalibrationCheckOut,
@@ -74,7 +75,7 @@ def measure_friction(
 
     Left out are arms, slides that moved too little, and fingers that meet what was located too obliquely.
     """
-    slides = {k for k, model in enumerate(models) if isinstance(model, SlideModel)}
+    slides = {k for k, model in enumerate(models) if not model.gives_all_round}
     contacts = [
         probe
         for probe, _ in probes_at_bearing(found, prober, models, 0.0)

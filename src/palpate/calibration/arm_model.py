@@ -1,0 +1,196 @@
+"""Model of an arm of two links."""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from palpate.base.geometry import Floats
+from palpate.calibration.finger_model import (
+    BASE,
+    HEADING,
+    MAX_OBLIQUE_TANGENT,
+    RADIUS,
+    REPEAT_SIGMA_MM,
+    REPEAT_SIGMAS,
+    FingerModel,
+    JointBounds,
+    SlowTouch,
+    describe_stand,
+    known_play,
+    left_normals,
+    unit_vectors,
+    with_play,
+)
+from palpate.config import ArmFingerConfig, JointConfig
+from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration
+from palpate.drivers.kinematics import TICK_RAD
+
+UPPER, FORE, ELBOW_ZERO, SHOULDER_PLAY, ELBOW_PLAY = 4, 5, 6, 7, 8
+"""Columns of an arm: lengths of its links (mm), elbow angle at its 0, plays of both joints (rad)."""
+
+_STEP_SHARE = 0.15  # of a joint's encoder step: it is measured on the move, over a few of them
+_MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 0.002, 1e-5, 1e-5, 1e-5])
+"""Standard deviations that no prior goes below, so that nothing is quite certain."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel(FingerModel):
+    """A shoulder and an elbow: joint angle = (servo − zero_rad) / gear_ratio, (2,) each.
+
+    The shoulder's zero is in the heading, the elbow's error is a value of its own.
+    """
+
+    gear_ratio: Floats
+    zero_rad: Floats
+    gives_all_round = True
+    place_columns = (0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO)
+
+    @classmethod
+    def nominal(cls, spec: ArmFingerConfig) -> Self:
+        """Prior by the rig file's numbers and bounds."""
+        bounds, links = spec.bounds, spec.links
+        plays = [math.radians(joint.backlash_deg) for joint in (spec.shoulder, spec.elbow)]
+        turned_deg = math.hypot(bounds.heading_deg, spec.shoulder.zero_bound_deg)
+        prior = [
+            *spec.base_mm,
+            math.radians(spec.heading_deg),
+            spec.tip.radius_mm,
+            links.upper_mm,
+            links.fore_mm,
+        ]
+        sigma = np.array(
+            [
+                bounds.base_mm / 2,
+                bounds.base_mm / 2,
+                math.radians(turned_deg) / math.sqrt(3),
+                spec.tip.radius_bound_mm / math.sqrt(3),
+                links.bound_mm / math.sqrt(3),
+                links.bound_mm / math.sqrt(3),
+                math.radians(spec.elbow.zero_bound_deg) / math.sqrt(3),
+                *(play / math.sqrt(12) for play in plays),
+            ]
+        )
+        return cls(
+            spec.name,
+            np.array([*prior, 0.0, *(play / 2 for play in plays)]),
+            np.diag(np.maximum(sigma, _MIN_SIGMAS) ** 2),
+            plays_rad=np.radians([spec.shoulder.backlash_deg, spec.elbow.backlash_deg]),
+            pushable=(spec.shoulder.backlash_holds_n is not None, spec.elbow.backlash_holds_n is not None),
+            facing_sigma_deg=spec.elbow.zero_bound_deg / math.sqrt(3),
+            gear_ratio=np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
+            zero_rad=np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
+        )
+
+    def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
+        """At the end of both links."""
+        upper, fore = self._links(values, servos_rad, ways)
+        result: Floats = values[:, BASE] + upper + fore
+        return result
+
+    def slopes(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
+        """Turns of the shoulder move the whole arm, those of the elbow its second link."""
+        upper, fore = self._links(values, servos_rad, ways)
+        whole, end = left_normals(upper + fore), left_normals(fore)
+        result = np.zeros((len(values), 2, values.shape[1]))
+        result[:, 0, 0] = result[:, 1, 1] = 1.0
+        result[:, :, HEADING] = whole
+        result[:, :, UPPER] = upper / values[:, UPPER, None]
+        result[:, :, FORE] = fore / values[:, FORE, None]
+        result[:, :, ELBOW_ZERO] = end
+        result[:, :, SHOULDER_PLAY] = -ways[:, :1] * whole
+        result[:, :, ELBOW_PLAY] = -ways[:, 1:] * end
+        return result
+
+    def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
+        """Direction of the second link."""
+        return self._angles(values, servos_rad, ways)[1]
+
+    def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
+        """Both joints turn it about their axes."""
+        upper, fore = self._links(values, servos_rad, np.zeros_like(servos_rad))
+        return np.stack([left_normals(upper + fore), left_normals(fore)], axis=1)
+
+    def rounding_mm(self, values: Floats, servos_rad: Floats, normal: Floats, /) -> Floats:
+        """Both joints are measured on the move, over a few steps."""
+        along = np.einsum("nkx,nx->nk", self.moved_by(values, servos_rad), normal) / self.gear_ratio
+        result: Floats = TICK_RAD * _STEP_SHARE * np.hypot(along[:, 0], along[:, 1])
+        return result
+
+    def repeated_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
+        """Steps of both encoders, and joints that may be on the other flank of their play."""
+        values, servos = np.tile(self.prior, (2, 1)), np.stack([first_rad, again_rad])
+        ways = np.zeros((2, 2))
+        first, again = self.centres(values, servos, ways) @ [1.0, 1j]
+        travel = float(self.facing_rad(values, servos, ways)[0]) - facing_rad
+        moved = (again - first) * np.exp(-1j * travel)
+        levers = np.linalg.norm(self.moved_by(values, servos)[0], axis=1)
+        steps = float(np.hypot(*(levers * TICK_RAD / self.gear_ratio))) / math.sqrt(6)
+        turned = 4 * float(levers @ self.prior[[SHOULDER_PLAY, ELBOW_PLAY]])
+        limit = REPEAT_SIGMAS * math.hypot(steps, REPEAT_SIGMA_MM)
+        return abs(moved.real), limit + (turned + abs(moved.imag)) * MAX_OBLIQUE_TANGENT
+
+    def _angles(self, values: Floats, servos_rad: Floats, ways: Floats) -> tuple[Floats, Floats]:
+        """Directions (n,) of both links."""
+        joints = (servos_rad - self.zero_rad) / self.gear_ratio
+        first = values[:, HEADING] + joints[:, 0] - ways[:, 0] * values[:, SHOULDER_PLAY]
+        bend = joints[:, 1] + values[:, ELBOW_ZERO] - ways[:, 1] * values[:, ELBOW_PLAY]
+        return first, first + bend
+
+    def _links(self, values: Floats, servos_rad: Floats, ways: Floats) -> tuple[Floats, Floats]:
+        """Both links (n, 2), mm."""
+        first, second = self._angles(values, servos_rad, ways)
+        return values[:, UPPER, None] * unit_vectors(first), values[:, FORE, None] * unit_vectors(second)
+
+    def describe_place(
+        self, values: Floats, covariance: Floats, heading: tuple[float, float]
+    ) -> ArmPlaceCalibration:
+        """Place with the lengths of the links and the elbow's zero."""
+        sigma = np.sqrt(np.diag(covariance))
+        return ArmPlaceCalibration(
+            **describe_stand(values, covariance, heading),
+            upper_mm=float(values[UPPER]),
+            upper_sigma_mm=float(sigma[UPPER]),
+            fore_mm=float(values[FORE]),
+            fore_sigma_mm=float(sigma[FORE]),
+            elbow_zero_deg=math.degrees(values[ELBOW_ZERO]),
+            elbow_zero_sigma_deg=math.degrees(sigma[ELBOW_ZERO]),
+            covariance=covariance[np.ix_(self.place_columns, self.place_columns)].tolist(),
+        )
+
+    def fit_plays(
+        self, before: ArmActuatorsCalibration, values: Floats, sigma: Floats
+    ) -> ArmActuatorsCalibration:
+        """Plays of both joints."""
+        shoulder, elbow = (
+            with_play(joint, float(values[column]), float(sigma[column]))
+            for joint, column in ((before.shoulder, SHOULDER_PLAY), (before.elbow, ELBOW_PLAY))
+        )
+        return before.model_copy(update={"shoulder": shoulder, "elbow": elbow})
+
+    def known_values(self, actuators: ArmActuatorsCalibration) -> dict[int, tuple[float, float]]:
+        """Plays of both joints."""
+        return {SHOULDER_PLAY: known_play(actuators.shoulder), ELBOW_PLAY: known_play(actuators.elbow)}
+
+    def joint_bounds(
+        self, values: Floats, covariance: Floats, levers_mm: Floats, sigmas: float, slow: SlowTouch
+    ) -> JointBounds:
+        """Both joints; either may be anywhere in its play, so that an overshoot adds nothing to that."""
+        del slow
+        columns = [SHOULDER_PLAY, ELBOW_PLAY]
+        plays = np.abs(values[columns]) + sigmas * np.sqrt(np.diag(covariance)[columns])
+        steps = TICK_RAD / 2 / np.abs(self.gear_ratio)
+        faced = covariance[np.ix_([HEADING, ELBOW_ZERO], [HEADING, ELBOW_ZERO])]
+        return JointBounds(
+            quantisation_mm=float(levers_mm @ steps),
+            play_mm=float(levers_mm @ plays),
+            overshoot_mm=0.0,
+            quantisation_rad=float(steps.sum()),
+            play_rad=float(plays.sum()),
+            turned_sigma_rad=math.sqrt(max(float(faced.sum()), 0.0)),
+        )
+
+
+def _zero_rad(joint: JointConfig) -> float:
+    return math.radians(joint.zero_deg) - math.pi
