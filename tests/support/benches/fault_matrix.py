@@ -159,7 +159,7 @@ PHASES: Sequence[tuple[str, str]] = (
     ("press", "press"),
     ("stop_at_speed", "stop at speed"),
     ("_stall", "homing"),
-    ("_stall_angle_rad", "homing"),
+    ("creep_to_stall", "homing"),
     ("swing", "swing"),
 )
 """Functions and the phases that they are; the first of a stack's counts."""
