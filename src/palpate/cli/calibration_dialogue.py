@@ -10,12 +10,13 @@ from palpate.base.errors import InputError
 from palpate.calibration.finger_step import plan_placements
 from palpate.calibration.reference import Reference
 from palpate.cli.terminal import StatusLine
-from palpate.config import RigFile, SlideFingerConfig
+from palpate.config import RigFile
 from palpate.config.calibration_file import ReferencesFile, StageCalibration
 from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration
 from palpate.config.commissioning_results import CalibratedFingerOut, CalibratedStageOut, CalibrateOut
 from palpate.jobs.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.rig.commissioning.calibration_run import STEPS, build_references
+from palpate.rig.mechanisms import mechanism_of
 from palpate.views.numerals import at_most
 from palpate.views.tables import table
 
@@ -108,7 +109,7 @@ def announce(
 
 
 def _slide_exercises_words(rig: RigFile) -> str:
-    slides = any(isinstance(finger, SlideFingerConfig) for finger in rig.fingers)
+    slides = any(mechanism_of(finger).push is not None for finger in rig.fingers)
     return "aims swing, slides go against their stops, " if slides else ""
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import FingerConfig, RigFile
+from palpate.rig.mechanisms import mechanism_of
 from palpate.views.svg import (
     AXIS,
     CARD,
@@ -118,9 +119,9 @@ def _table(rig: RigFile, plan: _Plan) -> Iterator[str]:
 
 def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     base, heading = np.array(finger.base_mm), math.radians(finger.heading_deg)
-    tip_mm, is_slide = 60.0, isinstance(finger, SlideFingerConfig)
-    if isinstance(finger, SlideFingerConfig):
-        tip_mm = finger.slide.range_mm[0]  # where it waits
+    mechanism = mechanism_of(finger)
+    is_slide = mechanism.push is not None
+    tip_mm = mechanism.reach[2] if is_slide else 60.0  # where it waits
     tip = plan.at(base + tip_mm * np.array([math.cos(heading), math.sin(heading)]))
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
     way = {"stroke_width": 3.0} if is_slide else {"stroke_width": LINE, "stroke_dasharray": "2 3"}
@@ -138,12 +139,8 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
 
 
 def _reach(finger: FingerConfig, plan: _Plan) -> str:
-    """Where the middle of the tip can be: the aim's range by the slide's; as far as an arm is long."""
-    if isinstance(finger, SlideFingerConfig):
-        (low, high), (near, far) = finger.aim.range_deg, finger.slide.range_mm
-    else:
-        assert isinstance(finger, ArmFingerConfig)
-        low, high, near, far = 0.0, 360.0, 0.0, finger.links.upper_mm + finger.links.fore_mm
+    """Sector in which the middle of the tip can be."""
+    low, high, near, far = mechanism_of(finger).reach
     angles = np.radians(finger.heading_deg + np.linspace(low, high, 91))
     directions = np.column_stack((np.cos(angles), np.sin(angles)))
     ring = np.concatenate((near * directions, far * directions[::-1])) + np.array(finger.base_mm)
@@ -175,16 +172,13 @@ def _cards(rig: RigFile, left: float) -> Iterator[str]:
 def _wiring(finger: FingerConfig) -> Iterator[str]:
     x, y = finger.base_mm
     yield f"base ({x:g}, {y:g}) mm, heading {finger.heading_deg:g}°"
+    mechanism, moves = mechanism_of(finger), {}
+    if (aim := mechanism.aim) is not None:
+        moves["aim"] = f", {aim.gear_ratio:g} : 1, {aim.range_deg[0]:g}° to {aim.range_deg[1]:g}°"
+    if (slide := mechanism.push) is not None:
+        moves["slide"] = f", {slide.mm_per_turn:g} mm/turn, {slide.range_mm[0]:g}–{slide.range_mm[1]:g} mm"
     for name, servo in finger.servos.items():
-        moves = ""
-        if isinstance(finger, SlideFingerConfig):
-            aim, slide = finger.aim, finger.slide
-            ways = {
-                "aim": f"{aim.gear_ratio:g} : 1, {aim.range_deg[0]:g}° to {aim.range_deg[1]:g}°",
-                "slide": f"{slide.mm_per_turn:g} mm/turn, {slide.range_mm[0]:g}–{slide.range_mm[1]:g} mm",
-            }
-            moves = f", {ways[name]}"
-        yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves}"
+        yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves.get(name, '')}"
     yield f"array: {finger.array.port}"
     high = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm high"
     size = f"{finger.tip.kind.noun} {finger.tip.kind.size_text(finger.tip.radius_mm)}{high}"

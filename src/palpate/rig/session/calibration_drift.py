@@ -197,7 +197,7 @@ def _agreement(
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
-        shared_mm=None if rig.stage is None else _stage_deviation_mm(touches, centre, normal, Stage.of(rig)),
+        shared_mm=_stage_deviation_mm(touches, centre, normal, Stage.of(rig)),
     )
     return compare_touches(residual, slopes, touch_covariance(surface, uncertainties))
 
