@@ -1,6 +1,7 @@
 """Model of an arm of two links."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -9,11 +10,13 @@ import numpy as np
 from palpate.base.geometry import Floats
 from palpate.calibration.finger_model import (
     BASE,
+    BOUND_SIGMAS,
     HEADING,
     MAX_OBLIQUE_TANGENT,
     RADIUS,
     REPEAT_SIGMA_MM,
     REPEAT_SIGMAS,
+    ActuatorMeasurements,
     FingerModel,
     JointBounds,
     SlowTouch,
@@ -23,8 +26,9 @@ from palpate.calibration.finger_model import (
     unit_vectors,
     with_play,
 )
-from palpate.config import ArmFingerConfig, JointConfig
-from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration
+from palpate.calibration.measurements import PressMeasurement
+from palpate.config import ArmFingerConfig, JointConfig, RotaryCalibration
+from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration, StopsCalibration
 from palpate.drivers.kinematics import TICK_RAD
 
 UPPER, FORE, ELBOW_ZERO, SHOULDER_PLAY, ELBOW_PLAY = 4, 5, 6, 7, 8
@@ -42,10 +46,27 @@ class ArmModel(FingerModel):
     The shoulder's zero is in the heading, the elbow's error is a value of its own.
     """
 
+    spec: ArmFingerConfig
     gear_ratio: Floats
     zero_rad: Floats
     gives_all_round = True
     place_columns = (0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO)
+
+    @property
+    def facing_sigma_deg(self) -> float:
+        """Deviation by the elbow's zero."""
+        return self.spec.elbow.zero_bound_deg / math.sqrt(3)
+
+    @property
+    def plays_rad(self) -> Floats:
+        """Plays of both joints."""
+        return np.radians([self.spec.shoulder.backlash_deg, self.spec.elbow.backlash_deg])
+
+    @property
+    def pushable(self) -> tuple[bool, bool]:
+        """Both joints."""
+        shoulder, elbow = self.spec.shoulder, self.spec.elbow
+        return shoulder.backlash_holds_n is not None, elbow.backlash_holds_n is not None
 
     @classmethod
     def nominal(cls, spec: ArmFingerConfig) -> Self:
@@ -73,12 +94,9 @@ class ArmModel(FingerModel):
             ]
         )
         return cls(
-            spec.name,
+            spec,
             np.array([*prior, 0.0, *(play / 2 for play in plays)]),
             np.diag(np.maximum(sigma, _MIN_SIGMAS) ** 2),
-            plays_rad=np.radians([spec.shoulder.backlash_deg, spec.elbow.backlash_deg]),
-            pushable=(spec.shoulder.backlash_holds_n is not None, spec.elbow.backlash_holds_n is not None),
-            facing_sigma_deg=spec.elbow.zero_bound_deg / math.sqrt(3),
             gear_ratio=np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
             zero_rad=np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
         )
@@ -143,6 +161,20 @@ class ArmModel(FingerModel):
         first, second = self._angles(values, servos_rad, ways)
         return values[:, UPPER, None] * unit_vectors(first), values[:, FORE, None] * unit_vectors(second)
 
+    def describe_actuators(self, measured: ActuatorMeasurements) -> ArmActuatorsCalibration:
+        """Both joints; their plays stay as described, for the fit of the fingers to narrow down."""
+        latency = measured.latency
+        return ArmActuatorsCalibration(
+            shoulder=_joint(self.spec.shoulder, measured.presses, 0),
+            elbow=_joint(self.spec.elbow, measured.presses, 1),
+            stops=StopsCalibration(
+                latency_s=latency.latency_s,
+                latency_bound_s=latency.latency_bound_s,
+                settle_s=measured.settle_s,
+                overshoots=latency.overshoots,
+            ),
+        )
+
     def describe_place(
         self, values: Floats, covariance: Floats, heading: tuple[float, float]
     ) -> ArmPlaceCalibration:
@@ -190,6 +222,20 @@ class ArmModel(FingerModel):
             play_rad=float(plays.sum()),
             turned_sigma_rad=math.sqrt(max(float(faced.sum()), 0.0)),
         )
+
+
+def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -> RotaryCalibration:
+    """What the free paths of presses show of a joint; a joint that never moved on them is not confirmed."""
+    current = np.array([press.free_a[which] for press in presses])
+    moved = np.isfinite(current)
+    middle = float(np.median(current[moved])) if moved.any() else 0.0
+    half = spec.backlash_deg / 2
+    return RotaryCalibration(
+        direction_confirmed=bool(moved.any()) and bool((current[moved] > 0).all()),
+        backlash_deg=half,
+        backlash_sigma_deg=half / BOUND_SIGMAS,
+        friction_a=max(middle, 0.0),
+    )
 
 
 def _zero_rad(joint: JointConfig) -> float:

@@ -9,13 +9,18 @@ side.
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from palpate.base.geometry import Floats
+from palpate.calibration.actuator_estimators import StopLatency, StopStalls
+from palpate.calibration.measurements import PressMeasurement, TouchMeasurement
+from palpate.config import FingerConfig
 from palpate.config.calibration_finger import Actuators, FingerPlace, RotaryCalibration
+from palpate.config.rig_servos import SlideConfig
 
 BASE, HEADING, RADIUS = slice(0, 2), 2, 3
 """Of every kind."""
@@ -25,6 +30,9 @@ REPEAT_SIGMAS, REPEAT_SIGMA_MM = 5.0, 0.01
 
 MAX_OBLIQUE_TANGENT = 1.12
 """Tangent of 48°: touches are not more oblique, and a way that is off shifts them so."""
+
+BOUND_SIGMAS = 3.3
+"""Standard deviations that a bound is taken for, where nothing but a bound is known."""
 
 _PINNED_SIGMA = 1e-3  # of values that a kind has no use for: nothing moves them
 
@@ -38,19 +46,38 @@ class FingerModel(ABC):
     its play.
     """
 
-    name: str
+    spec: FingerConfig
     prior: Floats
     covariance: Floats
-    plays_rad: Floats
-    """Declared plays (2,) of the joints that touches leave open."""
-    pushable: tuple[bool, bool]
-    """Joints that a force may push through their play, as the rig file says."""
     gives_all_round: ClassVar[bool]
     """True if a force moves the tip in whatever direction it has; else only across its path."""
     place_columns: ClassVar[tuple[int, ...]]
     """Columns of the values whose covariance a calibration file has."""
-    facing_sigma_deg: float
-    """Deviation of where the finger faces from what is described, in all presses alike."""
+
+    @property
+    def name(self) -> str:
+        """Name in the rig file."""
+        return self.spec.name
+
+    @property
+    def slide(self) -> SlideConfig | None:
+        """Slide that is driven against its stops, behind an aim that is swung; None without one."""
+        return None
+
+    @property
+    def facing_sigma_deg(self) -> float:
+        """Deviation of where the finger faces from what is described, in all presses alike."""
+        return 0.0
+
+    @property
+    @abstractmethod
+    def plays_rad(self) -> Floats:
+        """Declared plays (2,) of the joints that touches leave open."""
+
+    @property
+    @abstractmethod
+    def pushable(self) -> tuple[bool, bool]:
+        """Joints that a force may push through their play, as the rig file says."""
 
     @classmethod
     @abstractmethod
@@ -116,6 +143,10 @@ class FingerModel(ABC):
         ...
 
     @abstractmethod
+    def describe_actuators(self, measured: "ActuatorMeasurements") -> Actuators:
+        """Actuators as a file has them. Raises InputError for what is not as described."""
+
+    @abstractmethod
     def describe_place(self, values: Floats, covariance: Floats, heading: tuple[float, float]) -> FingerPlace:
         """Place as a file has it, of values (k,); `heading`: of the array, with its deviation (rad)."""
 
@@ -132,6 +163,23 @@ class FingerModel(ABC):
         self, values: Floats, covariance: Floats, levers_mm: Floats, sigmas: float, slow: "SlowTouch"
     ) -> "JointBounds":
         """What the joints add to the bound on contacts; `levers_mm` (2,): the largest of each joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatorMeasurements:
+    """Measurements of one finger's actuators: presses, and how it stops.
+
+    `stalls`: of a slide at its stops; `aim_friction_a`: current that its aim needs to turn. `touched` are
+    touches of a disc, with the surface's normals (n, 2).
+    """
+
+    presses: Sequence[PressMeasurement]
+    latency: StopLatency
+    settle_s: float
+    stalls: StopStalls | None
+    aim_friction_a: float
+    touched: Sequence[TouchMeasurement]
+    normal: Floats
 
 
 @dataclass(frozen=True)

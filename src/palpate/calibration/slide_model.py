@@ -5,20 +5,32 @@ is fitted is the one that belongs to that side.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.calibration.actuator_estimators import Backlash, StopStalls, line_through_stops
+from palpate.calibration.actuator_estimators import (
+    Backlash,
+    Homing,
+    StopStalls,
+    combine_backlash,
+    estimate_backlash,
+    estimate_friction,
+    fit_homing,
+    line_through_stops,
+)
 from palpate.calibration.finger_model import (
     BASE,
+    BOUND_SIGMAS,
     HEADING,
     MAX_OBLIQUE_TANGENT,
     RADIUS,
     REPEAT_SIGMA_MM,
     REPEAT_SIGMAS,
+    ActuatorMeasurements,
     FingerModel,
     JointBounds,
     SlowTouch,
@@ -28,13 +40,18 @@ from palpate.calibration.finger_model import (
     unit_vectors,
     with_play,
 )
-from palpate.config import SlideCalibration, SlideFingerConfig
-from palpate.config.calibration_finger import ActuatorsCalibration, PlaceCalibration
+from palpate.calibration.measurements import TouchMeasurement
+from palpate.config import ActuatorsCalibration, RotaryCalibration, SlideCalibration, SlideFingerConfig
+from palpate.config.calibration_finger import PlaceCalibration
+from palpate.config.rig_servos import AimConfig, SlideConfig
 from palpate.drivers.kinematics import TICK_RAD
 
 ZERO, AIM_PLAY, SCALE = 4, 5, 6
 """Columns of a slide: zero (mm), play of the aim (rad), error of its travel per turn (a share)."""
 
+_FRAME_LAG_SAMPLES = (
+    0.5  # samples by which frames, averaged since the last look, are older than the servo's state
+)
 _STEP_SHARE = 0.1  # of the slide's encoder step: it is measured on the move, over several of them
 _MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""
@@ -47,11 +64,27 @@ class SlideModel(FingerModel):
     distance = zero + mm_per_rad · (1 + scale) · servo.
     """
 
+    spec: SlideFingerConfig
     gear_ratio: float
     aim_zero_rad: float
     mm_per_rad: float
     gives_all_round = False
     place_columns = (0, 1, HEADING, RADIUS, ZERO)
+
+    @property
+    def slide(self) -> SlideConfig:
+        """Slide of the finger."""
+        return self.spec.slide
+
+    @property
+    def plays_rad(self) -> Floats:
+        """Play of the aim: that of the slide is in its zero, because a touch keeps it on one flank."""
+        return np.radians([self.spec.aim.backlash_deg, 0.0])
+
+    @property
+    def pushable(self) -> tuple[bool, bool]:
+        """Aim alone."""
+        return self.spec.aim.backlash_holds_n is not None, False
 
     @classmethod
     def nominal(cls, spec: SlideFingerConfig) -> Self:
@@ -153,16 +186,48 @@ class SlideModel(FingerModel):
         covariance[np.ix_([4, 6], [4, 6])] = slide.covariance
         covariance += np.diag(np.maximum(sigma, _MIN_SIGMAS) ** 2)
         return cls(
-            spec.name,
+            spec,
             prior,
             covariance,
-            plays_rad=np.radians([spec.aim.backlash_deg, 0.0]),  # that of the slide is in its zero
-            pushable=(spec.aim.backlash_holds_n is not None, False),
-            facing_sigma_deg=0.0,
             gear_ratio=spec.aim.gear_ratio,
             aim_zero_rad=math.radians(spec.aim.zero_deg) - math.pi,
             mm_per_rad=slide.mm_per_rad,
         )
+
+    def describe_actuators(self, measured: ActuatorMeasurements) -> ActuatorsCalibration:
+        """Slide and aim."""
+        spec, presses, stalls, latency = self.spec, measured.presses, measured.stalls, measured.latency
+        backlash = combine_backlash(
+            [estimate_backlash(press, press.counts.sum(axis=(1, 2)), _FRAME_LAG_SAMPLES) for press in presses]
+        )
+        friction = estimate_friction(presses)
+        home = _described_homing(spec.slide) if stalls is None else fit_homing(spec, stalls, backlash)
+        seen = slide_in_contact(spec, backlash, stalls)
+        slide = SlideCalibration(
+            direction_confirmed=friction.direction > 0,
+            mm_per_turn=2 * math.pi * home.mm_per_rad,
+            mm_per_turn_sigma=2 * math.pi * home.mm_per_rad_sigma,
+            zero_mm=zero_in_file_mm(home.zero_mm, home.mm_per_rad),
+            zero_sigma_mm=math.hypot(home.zero_sigma_mm, home.mm_per_rad_sigma * math.pi),
+            homed=stalls is not None,
+            backlash_mm=backlash.half_mm,
+            backlash_sigma_mm=backlash.sigma_mm,
+            touch_zero_mm=seen.zero_mm,
+            touch_covariance=seen.covariance.tolist(),
+            friction_a=abs(friction.push_n) / abs(presses[0].newton_per_a[1]),
+            latency_s=latency.latency_s,
+            latency_bound_s=latency.latency_bound_s,
+            settle_s=measured.settle_s,
+            overshoots=latency.overshoots,
+        )
+        half = spec.aim.backlash_deg / 2
+        aim = RotaryCalibration(
+            direction_confirmed=_aim_turns(spec.aim, measured.touched, measured.normal),
+            backlash_deg=half,
+            backlash_sigma_deg=half / BOUND_SIGMAS,
+            friction_a=measured.aim_friction_a,
+        )
+        return ActuatorsCalibration(slide=slide, aim=aim)
 
     def describe_place(
         self, values: Floats, covariance: Floats, heading: tuple[float, float]
@@ -203,6 +268,25 @@ class SlideModel(FingerModel):
             play_rad=play,
             turned_sigma_rad=math.sqrt(covariance[HEADING, HEADING]),
         )
+
+
+def _described_homing(slide: SlideConfig) -> Homing:
+    """Travel and zero as the rig file says."""
+    per_rad = slide.mm_per_rad
+    return Homing(
+        per_rad,
+        abs(per_rad) * slide.mm_per_turn_spread / math.sqrt(3),
+        slide.zero_mm + per_rad * math.pi,
+        slide.zero_bound_mm / math.sqrt(3),
+    )
+
+
+def _aim_turns(aim: AimConfig, touched: Sequence[TouchMeasurement], normal: Floats) -> bool:
+    """True if contacts wander round the tip the way they must if the aim turns as described."""
+    measured = np.unwrap([item.angle_rad for item in touched])
+    aims = np.array([item.servos_rad[0] for item in touched]) / aim.gear_ratio
+    bearing = np.unwrap(np.arctan2(-normal[:, 1], -normal[:, 0]) - aims)
+    return len(touched) > 1 and float(np.dot(measured - measured.mean(), bearing - bearing.mean())) > 0
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,19 +62,7 @@ def models() -> list[SlideModel]:
         x, y = spec.base_mm
         prior = np.array([x, y, math.radians(spec.heading_deg), 5.0, 90.0, math.radians(0.01), 0.0])
         sigma = np.diag(np.square(PRIOR_SIGMA))
-        found.append(
-            SlideModel(
-                spec.name,
-                prior,
-                sigma,
-                plays_rad=np.radians([spec.aim.backlash_deg, 0.0]),
-                pushable=(False, False),
-                facing_sigma_deg=0.0,
-                gear_ratio=gear,
-                aim_zero_rad=zero,
-                mm_per_rad=per_rad,
-            )
-        )
+        found.append(SlideModel(spec, prior, sigma, gear, zero, per_rad))
     return found
 
 

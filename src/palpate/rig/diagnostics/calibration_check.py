@@ -75,7 +75,7 @@ def measure_friction(
 
     Left out are arms, slides that moved too little, and fingers that meet what was located too obliquely.
     """
-    slides = {k for k, model in enumerate(models) if not model.gives_all_round}
+    slides = {k for k, model in enumerate(models) if model.slide is not None}
     contacts = [
         probe
         for probe, _ in probes_at_bearing(found, prober, models, 0.0)
