@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
+from palpate.base.tips import TipShape
 from palpate.calibration.finger_fit import touch_loads
 from palpate.calibration.idle_statistics import IdleFit, analyse_idle, least_contact_force_n
 from palpate.calibration.measurements import IdleMeasurement, Probe, TouchMeasurement
@@ -237,7 +238,7 @@ def test_presses_that_say_nothing_are_errors() -> None:
     flat = replace(DESCRIPTION, shape=Shape.FLAT)
     with pytest.raises(InputError, match="cylindrical"):
         fit_gains([good], flat, idle, SPEC)
-    ball = SPEC.model_copy(update={"tip": SPEC.tip.model_copy(update={"shape": "ball"})})
+    ball = SPEC.model_copy(update={"tip": SPEC.tip.model_copy(update={"shape": TipShape.BALL})})
     with pytest.raises(InputError, match="on a ball"):
         fit_gains([good], replace(DESCRIPTION, emulated=False), idle, ball)
 
