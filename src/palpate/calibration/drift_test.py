@@ -14,7 +14,7 @@ from scipy.special import chdtri, ndtri
 
 from palpate.base.geometry import Floats, Ints
 from palpate.config import CalibrationFile
-from palpate.config.calibration_finger import ArmPlaceCalibration, FingerCalibration
+from palpate.config.calibration_finger import FingerCalibration
 from palpate.drivers.kinematics import TICK_RAD
 
 FALSE_ALARM_RATE = 0.001
@@ -107,11 +107,12 @@ def _finger_uncertainty(
         return None
     parts = finger.bounds.parts_mm
     play_mm = parts.play / math.sqrt(3)
-    if isinstance(finger.place, ArmPlaceCalibration):
+    mm_per_turn = finger.place.push_mm_per_turn
+    if mm_per_turn is None:
         # Either joint moves the tip in any direction.
         along_mm = across_mm = math.hypot(play_mm, parts.quantisation) if at_rest else play_mm
     else:
-        step_mm = abs(finger.place.mm_per_turn) * TICK_RAD / (4 * math.pi)
+        step_mm = abs(mm_per_turn) * TICK_RAD / (4 * math.pi)
         aim_mm = math.sqrt(max(parts.quantisation**2 - step_mm**2, 0.0))
         along_mm = step_mm if at_rest else 0.0
         across_mm = math.hypot(play_mm, aim_mm) if at_rest else play_mm

@@ -6,6 +6,7 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.calibration.arm_model import ArmModel
 from palpate.calibration.finger_model import FingerModel
@@ -19,9 +20,15 @@ MODELS: dict[type, type[FingerModel]] = {SlideFingerConfig: SlideModel, ArmFinge
 _CERTAIN_SIGMA = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 
 
+def _model_of(spec: FingerConfig) -> type[FingerModel]:
+    if type(spec) not in MODELS:
+        raise InputError(f"finger {spec.name}: palpate does not calibrate fingers of its type yet")
+    return MODELS[type(spec)]
+
+
 def nominal_model(spec: FingerConfig) -> FingerModel:
     """Prior of a finger by the rig file alone."""
-    return MODELS[type(spec)].nominal(spec)
+    return _model_of(spec).nominal(spec)
 
 
 def nominal_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
@@ -32,12 +39,12 @@ def nominal_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
 def calibrated_models(specs: Sequence[FingerConfig], actuators: Sequence[Actuators]) -> list[FingerModel]:
     """Priors of all fingers whose actuators have been measured."""
     pairs = zip(specs, actuators, strict=True)
-    return pad_to_one_width([MODELS[type(spec)].calibrated(spec, own) for spec, own in pairs])
+    return pad_to_one_width([_model_of(spec).calibrated(spec, own) for spec, own in pairs])
 
 
 def certain_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
     """Fingers of a calibrated rig, where they are and not elsewhere."""
-    models = pad_to_one_width([MODELS[type(spec)].certain(spec) for spec in specs])
+    models = pad_to_one_width([_model_of(spec).certain(spec) for spec in specs])
     return [model.fixed(_CERTAIN_SIGMA) for model in models]
 
 

@@ -4,6 +4,7 @@ A file is read once and becomes frozen values. A file that is not usable is an `
 names the file, the place, what is wrong and what is allowed.
 """
 
+from palpate.config.arm_finger import ARM_MARGIN_MM, ArmFingerConfig
 from palpate.config.calibration_file import (
     CalibrationDevice,
     CalibrationFile,
@@ -31,17 +32,16 @@ from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contac
 from palpate.config.emulation import Scene, load_scene
 from palpate.config.loading import shipped_objects, shipped_rig
 from palpate.config.objects_file import ObjectsFile, load_objects
-from palpate.config.rig_file import ARM_MARGIN_MM, RigFile, load_rig
+from palpate.config.rig_file import RigFile, add_finger_type, load_rig
 from palpate.config.rig_fingers import (
-    ArmFingerConfig,
     ArrayConfig,
     FingerConfig,
     MountedArrayConfig,
-    SlideFingerConfig,
 )
 from palpate.config.rig_servos import JointConfig, RigServo, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig
 from palpate.config.rig_tips import TipConfig
+from palpate.config.slide_finger import SlideFingerConfig
 from palpate.config.writers import calibration_toml
 
 __all__ = [
@@ -78,6 +78,7 @@ __all__ = [
     "TipConfig",
     "TouchResidual",
     "UnusableTaxel",
+    "add_finger_type",
     "apply_calibration",
     "calibration_path",
     "calibration_toml",

@@ -23,10 +23,10 @@ from palpate.config.fields import (
     TravelPerTurn,
     UpLength,
     UpPositive,
+    check_gains,
     covariance_of,
 )
 from palpate.config.problems import TAG, problem
-from palpate.config.rig_fingers import check_gains
 
 
 class UnusableTaxel(FileModel):
@@ -178,6 +178,11 @@ class PlaceInHandFrame(FileModel):
     )
     array_heading_sigma_deg: UpLength = Field(description="Standard deviation of array_heading_deg.")
 
+    @property
+    def push_mm_per_turn(self) -> float | None:
+        """Travel per turn of the servo that alone moves the tip on its path; None if both do."""
+        return None
+
 
 class PlaceCalibration(PlaceInHandFrame):
     """Place of an aim and slide finger, with what belongs to it in the same fit."""
@@ -191,6 +196,11 @@ class PlaceCalibration(PlaceInHandFrame):
     covariance: Annotated[Matrix, covariance_of(5)] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
     )
+
+    @property
+    def push_mm_per_turn(self) -> float:
+        """Travel per turn of the slide."""
+        return self.mm_per_turn
 
 
 class ArmPlaceCalibration(PlaceInHandFrame):

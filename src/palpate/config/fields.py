@@ -86,6 +86,15 @@ def plugin(group: str, name: str, built_in: Iterable[str], *place: str) -> objec
         raise problem(str(error), *place) from error
 
 
+def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple[int, int]:
+    """Rows and columns of two matrices by taxel; refuses those that differ in shape."""
+    rows, cols = len(gain), len(gain[0]) if gain else 0
+    for key, matrix in (("gain", gain), ("gain_bound", gain_bound)):
+        if 0 in (rows, cols) or len(matrix) != rows or any(len(row) != cols for row in matrix):
+            raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+    return rows, cols
+
+
 class FileModel(ShortRepr, BaseModel):
     """A table of a file: unknown keys are refused, values cannot be changed once read."""
 

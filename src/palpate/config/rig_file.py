@@ -11,17 +11,18 @@ import math
 from collections.abc import Sequence
 from itertools import combinations
 from operator import attrgetter
-from typing import Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 import shapely
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from palpate.base.errors import InputError
 from palpate.base.tips import Ability
+from palpate.config.arm_finger import ArmFingerConfig
 from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
-from palpate.config.problems import Place, problem
-from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
+from palpate.config.problems import TAG, Place, problem
+from palpate.config.rig_fingers import FingerConfig
 from palpate.config.rig_servos import RigServo, StageConfig
 from palpate.config.rig_tables import (
     BusConfig,
@@ -31,9 +32,7 @@ from palpate.config.rig_tables import (
     SearchConfig,
     WorkspaceConfig,
 )
-
-ARM_MARGIN_MM = 2.0
-"""The tip of an arm waits this far outside of the workspace."""
+from palpate.config.slide_finger import SlideFingerConfig
 
 _MOCK_SCHEME = "mock://"
 """Ports of emulated devices begin so."""
@@ -53,20 +52,7 @@ _DRAWN_BY_ANY = (
     ("heading_error_deg", "bounds.heading_deg"),
     ("deflection_mm_per_n", "bounds.deflection_mm_per_n"),
 )
-_DRAWN_BY_ARM = (
-    ("joint_backlash_deg", "shoulder.backlash_deg"),
-    ("joint_backlash_deg", "elbow.backlash_deg"),
-    ("joint_zero_error_deg", "shoulder.zero_bound_deg"),
-    ("joint_zero_error_deg", "elbow.zero_bound_deg"),
-    ("link_error_mm", "links.bound_mm"),
-)
-_DRAWN_BY_SLIDE = (
-    ("backlash_mm", "slide.backlash_mm"),
-    ("aim_backlash_deg", "aim.backlash_deg"),
-    ("zero_error_mm", "slide.zero_bound_mm"),
-    ("mm_per_turn_error", "slide.mm_per_turn_spread"),
-)
-"""Keys of [emulation] and the declared bounds, by their places in a finger's table, that they stay within."""
+"""Keys of [emulation] and the declared bounds, by their places in a table, that they stay within."""
 
 
 def check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: StageConfig | None) -> None:
@@ -103,28 +89,10 @@ def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: f
     `radius`: of the circle round the origin that holds the workspace at every angle of the stage, mm.
     """
     for index, finger in enumerate(fingers):
-        if finger.type == "two-link":
-            _check_arm(finger, radius, index)
-            continue
-        waiting = _nearest_to_origin(finger, finger.slide.range_mm[0])
-        needed = radius + finger.tip.radius_mm
-        if waiting < needed:
-            raise problem(
-                f"retracted to {finger.slide.range_mm[0]:g} mm the tip's centre comes within {waiting:.4g} "
-                f"mm of the origin; it must wait {needed:g} mm away (workspace.radius_mm + tip.radius_mm)",
-                *("fingers", index, "slide", "range_mm"),
-            )
-        reach = _nearest_to_origin(finger, finger.slide.range_mm[1])
-        if reach >= needed:
-            raise problem(
-                f"the tip's centre stays {reach:.4g} mm or more from the origin, never in the workspace; "
-                "check base_mm, heading_deg and slide.range_mm",
-                *("fingers", index),
-            )
+        finger.check_place(radius, "fingers", index)
     for (_, first), (index, second) in combinations(enumerate(fingers), 2):
-        gap = (
-            math.dist(_tip(first, radius), _tip(second, radius)) - first.tip.radius_mm - second.tip.radius_mm
-        )
+        apart = math.dist(first.start_tip_mm(radius), second.start_tip_mm(radius))
+        gap = apart - first.tip.radius_mm - second.tip.radius_mm
         if gap < clearance_mm:
             raise problem(
                 f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
@@ -149,7 +117,7 @@ def check_obstacles(
         names[obstacle.name] = index
         shape = shapely.Polygon(obstacle.outline_mm)
         for finger in fingers:
-            body = shapely.LineString([finger.base_mm, _tip(finger, radius)])
+            body = shapely.LineString([finger.base_mm, finger.start_tip_mm(radius)])
             gap = shapely.distance(shape, body) - finger.tip.radius_mm
             if gap < clearance_mm:
                 raise problem(
@@ -183,7 +151,7 @@ def check_parts_move(
 def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
     """Refuse a check of slips without stops of every finger's slide."""
     for index, finger in enumerate(fingers):
-        if finger.type != "slide" or finger.slide.stops_mm is None:
+        if finger.stops_mm is None:
             raise problem(
                 f'is true, and fingers[{index}] ("{finger.name}") has no slide.stops_mm to meet',
                 *("search", "check_slips"),
@@ -213,8 +181,7 @@ def check_emulation(
     if stage is not None:
         _check_drawn(drawn, stage, "stage", _DRAWN_BY_STAGE)
     for index, finger in enumerate(fingers):
-        mechanism = _DRAWN_BY_ARM if finger.type == "two-link" else _DRAWN_BY_SLIDE
-        _check_drawn(drawn, finger, f"fingers[{index}]", (*mechanism, *_DRAWN_BY_ANY))
+        _check_drawn(drawn, finger, f"fingers[{index}]", (*finger.drawn_within, *_DRAWN_BY_ANY))
         _check_under_load(drawn, finger, index)
 
 
@@ -237,7 +204,7 @@ def _check_drawn(
 
 def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) -> None:
     """Refuse emulated deflection or friction that turns or shears more than the finger declares."""
-    lever_mm = finger.links.fore_mm if finger.type == "two-link" else finger.slide.range_mm[1]
+    lever_mm = finger.lever_mm
     turned = math.degrees(drawn.deflection_mm_per_n / lever_mm)
     declared = finger.bounds.deflection_deg_per_n
     if turned > declared:
@@ -247,8 +214,7 @@ def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) 
             f"{declared:g}; widen the bound or emulate less",
             *("emulation", "deflection_mm_per_n"),
         )
-    slides = drawn.mechanics and drawn.mechanics.slide_deflection_mm_per_n
-    along = slides[1] if slides and finger.type == "slide" else 0.0
+    along = finger.give_mm_per_n(drawn.mechanics)
     if along + drawn.deflection_mm_per_n > finger.bounds.deflection_mm_per_n:
         raise problem(
             f"and emulation.deflection_mm_per_n let a tip give way by {along + drawn.deflection_mm_per_n:g} "
@@ -276,69 +242,17 @@ def _ports(fingers: Sequence[FingerConfig], bus: BusConfig) -> list[tuple[str, P
     return [(bus.port, ("bus", "port")), *arrays]
 
 
-def _check_arm(finger: ArmFingerConfig, radius_mm: float, index: int) -> None:
-    """Refuse an arm with its base in the workspace, or that cannot wait between its base and that."""
-    away = math.hypot(*finger.base_mm)
-    if away <= radius_mm + finger.tip.radius_mm:
-        raise problem(
-            f"is {away:.4g} mm from the origin; the base must stand outside of the workspace, beyond "
-            f"{radius_mm + finger.tip.radius_mm:g} mm (workspace.radius_mm + tip.radius_mm)",
-            *("fingers", index, "base_mm"),
-        )
-    tip = _tip(finger, radius_mm)
-    x, y = tip[0] - finger.base_mm[0], tip[1] - finger.base_mm[1]
-    upper, fore = finger.links.upper_mm, finger.links.fore_mm
-    bend = (x * x + y * y - upper**2 - fore**2) / (2 * upper * fore)
-    if abs(bend) > 1:
-        raise problem(
-            f"cannot put the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), {math.hypot(x, y):.4g} mm "
-            "from the base",
-            *("fingers", index, "links"),
-        )
-    elbow = math.copysign(math.acos(bend), finger.elbow.range_deg[0])
-    across = math.atan2(fore * math.sin(elbow), upper + fore * math.cos(elbow))
-    shoulder = math.degrees(math.atan2(y, x) - across) - finger.heading_deg
-    for key, angle, (lo, hi) in (
-        ("shoulder", math.remainder(shoulder, 360.0), finger.shoulder.range_deg),
-        ("elbow", math.degrees(elbow), finger.elbow.range_deg),
-    ):
-        if not lo < angle < hi:
-            raise problem(
-                f"is [{lo:g}, {hi:g}]; with the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), the "
-                f"{key} stands at {angle:.4g}",
-                *("fingers", index, key, "range_deg"),
-            )
+def _kind(value: Any) -> str | None:
+    kind = value.get("type", "slide") if isinstance(value, dict) else getattr(value, "type", "slide")
+    return TAG + kind if isinstance(kind, str) else None
 
 
-def _tip(finger: FingerConfig, radius_mm: float) -> tuple[float, float]:
-    """Tip centre where a finger must start: a slide retracted at aim 0, an arm beside the workspace."""
-    if finger.type == "two-link":
-        x, y = finger.base_mm
-        share = (radius_mm + finger.tip.radius_mm + ARM_MARGIN_MM) / math.hypot(x, y)
-        return share * x, share * y
-    heading = math.radians(finger.heading_deg)
-    distance = finger.slide.range_mm[0]
-    return (
-        finger.base_mm[0] + distance * math.cos(heading),
-        finger.base_mm[1] + distance * math.sin(heading),
-    )
-
-
-def _nearest_to_origin(finger: SlideFingerConfig, extent_mm: float) -> float:
-    """Least distance of the tip centre from W's origin over the aim range, slid out to `extent_mm`."""
-    x, y = finger.base_mm
-    to_origin = math.hypot(x, y)
-    inward = math.degrees(math.atan2(-y, -x)) - finger.heading_deg
-    lo, hi = finger.aim.range_deg
-    first = lo + (inward - lo) % 360
-    aims = (first,) if first <= hi else (lo, hi)
-    distances = []
-    for aim in aims:
-        angle = math.radians(finger.heading_deg + aim)
-        along = -x * math.cos(angle) - y * math.sin(angle)
-        slide = min(max(along, finger.slide.range_mm[0]), extent_mm)
-        distances.append(math.sqrt(max(to_origin**2 + slide**2 - 2 * slide * along, 0.0)))
-    return min(distances)
+_BY_TYPE = Discriminator(_kind, custom_error_type="finger_type", custom_error_message="type")
+AnyFinger = Annotated[
+    Annotated[SlideFingerConfig, Tag(TAG + "slide")] | Annotated[ArmFingerConfig, Tag(TAG + "two-link")],
+    _BY_TYPE,
+]
+"""A finger of either type, by its key `type`."""
 
 
 class RigFile(FileModel):
@@ -350,7 +264,7 @@ class RigFile(FileModel):
     workspace: WorkspaceConfig
     closing: ClosingConfig
     search: SearchConfig
-    fingers: Items[FingerConfig] = Field(
+    fingers: Items[AnyFinger] = Field(
         min_length=1, description="The fingers, in the order they are reported."
     )
     stage: StageConfig | None = Field(default=None, description="The turning stage, if there is one.")
@@ -409,6 +323,15 @@ class RigFile(FileModel):
         """Raise InputError with that reason, if there is one."""
         if (why := self.why_not(ability)) is not None:
             raise InputError(why)
+
+
+def add_finger_type(name: str, table: type[FingerConfig]) -> None:
+    """Let rig files have fingers of one more type, from now on."""
+    field = RigFile.model_fields["fingers"]
+    (known,) = get_args(field.annotation)
+    union = get_args(known)[0] | Annotated[table, Tag(TAG + name)]
+    field.annotation = list[Annotated[union, _BY_TYPE]]  # type: ignore[valid-type]
+    RigFile.model_rebuild(force=True)
 
 
 def load_rig(source: Source) -> RigFile:

@@ -1,28 +1,40 @@
-"""Finger tables of a rig file: tactile array, bounds, and the mechanism that carries the tip.
+"""Finger tables of a rig file: tactile array, bounds, and what tables of every type of finger have.
 
-A finger is of one of two types: "slide", an aim that turns a slide, or "two-link", an arm with a shoulder
-and an elbow. The values keep the file's units: mm, degrees, N.
+The values keep the file's units: mm, degrees, N.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Annotated, Any, Literal, Self, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import (
-    Discriminator,
     Field,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
     SerializeAsAny,
-    Tag,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, registered_names
-from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
-from palpate.config.problems import TAG, problem
-from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
+from palpate.config.calibration_finger import ContactBounds, PlaceInHandFrame, TactileCalibration
+from palpate.config.emulation import MechanicsConfig
+from palpate.config.fields import (
+    Count,
+    FileModel,
+    Items,
+    Length,
+    Name,
+    Point,
+    Positive,
+    Text,
+    check_gains,
+    plugin,
+)
+from palpate.config.problems import problem
+from palpate.config.rig_servos import Angle, ServoConfig, Share
 from palpate.config.rig_tips import TipConfig, check_keys
 
 PALPATE_PROTOCOL = "palpate"
@@ -31,16 +43,10 @@ PALPATE_PROTOCOL = "palpate"
 SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
 """Protocols of the plug-ins in `plugins/`; the rig file's JSON Schema shows the keys of those installed."""
 
+BOUND_SIGMAS = 3.3
+"""Standard deviations that 99.9 % of a normal distribution lie within (3.29)."""
+
 _COVERAGE_DEG = 270.0
-
-
-def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple[int, int]:
-    """Rows and columns of two matrices by taxel; refuses those that differ in shape."""
-    rows, cols = len(gain), len(gain[0]) if gain else 0
-    for key, matrix in (("gain", gain), ("gain_bound", gain_bound)):
-        if 0 in (rows, cols) or len(matrix) != rows or any(len(row) != cols for row in matrix):
-            raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
-    return rows, cols
 
 
 class TaxelsConfig(FileModel):
@@ -203,8 +209,15 @@ class BoundsConfig(FileModel):
     )
 
 
-class _MountedFinger(FileModel):
-    """Tables that fingers of both types have."""
+class FingerConfig(FileModel, ABC):
+    """Finger: what tables of every type have. A type is a subclass with a key `type`, a `Literal`."""
+
+    drawn_within: ClassVar[Sequence[tuple[str, str]]] = ()
+    """Keys of [emulation] and the bounds of its mechanism, by their places in its table."""
+    calibrated_by: ClassVar[tuple[type, ...]] = ()
+    """Tables of a calibration that are of this type."""
+    no_calibration: ClassVar[str] = "is of a type that palpate does not calibrate yet"
+    """Reason why a calibration's table is not of this type."""
 
     name: Name = Field(description="How reports and messages call it.")
     base_mm: Point = Field(description="[x, y] of the aim's or shoulder's axis in the support-plane frame W.")
@@ -238,81 +251,80 @@ class _MountedFinger(FileModel):
         """Heights (from, to) of the tip's lower and upper end."""
         return self.height_mm - self.tip.half_height_mm, self.height_mm + self.tip.half_height_mm
 
-
-class SlideFingerConfig(_MountedFinger):
-    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
-
-    type: Literal["slide"] = Field(default="slide", description='"slide": an aim and a slide.')
-    aim: AimConfig
-    slide: SlideConfig
+    @property
+    @abstractmethod
+    def servos(self) -> Mapping[str, ServoConfig]:
+        """Both servos by their keys, the one next to the base first."""
 
     @property
-    def servos(self) -> dict[str, AimConfig | SlideConfig]:
-        """Both servos by their keys, the one next to the base first."""
-        return {"aim": self.aim, "slide": self.slide}
+    @abstractmethod
+    def lever_mm(self) -> float:
+        """Largest distance of the tip from the joint that its deflection turns it about."""
 
+    @property
+    def stops_mm(self) -> tuple[float, float] | None:
+        """Hard stops that it can be homed against; None without any."""
+        return None
 
-class LinksConfig(FileModel):
-    """The two links of an arm, which pass above the parts; the tip hangs down from the end of the second."""
+    @abstractmethod
+    def start_tip_mm(self, radius_mm: float) -> tuple[float, float]:
+        """Tip centre where the finger must start; `radius_mm`: of the circle that holds the workspace."""
 
-    upper_mm: Positive = Field(description="From the shoulder's axis to the elbow's.")
-    fore_mm: Positive = Field(description="From the elbow's axis to the tip's.")
-    bound_mm: Length = Field(description="Bound: each length is off by at most this.")
-    width_mm: Positive = Field(description="Width of the links, seen from above.")
-    links_height_mm: Positive = Field(
-        description="Underside of the links above the support plane; parts must be lower."
-    )
+    @abstractmethod
+    def check_place(self, radius_mm: float, *at: str | int) -> None:
+        """Refuse a finger that cannot wait outside that circle or never reaches into it; `at`: its table."""
 
+    def give_mm_per_n(self, _mechanics: MechanicsConfig | None) -> float:
+        """Emulated give of its mechanism, along the way of the tip."""
+        return 0.0
 
-class ArmFingerConfig(_MountedFinger):
-    """One finger: an arm of two links, turned by a shoulder servo at the base and an elbow servo."""
-
-    type: Literal["two-link"] = Field(description='"two-link": an arm with a shoulder and an elbow.')
-    shoulder: JointConfig
-    elbow: JointConfig
-    links: LinksConfig
-
-    @model_validator(mode="after")
-    def _bends_one_way(self) -> Self:
-        if (why := self.tip.kind.cannot.get("turn on the way")) is not None:
-            raise problem(f'is "{self.tip.shape}"; {why}', "tip", "shape")
-        lo, hi = self.elbow.range_deg
-        if lo <= 0 <= hi or max(abs(lo), abs(hi)) > 180:
-            raise problem(
-                f"is [{lo:g}, {hi:g}]; the elbow bends one way, so that both are above 0 or both below, "
-                "and by 180 at most",
-                *("elbow", "range_deg"),
-            )
-        if self.height_mm >= self.links.links_height_mm:
-            raise problem(
-                f"is {self.links.links_height_mm:g}, not above the tip's height_mm ({self.height_mm:g})",
-                *("links", "links_height_mm"),
-            )
-        if self.span_mm[1] > self.links.links_height_mm:
-            raise problem(
-                f"is {self.links.links_height_mm:g}, below the tip's upper end "
-                f"({self.span_mm[1]:g}, by its {self.tip.kind.half_height_key})",
-                *("links", "links_height_mm"),
-            )
+    def with_actuators(self, _found: Any) -> Self:
+        """The finger with calibrated servos."""
         return self
 
-    @property
-    def servos(self) -> dict[str, JointConfig]:
-        """Both servos by their keys, the one next to the base first."""
-        return {"shoulder": self.shoulder, "elbow": self.elbow}
+    def with_place(self, _found: Any) -> Self:
+        """The finger where it was found to stand."""
+        return self
 
+    def with_tactile(self, found: TactileCalibration) -> Self:
+        """The finger with a calibrated array and skin."""
+        taxels = TaxelsConfig(
+            gain=found.gain,
+            gain_bound=found.gain_bound,
+            unusable=[(taxel.row, taxel.col) for taxel in found.unusable],
+            noise_counts=found.noise_counts,
+            crosstalk=found.crosstalk,
+            crosstalk_bound=found.crosstalk_bound,
+            force_drift_n_per_s=found.force_drift_n_per_s,
+        )
+        array = {"taxels": taxels, "drift_counts_per_s": found.drift_counts_per_s}
+        tip = {"stiffness_n_per_mm": found.stiffness_n_per_mm, "stiffness_spread": found.stiffness_bound}
+        return self.replace_in_tables(array=array, tip=tip)
 
-def _kind(value: Any) -> str | None:
-    kind = value.get("type", "slide") if isinstance(value, dict) else getattr(value, "type", "slide")
-    return TAG + kind if isinstance(kind, str) else None
+    def with_bounds(self, found: ContactBounds) -> Self:
+        """The finger with contact bounds, which contain those of radius and heading."""
+        return self.replace_in_tables(
+            bounds={"position_mm": found.position_mm, "direction_deg": found.direction_deg},
+            tip={"radius_bound_mm": 0.0},
+            array={"heading_bound_deg": 0.0},
+        )
 
+    def place_in_hand_frame(self, found: PlaceInHandFrame, **tables: Mapping[str, object]) -> Self:
+        """The finger at a place, with its tip's radius, its array's heading and other values in `tables`."""
+        placed = self.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
+        return placed.replace_in_tables(
+            **tables,
+            tip={
+                "radius_mm": found.tip_radius_mm,
+                "radius_bound_mm": BOUND_SIGMAS * found.tip_radius_sigma_mm,
+            },
+            array={
+                "heading_deg": found.array_heading_deg,
+                "heading_bound_deg": BOUND_SIGMAS * found.array_heading_sigma_deg,
+            },
+        )
 
-FingerConfig = Annotated[
-    Annotated[SlideFingerConfig, Tag(TAG + "slide")] | Annotated[ArmFingerConfig, Tag(TAG + "two-link")],
-    Discriminator(
-        _kind,
-        custom_error_type="finger_type",
-        custom_error_message="type",
-    ),
-]
-"""A finger of either type, by its key `type`."""
+    def replace_in_tables(self, **tables: Mapping[str, object]) -> Self:
+        """The finger with other values in some of its tables."""
+        new = {key: getattr(self, key).model_copy(update=values) for key, values in tables.items()}
+        return self.model_copy(update=new)

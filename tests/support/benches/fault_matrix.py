@@ -17,7 +17,14 @@ from palpate.base.errors import OutputError
 from palpate.base.vocabulary import Strategy
 from palpate.calibration.drift_test import contact_uncertainties
 from palpate.calibration.measurements import Probe
-from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects
+from palpate.config import (
+    RigFile,
+    SlideFingerConfig,
+    apply_calibration,
+    load_objects,
+    load_rig,
+    shipped_objects,
+)
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.hand_prober import HandProber
@@ -70,7 +77,7 @@ def _calibrate(host: Host, _folder: Path) -> None:
         hand.prepare()
         prober = HandProber(hand, ReferencePlacer(session.bench, SEED))
         spec = session.rig.fingers[0]
-        assert spec.type == "slide"
+        assert isinstance(spec, SlideFingerConfig)
         assert spec.slide.stops_mm is not None
         prober.home(0, spec.slide.stops_mm[0])
         prober.swing()

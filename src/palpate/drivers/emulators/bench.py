@@ -15,11 +15,9 @@ from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
 from palpate.base.tips import TipShape
 from palpate.drivers.emulators.mechanics import (
-    ArmMechanics,
     ArmTruth,
     EmulatedStage,
     FingerTruth,
-    SlideMechanics,
 )
 from palpate.drivers.emulators.pad import FaceLoad, PadFace
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
@@ -104,9 +102,7 @@ class EmulatedFinger:
         self.hardest_n = self.hardest_on_taxels_n = 0.0
         self.weighs_taxels = False
         self._stage = stage
-        self._mechanics: ArmMechanics | SlideMechanics = (
-            ArmMechanics(truth, *servos) if isinstance(truth, ArmTruth) else SlideMechanics(truth, *servos)
-        )
+        self._mechanics = truth.mechanics(*servos)
         self._free_centre = np.full(2, np.inf)
         self._free_mm = 0.0
         self._pressed_centre = np.full(2, np.inf)
@@ -137,8 +133,7 @@ class EmulatedFinger:
     def slip(self, by_mm: float) -> None:
         """Let the horn of its slide's servo slip; arms have none."""
         self.servos[0].catch_up()
-        if isinstance(self._mechanics, SlideMechanics):
-            self._mechanics.slip(by_mm)
+        self._mechanics.slip(by_mm)
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:

@@ -159,6 +159,10 @@ class FingerTruth:
     half_length_mm: float = 0.0
     shape: TipShape = TipShape.CYLINDER
 
+    def mechanics(self, near: EmulatedServo, far: EmulatedServo) -> "SlideMechanics":
+        """Mechanics that its two servos drive."""
+        return SlideMechanics(self, near, far)
+
 
 @dataclass(frozen=True)
 class JointTruth:
@@ -194,6 +198,10 @@ class ArmTruth:
     array_heading_rad: float
     half_length_mm: float = 0.0
     shape: TipShape = TipShape.CYLINDER
+
+    def mechanics(self, near: EmulatedServo, far: EmulatedServo) -> "ArmMechanics":
+        """Mechanics that its two servos drive."""
+        return ArmMechanics(self, near, far)
 
 
 class SlideMechanics:
@@ -324,6 +332,9 @@ class ArmMechanics:
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
         """Shoulder and elbow."""
         return self._servos
+
+    def slip(self, _by_mm: float) -> None:
+        """Leave the arm as it is: it has no horn that slips."""
 
     @property
     def facing_rad(self) -> float:

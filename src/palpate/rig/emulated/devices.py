@@ -38,16 +38,8 @@ from palpate.drivers.emulators import (
 from palpate.drivers.tactile import Description, Shape
 from palpate.drivers.transport import Device, MockHub, VirtualClock
 from palpate.rig.arrays import emulated_array
-from palpate.rig.emulated.hidden_truth import (
-    add_imperfections,
-    dead_taxels,
-    joint_truth,
-    start_postures,
-    start_stage_rad,
-    truth_of,
-    with_cables,
-    with_yield,
-)
+from palpate.rig.emulated.finger_truth import dead_taxels, draws_of, joint_truth, truth_of, with_yield
+from palpate.rig.emulated.hidden_truth import add_imperfections, start_postures, start_stage_rad
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
@@ -181,7 +173,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
         truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
-        truth = with_cables(truth, rig.emulation, np.random.default_rng([seed, 12, index]))
+        truth = draws_of(finger, rig.emulation).with_cables(truth, np.random.default_rng([seed, 12, index]))
         description = description_of(finger, seed)
         near, far = (
             _servo(rig, servo.dxl_id, servo.model, start)

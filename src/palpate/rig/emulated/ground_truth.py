@@ -14,7 +14,7 @@ import shapely
 from shapely import affinity
 
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
 from palpate.rig.calibrated_rig import RigOnBench
@@ -22,6 +22,7 @@ from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
 from palpate.rig.catalogue.reachability import workspace_words
 from palpate.rig.catalogue.section_stack import region_within
 from palpate.rig.emulated.devices import EmulatedRig, emulate
+from palpate.rig.emulated.finger_truth import DRAWS
 from palpate.rig.emulated.scene import Placement, displace
 
 
@@ -118,12 +119,8 @@ def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTru
 
 
 def built_pose(spec: FingerConfig, truth: FingerTruth | ArmTruth) -> BasePose:
-    """Where a finger really stands; an arm's heading as a calibration has it, with the shoulder's zero."""
-    heading = truth.heading_rad
-    if isinstance(spec, ArmFingerConfig) and isinstance(truth, ArmTruth):
-        described_rad = math.radians(spec.shoulder.zero_deg) - math.pi
-        heading += (described_rad - truth.shoulder.zero_rad) / spec.shoulder.gear_ratio
-    return BasePose(truth.base_mm, heading)
+    """True place of a finger, with its heading as a calibration has it."""
+    return BasePose(truth.base_mm, DRAWS[type(spec)].heading_rad(spec, truth))
 
 
 _ORIGIN = shapely.Point(0, 0)

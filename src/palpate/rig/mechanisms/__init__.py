@@ -1,12 +1,13 @@
 """Mechanisms of fingers: `MECHANISMS` is the one place that knows which kinds there are.
 
-A further kind is a module with its `Mechanism`, and one line here.
+A further kind is a module with its table and its `Mechanism`, and one line that registers them. Jobs that
+need more of it (calibration, emulation) refuse it in one line until that is there.
 """
 
 from collections.abc import Callable
 from typing import Any
 
-from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile, SlideFingerConfig, add_finger_type
 from palpate.drivers.kinematics import FingerKinematics
 from palpate.rig.mechanisms.arm import ArmMechanism
 from palpate.rig.mechanisms.mechanism import Mechanism
@@ -17,6 +18,12 @@ MECHANISMS: dict[type, Callable[[Any], Mechanism]] = {
     ArmFingerConfig: ArmMechanism,
 }
 """Mechanism of each kind of finger, by the model of its table in the rig file."""
+
+
+def register(name: str, table: type[FingerConfig], mechanism: Callable[[Any], Mechanism]) -> None:
+    """Let rigs have fingers of one more type; `name`: what `type` says in a rig file."""
+    add_finger_type(name, table)
+    MECHANISMS[table] = mechanism
 
 
 def mechanism_of(finger: FingerConfig) -> Mechanism:
