@@ -1,13 +1,9 @@
 """Emulated arrays: answers, tare, drivers by name."""
 
-import math
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.emulators.array import EmulatedArray
@@ -17,11 +13,9 @@ from palpate.drivers.tactile.messages import (
     Ack,
     BadTaxel,
     Describe,
-    Frame,
     Geometry,
     Hello,
     Message,
-    MessageBody,
     Nack,
     NackReason,
     Rate,
@@ -30,7 +24,6 @@ from palpate.drivers.tactile.messages import (
     SelfTestResult,
     Start,
     Stop,
-    Tare,
     TaxelFault,
     TaxelPlaces,
 )
@@ -41,79 +34,6 @@ from support.oracles.array_messages import FREE, PLACES, SMALL, VERSION_2, wire
 
 # ----------------------------------------------------------------------------------------------------
 # The emulated array, request by request, against `docs/tactile-protocol.md`.
-
-
-@pytest.mark.parametrize("streaming", [False, True])
-@pytest.mark.parametrize(
-    ("request_", "idle", "busy"),
-    [
-        (Hello(9), Describe(9, SMALL), Describe(9, SMALL)),
-        (Start(9, RATE), Ack(9), Ack(9)),
-        (Stop(9), Ack(9), Ack(9)),
-        (Rate(9, RATE), Nack(9, NackReason.BAD_STATE), Ack(9)),
-        (Tare(9, 4, 10), Ack(9), Ack(9)),
-        (Tare(9, 0, 0), Ack(9), Ack(9)),
-        (SelfTest(9), None, Nack(9, NackReason.BAD_STATE)),
-        (Start(9, 0), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
-        (Start(9, 200_001), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
-        (Rate(9, 0), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
-        (Rate(9, 200_001), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
-        (Tare(9, 1025, 0), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
-        (Tare(9, 0, 4096), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
-        (Geometry(9, 6), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
-    ],
-)
-def test_every_request_in_every_state(
-    request_: MessageBody, idle: MessageBody | None, busy: MessageBody | None, streaming: bool
-) -> None:
-    array = small()
-    if streaming:
-        told(array, Start(1, 50_000))
-    want = busy if streaming else idle
-    if want is not None:
-        assert told(array, request_) == want
-    refused = isinstance(want, Nack) or isinstance(request_, Tare)
-    goes_on = streaming if refused else isinstance(request_, Start | Rate)
-    assert (array.next_sample_s() is not None) is goes_on
-    if refused and streaming:
-        assert array.next_sample_s() == 0.02  # what was going on goes on
-
-
-@pytest.mark.parametrize(
-    ("data", "reason"),
-    [
-        (wire(0x42, 0, 0, b"\x07\x00"), NackReason.UNKNOWN_TYPE),
-        (wire(0x42, 0, 0, b"\x07\x00\x01\x02\x03"), NackReason.UNKNOWN_TYPE),
-        (wire(0x02, 0, 0, b"\x07\x00\x00\x00\x00"), NackReason.BAD_PAYLOAD),
-        (wire(0x01, 0, 0, b"\x07\x00\x00"), NackReason.BAD_PAYLOAD),
-        (wire(0x42, 0, 0, b"\x07\x00", version=2), NackReason.BAD_VERSION),
-        (wire(0x01, 0, 0, b"\x07\x00", version=0, grow=3), NackReason.BAD_VERSION),
-    ],
-)
-def test_what_an_array_cannot_read_is_refused_by_number(data: bytes, reason: NackReason) -> None:
-    (answer,) = heard(small(), data)
-    assert answer.body == Nack(7, reason)
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        wire(0xC2, 0, 0, b"\x07\x00"),
-        wire(0x82, 0, 0, b"\x07"),
-        wire(0x81, 0, 0, b"\x07\x00", version=2),
-        wire(0x82, 0, 0, b"\x07\x00"),
-        wire(0x01, 0, 0, b"\x07"),
-        wire(0x42, 0, 0, b""),
-        wire(0x01, 0, 0, b"\x07", version=2),
-        wire(0x01, 0, 0, b"\x07\x00", grow=1),
-        b"\x05\x01\x00",
-        b"\x01" * 100 + b"\x00",
-    ],
-)
-def test_what_is_no_request_gets_no_answer(data: bytes) -> None:
-    array = small()
-    assert heard(array, data) == []
-    assert told(array, Stop(3)) == Ack(3)
 
 
 def test_the_document_s_message_of_version_2_gets_the_document_s_answer() -> None:
@@ -129,15 +49,6 @@ def test_an_array_of_another_version_answers_in_its_own() -> None:
     (answer,) = heard(array, encode(Message(0, 0, Hello(4))), version=2)
     assert answer.body == Nack(4, NackReason.BAD_VERSION)
     assert heard(array, VERSION_2, version=2)[0].body == Describe(8, SMALL)
-
-
-def test_a_new_rate_keeps_the_phase() -> None:
-    array = small()
-    told(array, Start(1, RATE))
-    assert told(array, Rate(2, 50_000), 0.004) == Ack(2)
-    assert [m.time_us for m in stream(array, 0.061)] == [20_000, 40_000, 60_000]
-    assert told(array, Rate(3, 200_000), 0.062) == Ack(3)
-    assert [m.time_us for m in stream(array, 0.071)] == [65_000, 70_000]
 
 
 def test_a_frame_that_would_be_late_already_comes_at_once() -> None:
@@ -208,20 +119,6 @@ def test_a_broken_converter_is_reported_and_streams_nothing() -> None:
     assert SelfTestResult.CONVERTER in report.result
 
 
-def test_a_start_that_the_hardware_refuses_leaves_the_stream_as_it_is() -> None:
-    array = small()
-    told(array, Start(1, RATE))
-    array.broken = SelfTestResult.CONVERTER
-    assert told(array, Start(2, 50_000), 0.001) == Nack(2, NackReason.HARDWARE)
-    assert array.next_sample_s() == 0.01
-
-
-def test_numbers_begin_with_0_and_hello_does_not_set_them_back() -> None:
-    array = small()
-    hello = encode(Message(0, 0, Hello(4)))
-    assert [heard(array, hello)[0].sequence for _ in range(3)] == [0, 1, 2]
-
-
 def test_places_of_a_free_array() -> None:
     array = EmulatedArray(Taxels(replace(FREE, geometry=PLACES), seed=0))
     assert told(array, Hello(1)) == Describe(1, FREE)
@@ -246,72 +143,6 @@ def test_places_of_a_cylinder_are_those_that_describe_implies() -> None:
 
 # ----------------------------------------------------------------------------------------------------
 # TARE of the emulated array against an arithmetic of its own.
-
-counts = st.integers(0, 4095)
-
-
-@given(
-    st.lists(st.lists(counts, min_size=6, max_size=6), min_size=1, max_size=8),
-    st.lists(counts, min_size=6, max_size=6),
-    counts,
-)
-@settings(max_examples=60)
-def test_tare_does_what_the_page_says(seen: list[list[int]], then: list[int], pedestal: int) -> None:
-    array = small([*seen, then])
-    told(array, Start(1, RATE))
-    told(array, Tare(2, len(seen), pedestal), 0.001)
-    *before, after = stream(array, 0.0101 * (len(seen) + 1))
-    assert [list(m.body.counts.ravel()) for m in before if isinstance(m.body, Frame)] == seen
-    assert [m.flags for m in before] == [0] * len(seen)
-    zero = [math.floor(Fraction(sum(one), len(seen)) + Fraction(1, 2)) for one in zip(*seen, strict=True)]
-    want = [
-        4095 if raw == 4095 else min(max(raw - z + pedestal, 0), 4095)
-        for raw, z in zip(then, zero, strict=True)
-    ]
-    assert isinstance(after.body, Frame)
-    assert list(after.body.counts.ravel()) == want
-    assert after.flags == 1
-
-
-def values(frames: list[Message]) -> list[tuple[int, int]]:
-    """Count of the first taxel and flags of each frame."""
-    return [(int(m.body.counts[0, 0]), m.flags) for m in frames if isinstance(m.body, Frame)]
-
-
-def test_tare_outlives_stop_start_and_rate_and_waits_while_nothing_is_sampled() -> None:
-    array = small([(10,) * 6, (13,) * 6, (20,) * 6])
-    told(array, Tare(1, 2, 5))
-    told(array, Start(2, RATE), 1.0)
-    assert values(stream(array, 1.0101)) == [(10, 0)]
-    told(array, Stop(3), 1.011)
-    told(array, Start(4, 50_000), 2.0)
-    assert values(stream(array, 2.0201)) == [(13, 0)]
-    assert told(array, Rate(5, RATE), 2.021) == Ack(5)
-    assert values(stream(array, 2.0301)) == [(20 - 12 + 5, 1)]  # 11.5 is rounded up
-    told(array, Start(6, RATE), 3.0)
-    assert values(stream(array, 3.0101)) == [(13, 1)]
-
-
-def test_a_second_tare_keeps_the_first_zero_until_it_has_its_own() -> None:
-    array = small([(10,) * 6, (20,) * 6, (30,) * 6, (40,) * 6])
-    told(array, Start(1, RATE))
-    told(array, Tare(2, 1, 0))
-    assert values(stream(array, 0.0101)) == [(10, 0)]
-    told(array, Tare(3, 9, 1), 0.011)
-    told(array, Tare(4, 2, 7), 0.012)
-    assert values(stream(array, 0.0401)) == [(10, 1), (20, 1), (40 - 25 + 7, 1)]
-
-
-@pytest.mark.parametrize("undo", [Tare(3, 0, 0), Hello(3)])
-@pytest.mark.parametrize("samples", [1, 2])
-def test_raw_counts_come_back(undo: MessageBody, samples: int) -> None:
-    array = small([(10,) * 6, (20,) * 6])
-    told(array, Start(1, RATE))
-    told(array, Tare(2, samples, 0))
-    stream(array, 0.0101)
-    told(array, undo, 0.011)
-    told(array, Start(4, RATE), 0.02)
-    assert values(stream(array, 0.0501)) == [(20, 0)] * 3
 
 
 # ----------------------------------------------------------------------------------------------------

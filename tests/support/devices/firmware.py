@@ -7,6 +7,7 @@ import os
 import select
 import subprocess
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,10 +19,11 @@ from serial.serialutil import SerialBase
 
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile.codec import Decoder
-from palpate.drivers.tactile.messages import Ack, Describe, Frame, Message, MessageBody
+from palpate.drivers.tactile.messages import Ack, Describe, Frame, Message, MessageBody, SelfTestResult
 from support.commands.command import PATIENCE_S
 from support.commands.repository import ROOT
-from support.oracles.array_messages import HELLO, START, STOP, Said, request, said
+from support.devices.array_wire import Scripted, emulated
+from support.oracles.array_messages import ACK, FRAME, HELLO, SMALL, START, STOP, Said, request, said
 
 # ----------------------------------------------------------------------------------------------------
 # Builds `firmware/` with the computer's C compiler, once for all tests that run at the same time.
@@ -123,8 +125,94 @@ class Counters:
     given_up: int
 
 
-class Bench:
-    """One array. `problem` says why the firmware refuses the description, if it does."""
+class PolledArray(ABC):
+    """An array on a bench without time of its own: bytes in, bytes out whenever it is polled."""
+
+    @abstractmethod
+    def send(self, data: bytes) -> None:
+        """Put bytes on the line to the array."""
+
+    @abstractmethod
+    def poll(self, clock_us: int) -> bytes:
+        """Let the array run once at an instant; what it sent."""
+
+    @abstractmethod
+    def feel(self, counts: Sequence[int]) -> None:
+        """What samples show from now on."""
+
+    @abstractmethod
+    def health(self, *, stream: bool = True) -> None:
+        """What works."""
+
+    @property
+    @abstractmethod
+    def is_on(self) -> bool:
+        """True if it samples, or was told to get ready for it."""
+
+    @property
+    def counted(self) -> int | None:
+        """How many faults it counted, if it counts."""
+        return None
+
+    def ask(self, clock_us: int, kind: int, number: int, *values: int) -> Said:
+        """Send a request and return the only message that comes back."""
+        (answer,) = self.told(request(kind, number, *values), clock_us)
+        assert answer.request == number
+        return answer
+
+    def told(self, data: bytes, clock_us: int = 1) -> list[Said]:
+        """What comes back to bytes at once."""
+        self.send(data)
+        return said(self.poll(clock_us))
+
+    def stream(self, rate_mhz: int, at_us: int = 0) -> None:
+        """Start it."""
+        assert self.ask(at_us, START, 1, rate_mhz).type == ACK
+
+    def frames(self, until_us: int) -> list[Said]:
+        """What comes when it is polled every ms up to an instant."""
+        return [found for now in range(0, until_us + 1, 1000) for found in said(self.poll(now))]
+
+    def instants(self, times: range) -> list[int]:
+        """Device times of what comes when it is polled at some instants."""
+        return [found.time_us for now in times for found in said(self.poll(now))]
+
+    def one(self, clock_us: int) -> Said:
+        """The only frame that comes at an instant."""
+        (found,) = said(self.poll(clock_us))
+        assert found.type == FRAME
+        return found
+
+
+class EmulatedBench(PolledArray):
+    """The emulated array of `SMALL`."""
+
+    def __init__(self) -> None:
+        self._taxels = Scripted(SMALL, [(0,) * 6])
+        self._array = emulated(self._taxels, self_test_s=0.0)
+        self._line = b""
+
+    def send(self, data: bytes) -> None:
+        self._line += data
+
+    def poll(self, clock_us: int) -> bytes:
+        data, self._line = self._line, b""
+        now = clock_us / 1e6 + (0 if data else 1e-9)  # periods add up to a little more than what is meant
+        return b"".join(sent for _, sent in self._array.feed(data, now))
+
+    def feel(self, counts: Sequence[int]) -> None:
+        self._taxels.script = [np.reshape(counts, (2, 3)).astype("<u2")]
+
+    def health(self, *, stream: bool = True) -> None:
+        self._array.broken = SelfTestResult(0) if stream else SelfTestResult.CONVERTER
+
+    @property
+    def is_on(self) -> bool:
+        return self._array.next_sample_s() is not None
+
+
+class Bench(PolledArray):
+    """The firmware. `problem` says why it refuses the description, if it does."""
 
     def __init__(self, built: Path, makeup: Makeup | None = None) -> None:
         self._library = ctypes.CDLL(str(built / "bench.so"))
@@ -137,23 +225,14 @@ class Bench:
         self.problem = None if problem is None else problem.decode()
 
     def send(self, data: bytes) -> None:
-        """Put bytes on the line to the array."""
         taken = self._library.bench_input(self._state, data, ctypes.c_size_t(len(data)))
         assert taken == len(data)
 
     def poll(self, clock_us: int) -> bytes:
-        """Let the array run once at an instant; what it sent."""
         self._library.bench_poll(self._state, ctypes.c_uint64(clock_us))
         out = ctypes.create_string_buffer(65536)
         size = self._library.bench_output(self._state, out, ctypes.c_size_t(len(out)))
         return out.raw[:size]
-
-    def ask(self, clock_us: int, kind: int, number: int, *values: int) -> Said:
-        """Send a request and return the only message that comes back."""
-        self.send(request(kind, number, *values))
-        (answer,) = said(self.poll(clock_us))
-        assert answer.request == number
-        return answer
 
     def room(self, size: int) -> None:
         """So many bytes the line still takes, until told otherwise."""
@@ -164,7 +243,6 @@ class Bench:
         self._library.bench_set_sequence(self._state, ctypes.c_uint32(sequence))
 
     def feel(self, counts: Sequence[int]) -> None:
-        """What samples show from now on."""
         packed = (ctypes.c_uint16 * len(counts))(*counts)
         self._library.bench_set_counts(self._state, packed, ctypes.c_size_t(len(counts)))
 
@@ -181,13 +259,15 @@ class Bench:
         self._library.bench_set_places(self._state, (_REAL * len(flat))(*flat), ctypes.c_size_t(len(places)))
 
     def health(self, *, stream: bool = True, sample: bool = True, test: bool = True) -> None:
-        """What works."""
         self._library.bench_set_health(self._state, *map(ctypes.c_bool, (stream, sample, test)))
 
     @property
     def is_on(self) -> bool:
-        """Whether the board was told to get ready for sampling."""
         return bool(self._library.bench_is_on(self._state))
+
+    @property
+    def counted(self) -> int:
+        return self.counters.faults
 
     @property
     def counters(self) -> Counters:
