@@ -1,7 +1,7 @@
 """`palpate check`: what it sees on the emulated bench, whole and broken, and that it moves nothing."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -25,20 +25,12 @@ from palpate.views.check_table import show_check
 from palpate.views.ports_table import show_unplugged
 from support.benches.doctor import checked
 from support.benches.rigs import firm_rig
-from support.commands.command import Ended, missing, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Here, missing, violations
 from support.commands.repository import EXAMPLES
 from support.devices.ports import Listener
 
-Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
 IDS = [11, 12, 21, 22, 31, 32]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 def emulated(place: BusEndpoint) -> dict[int, EmulatedServo]:

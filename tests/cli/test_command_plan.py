@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,7 @@ from palpate.rig.identification.grip_choice import indistinguishable_sets
 from palpate.rig.reach.approaches import reach_of
 from palpate.views.recognition import contacts_json
 from support.campaign.sampling import sample
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, violations
 from support.commands.repository import EXAMPLES
 from support.oracles.plans import felt_along
 from support.oracles.shapely_touches import (
@@ -33,7 +32,6 @@ from support.oracles.shapely_touches import (
     unit,
 )
 
-Ask = Callable[..., Ended]
 Planned = Mapping[str, Any]
 
 RIG = load_rig(shipped_rig())
@@ -42,13 +40,13 @@ STRATEGIES = ("planned", "random", "rotate")
 
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+def ask(tmp_path: Path, here: Here) -> Here:
     """Run the command on grips."""
 
     def asked(grips: Sequence[Sequence[Contact]], *options: object) -> Ended:
         file = tmp_path / "felt.json"
         file.write_text(json.dumps(contacts_json(grips)))
-        return run_here(["plan", "--contacts", file, *options], monkeypatch, capsys)
+        return here("plan", "--contacts", file, *options)
 
     return asked
 
@@ -107,7 +105,7 @@ PARTS = [("hand", 3), ("gator", 3), ("tr-2", 2), ("grip", 1)]
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize(("name", "fingers"), sample(PARTS, [PARTS[0], PARTS[2], PARTS[3]]))
-def test_predictions_agree_with_brute_force(ask: Ask, strategy: str, name: str, fingers: int) -> None:
+def test_predictions_agree_with_brute_force(ask: Here, strategy: str, name: str, fingers: int) -> None:
     """At each hypothesis's own configuration; for every other one the path is off by its whole bound."""
     rng = np.random.default_rng([3, fingers, len(name)])
     grip = first_grip(place(MODELS[name], rng), rng, fingers)
@@ -139,7 +137,7 @@ def test_predictions_agree_with_brute_force(ask: Ask, strategy: str, name: str, 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("name", sample(["tr-3", "hand"], ["hand"]))
-def test_carrying_out_plan_after_plan_finds_the_part(ask: Ask, strategy: str, name: str) -> None:
+def test_carrying_out_plan_after_plan_finds_the_part(ask: Here, strategy: str, name: str) -> None:
     """Nothing but the command chooses; the truth is never lost, and one hypothesis is left in the end."""
     rng = np.random.default_rng(11)
     placed = place(MODELS[name], rng)
@@ -181,7 +179,7 @@ def twins_file(folder: Path) -> Path:
     return file
 
 
-def test_twins_are_called_indistinguishable(ask: Ask, tmp_path: Path) -> None:
+def test_twins_are_called_indistinguishable(ask: Here, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     placed = place(MODELS["hand"], rng)
     first = first_grip(placed, rng)
@@ -199,7 +197,7 @@ def test_twins_are_called_indistinguishable(ask: Ask, tmp_path: Path) -> None:
     assert "other [hand]" in ended.out
 
 
-def test_hypotheses_that_can_be_told_apart_are_not_called_indistinguishable(ask: Ask) -> None:
+def test_hypotheses_that_can_be_told_apart_are_not_called_indistinguishable(ask: Here) -> None:
     rng = np.random.default_rng(6)
     found = told(ask([first_grip(place(MODELS["tr-2"], rng), rng, 2)], "--json"))
     assert found["verdict"] == "ambiguous"
@@ -220,7 +218,7 @@ def test_sets_alike_hold_every_pair_that_is_alike_and_no_other(seed: int) -> Non
     np.testing.assert_array_equal(found, alike)
 
 
-def test_nothing_fits(ask: Ask) -> None:
+def test_nothing_fits(ask: Here) -> None:
     rng = np.random.default_rng(9)
     placed = place(MODELS["grip"], rng)
     elsewhere = replace(placed, x=placed.x + 12.0, theta=placed.theta + 0.5)
@@ -241,7 +239,7 @@ def test_nothing_fits(ask: Ask) -> None:
     assert "the object may have moved after grip 1\n" in ended.out
 
 
-def test_random_is_the_same_again_by_seed(ask: Ask) -> None:
+def test_random_is_the_same_again_by_seed(ask: Here) -> None:
     rng = np.random.default_rng(12)
     grip = first_grip(place(MODELS["gator"], rng), rng)
     runs = [ask([grip], "--strategy", "random", "--seed", seed, "--json").out for seed in (1, 1, 2)]
@@ -254,7 +252,7 @@ def test_random_is_the_same_again_by_seed(ask: Ask) -> None:
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-def test_no_approach_is_carried_out_again(ask: Ask, strategy: str) -> None:
+def test_no_approach_is_carried_out_again(ask: Here, strategy: str) -> None:
     rng = np.random.default_rng(13)
     placed = place(MODELS["hand"], rng)
     grips = [first_grip(placed, rng)]
@@ -273,7 +271,7 @@ def test_no_approach_is_carried_out_again(ask: Ask, strategy: str) -> None:
 @pytest.mark.parametrize("columns", [60, 80, 120])
 @pytest.mark.parametrize(("fingers", "strategy"), [(1, "planned"), (2, "random"), (3, "random")])
 def test_the_table_fits_and_its_numbers_hold(
-    ask: Ask, monkeypatch: pytest.MonkeyPatch, columns: int, fingers: int, strategy: str
+    ask: Here, monkeypatch: pytest.MonkeyPatch, columns: int, fingers: int, strategy: str
 ) -> None:
     rng = np.random.default_rng([14, fingers])
     grip = first_grip(place(MODELS["hand"], rng), rng, fingers)
@@ -294,7 +292,7 @@ def test_the_table_fits_and_its_numbers_hold(
     assert (f"and {hidden} more hypotheses; the JSON lists them all" in ended.out) == (hidden > 0)
 
 
-def test_a_decisive_grip_says_what_that_rests_on(ask: Ask) -> None:
+def test_a_decisive_grip_says_what_that_rests_on(ask: Here) -> None:
     """Among some first grips there are plans of both kinds; each says of itself what it is."""
     kinds = set()
     for seed in range(12):
@@ -318,7 +316,7 @@ def test_a_decisive_grip_says_what_that_rests_on(ask: Ask) -> None:
     assert kinds == {True, False}
 
 
-def test_a_picture_is_drawn_in_every_case(ask: Ask, tmp_path: Path) -> None:
+def test_a_picture_is_drawn_in_every_case(ask: Here, tmp_path: Path) -> None:
     rng = np.random.default_rng(16)
     placed = place(MODELS["hand"], rng)
     grip = first_grip(placed, rng)
@@ -350,7 +348,7 @@ def other_finger() -> list[Contact]:
         (untouched(), ("--seed", "-1"), "--seed"),
     ],
 )
-def test_bad_input_is_one_line(ask: Ask, grip: list[Contact], options: Sequence[str], said: str) -> None:
+def test_bad_input_is_one_line(ask: Here, grip: list[Contact], options: Sequence[str], said: str) -> None:
     ended = ask([grip], *options, "--json")
     assert ended.code == 2
     assert ended.out == ""
@@ -358,13 +356,13 @@ def test_bad_input_is_one_line(ask: Ask, grip: list[Contact], options: Sequence[
     assert said in ended.err
 
 
-def test_contacts_are_asked_for(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    ended = run_here(["plan"], monkeypatch, capsys)
+def test_contacts_are_asked_for(here: Here) -> None:
+    ended = here("plan")
     assert ended.code == 2
     assert "--contacts" in ended.err
 
 
-def test_a_picture_that_cannot_be_written_is_one_line(ask: Ask, tmp_path: Path) -> None:
+def test_a_picture_that_cannot_be_written_is_one_line(ask: Here, tmp_path: Path) -> None:
     rng = np.random.default_rng(17)
     grip = first_grip(place(MODELS["hand"], rng), rng)
     ended = ask([grip], "--picture", tmp_path / "no" / "such" / "plan.svg")
@@ -372,8 +370,8 @@ def test_a_picture_that_cannot_be_written_is_one_line(ask: Ask, tmp_path: Path) 
     assert ended.err.count("\n") == 1
 
 
-def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example(here: Here) -> None:
     example = EXAMPLES / "first-grip.json"
-    found = told(run_here(["plan", "--contacts", example, "--json"], monkeypatch, capsys))
+    found = told(here("plan", "--contacts", example, "--json"))
     assert [item["object"] for item in found["hypotheses"]] == ["hand", "hand"]
     assert found["approaches"]

@@ -1,7 +1,7 @@
 """`palpate recognize`: spurious contacts, objects that moved, and why an object was ruled out."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,22 +12,19 @@ from palpate.config.loading import shipped_objects
 from palpate.config.schema import schema_text
 from palpate.recognizer import Contact
 from palpate.views.recognition import contacts_json
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, violations
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, grip, outlines, place
-
-Ask = Callable[..., Ended]
 
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+def ask(tmp_path: Path, here: Here) -> Here:
     """Run the command on grips, with the shipped objects."""
 
     def asked(grips: Sequence[Sequence[Contact]], *options: object) -> Ended:
         file = tmp_path / "felt.json"
         file.write_text(json.dumps(contacts_json(grips)))
         args = ["recognize", "--objects", shipped_objects(), "--contacts", file, *options]
-        return run_here(args, monkeypatch, capsys)
+        return here(*args)
 
     return asked
 
@@ -52,7 +49,7 @@ def schema() -> object:
     return json.loads(schema_text("recognition"))
 
 
-def test_a_spurious_contact(ask: Ask) -> None:
+def test_a_spurious_contact(ask: Here) -> None:
     grips = [one_bad_contact()]
     ended = ask(grips)
     assert ended.code == 1
@@ -83,20 +80,20 @@ def test_a_spurious_contact(ask: Ask) -> None:
     assert told["explanation"] is None
 
 
-def test_nothing_is_spurious(ask: Ask) -> None:
+def test_nothing_is_spurious(ask: Here) -> None:
     rng = np.random.default_rng(8)
     told = ask([touching(place(outlines(SHIPPED_OBJECTS)[5], rng), rng, 4)], "--json").json
     assert [item["spurious"] for item in told["hypotheses"]] == [[]] * len(told["hypotheses"])
 
 
-def test_too_many_spurious_contacts(ask: Ask) -> None:
+def test_too_many_spurious_contacts(ask: Here) -> None:
     for number, said in ((5, "from 0 to 4"), (-1, "--max-spurious")):
         ended = ask([one_bad_contact()], "--max-spurious", number)
         assert ended.code == 2
         assert said in ended.err
 
 
-def test_an_object_that_moved(ask: Ask) -> None:
+def test_an_object_that_moved(ask: Here) -> None:
     rng = np.random.default_rng(9)
     placed = place(outlines(SHIPPED_OBJECTS)[3], rng)
     pushed = replace(placed, x=placed.x + 11.0, theta=placed.theta - 0.35)
@@ -110,7 +107,7 @@ def test_an_object_that_moved(ask: Ask) -> None:
     assert told["explanation"] == {"moved_after_grip": 2, "spurious": []}
 
 
-def test_why_not(ask: Ask) -> None:
+def test_why_not(ask: Here) -> None:
     rng = np.random.default_rng(10)
     contacts = touching(place(outlines(SHIPPED_OBJECTS)[1], rng), rng, 4)
     ended = ask([contacts], "--why", "hand")
@@ -131,7 +128,7 @@ def test_why_not(ask: Ask) -> None:
     assert because["hypotheses"] == []
 
 
-def test_why_of_the_object_that_is_there(ask: Ask) -> None:
+def test_why_of_the_object_that_is_there(ask: Here) -> None:
     rng = np.random.default_rng(10)
     contacts = touching(place(outlines(SHIPPED_OBJECTS)[1], rng), rng, 4)
     ended = ask([contacts], "--why", "tr-2")
@@ -141,7 +138,7 @@ def test_why_of_the_object_that_is_there(ask: Ask) -> None:
     assert {item["object"] for item in because["hypotheses"]} == {"tr-2"}
 
 
-def test_why_names_grips_and_misses(ask: Ask) -> None:
+def test_why_names_grips_and_misses(ask: Here) -> None:
     """A miss right through the part cannot be true together with what was touched."""
     rng = np.random.default_rng(11)
     placed = place(outlines(SHIPPED_OBJECTS)[1], rng)
@@ -164,7 +161,7 @@ def test_why_names_grips_and_misses(ask: Ask) -> None:
         ("xyzzy", "there are: tr-1, tr-2, tr-3, grip, gator, hand"),
     ],
 )
-def test_why_of_something_unknown(ask: Ask, name: str, said: str) -> None:
+def test_why_of_something_unknown(ask: Here, name: str, said: str) -> None:
     ended = ask([one_bad_contact()], "--why", name, "--json")
     assert ended.code == 2
     assert ended.out == ""
@@ -172,7 +169,7 @@ def test_why_of_something_unknown(ask: Ask, name: str, said: str) -> None:
     assert said in ended.err
 
 
-def test_statistics_are_the_memos_tables(ask: Ask) -> None:
+def test_statistics_are_the_memos_tables(ask: Here) -> None:
     rng = np.random.default_rng(12)
     contacts = touching(place(outlines(SHIPPED_OBJECTS)[2], rng), rng, 3)
     memo = ask([contacts], "--statistics", "--json").json["statistics"]["memo"]

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import termios
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,25 +32,18 @@ from support.commands.command import (
     PALPATE,
     PATIENCE_S,
     Ended,
+    Here,
     log_events,
     log_lines,
     run,
-    run_here,
     started,
+    violations,
     write_log,
 )
-from support.commands.json_schema import violations
 from support.devices.ports import Listener
 
-Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
 SCHEMA = json.loads(schema_text("watch"))
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import os
 import pty
 import re
 import socket
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -34,16 +33,7 @@ from palpate.views.doctor import doctor_report, show_doctor
 from support.benches.calibration_files import MADE, empty_calibration
 from support.benches.doctor import FAULTS, PORTS, WELL, Fault, examined, set_up_with
 from support.campaign.sampling import sample
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
-
-Here = Callable[..., Ended]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
+from support.commands.command import Here, violations
 
 
 def fault(name: str) -> Fault:

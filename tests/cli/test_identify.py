@@ -15,8 +15,7 @@ from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
-from support.commands.command import log_bytes, log_events, run, started, torque_writes
-from support.commands.json_schema import violations
+from support.commands.command import log_bytes, log_events, run, started, torque_writes, violations
 
 IDS = (11, 12, 21, 22, 31, 32)
 WALL = re.compile(r'"wall_seconds": [0-9.e-]+')

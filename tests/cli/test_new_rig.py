@@ -25,8 +25,7 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.testing import served
 from support.benches.rigs import firm_rig
 from support.campaign.sampling import sample
-from support.commands.command import Ended, run, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Here, run, violations
 from support.commands.repository import EXAMPLES
 from support.devices.servo_wire import MotorWire, Person
 
@@ -281,17 +280,10 @@ def test_a_force_that_the_servo_does_not_have(
         (["--rig", "bench.toml", "--yes"], "there is no terminal to ask on"),
     ],
 )
-def test_what_people_get_wrong_is_one_line(
-    args: list[str],
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_people_get_wrong_is_one_line(args: list[str], said: str, tmp_path: Path, here: Here) -> None:
     text = firm_rig().read_text(encoding="utf-8")
     (tmp_path / "bench.toml").write_text(text)
-    monkeypatch.chdir(tmp_path)
-    done = run_here(["setup-motors", *args], monkeypatch, capsys)
+    done = here("setup-motors", *args)
     assert (done.code, done.out) == (2, "")
     (line,) = done.err.splitlines()
     assert said in line
@@ -416,10 +408,8 @@ def rig(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_dry_run_says_what_would_be_done_and_does_nothing(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ended = run_here(["calibrate", "--rig", rig, "--dry-run"], monkeypatch, capsys)
+def test_a_dry_run_says_what_would_be_done_and_does_nothing(rig: Path, here: Here) -> None:
+    ended = here("calibrate", "--rig", rig, "--dry-run")
     assert ended.code == 0
     assert ended.out == ""
     for words in ("actuators", "tactile", "fingers", "6 placings", "my-rig.calibration.toml"):
@@ -428,10 +418,10 @@ def test_a_dry_run_says_what_would_be_done_and_does_nothing(
 
 
 def test_nothing_moves_unless_somebody_says_yes(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    rig: Path, monkeypatch: pytest.MonkeyPatch, here: Here
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
-    ended = run_here(["calibrate", "--rig", rig, "tactile"], monkeypatch, capsys)
+    ended = here("calibrate", "--rig", rig, "tactile")
     assert ended.code == 2
     assert "say --yes if they may" in ended.err
     assert sorted(path.name for path in rig.parent.iterdir()) == ["my-rig.toml"]
@@ -445,36 +435,27 @@ def test_nothing_moves_unless_somebody_says_yes(
     ],
 )
 def test_what_cannot_be_calibrated_is_refused_before_anything_moves(
-    tmp_path: Path,
-    rig_file: str,
-    change: tuple[str, str] | None,
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, rig_file: str, change: tuple[str, str] | None, message: str, here: Here
 ) -> None:
     text = (EXAMPLES / rig_file).read_text(encoding="utf-8")
     path = tmp_path / "rig.toml"
     path.write_text(text if change is None else text.replace(*change), encoding="utf-8")
-    ended = run_here(["calibrate", "--rig", path, "--yes"], monkeypatch, capsys)
+    ended = here("calibrate", "--rig", path, "--yes")
     assert ended.code == 2
     assert message in " ".join(ended.err.split())
 
 
-def test_a_record_that_cannot_be_read_is_not_overwritten(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_record_that_cannot_be_read_is_not_overwritten(rig: Path, here: Here) -> None:
     record = rig.with_name("my-rig.calibration.run.json")
     record.write_text('{"format": "palpate/calibration-run@1"', encoding="utf-8")
-    ended = run_here(["calibrate", "--rig", rig, "--yes"], monkeypatch, capsys)
+    ended = here("calibrate", "--rig", rig, "--yes")
     assert ended.code == 2
     assert "restart to begin anew" in " ".join(ended.err.split())
     assert record.read_text(encoding="utf-8").endswith('run@1"')
 
 
-def test_a_rig_that_is_not_known_well_is_not_identified_with(
-    rig: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ended = run_here(["identify", "--rig", rig, "--sessions", rig.parent / "s"], monkeypatch, capsys)
+def test_a_rig_that_is_not_known_well_is_not_identified_with(rig: Path, here: Here) -> None:
+    ended = here("identify", "--rig", rig, "--sessions", rig.parent / "s")
     assert ended.code == 2
     said = " ".join(ended.err.split())
     assert "may be off by 13.5 mm, more than radius_mm (5 mm)" in said
@@ -502,14 +483,7 @@ def test_a_person_is_asked_once_to_clear_the_table_and_for_every_placing(
 # ----------------------------------------------------------------------------------------------------
 # `palpate home`: what it says, and what it refuses before anything moves.
 
-Here = Callable[..., Ended]
 BENCH = shipped_rig("xm430-bench")
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 def test_slides_that_stand_anywhere_are_homed(here: Here, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +11,11 @@ from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from support.benches.parts import L_SHAPE, mirrored, objects, polygon, rectangle, section, stacked_part
 from support.benches.rigs import firm_rig
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, violations
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate objects show` and `check`: what they print, write and return.
 
-Ask = Callable[..., Ended]
 
 FOOT, LEG = rectangle(60, 20), rectangle(8, 20)
 NAME = "bracket-with-a-name-as-from-a-drawing-office-revision-C"
@@ -35,14 +32,12 @@ PARTS = [
 
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+def ask(here: Here) -> Here:
     """Run a command on a file of parts, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
 
     def asked(command: str, parts: list[dict[str, Any]], *options: object) -> Ended:
         Path("parts.objects.json").write_text(json.dumps(objects(*parts)))
-        return run_here(["objects", command, "parts.objects.json", *options], monkeypatch, capsys)
+        return here("objects", command, "parts.objects.json", *options)
 
     return asked
 
@@ -56,7 +51,7 @@ def rig_with(*heights: float) -> Path:
     return path
 
 
-def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Ask) -> None:
+def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Here) -> None:
     ended = ask("check", PARTS)
     assert (ended.code, ended.err.count("\n")) == (1, 1)
     assert "walls are not upright beside the tips" in ended.err
@@ -72,7 +67,7 @@ def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Ask) -> No
     assert max(map(len, ended.out.splitlines())) <= 80
 
 
-def test_check_writes_the_same_as_json(ask: Ask) -> None:
+def test_check_writes_the_same_as_json(ask: Here) -> None:
     ended = ask("check", PARTS, "--json")
     assert ended.code == 1
     assert not violations(ended.json, json.loads(schema_text("objects-check")))
@@ -86,7 +81,7 @@ def test_check_writes_the_same_as_json(ask: Ask) -> None:
     assert [item["height_mm"] for item in ended.json["rig"]["heights"]] == [10.0]
 
 
-def test_check_ends_well_if_nothing_is_the_same(ask: Ask) -> None:
+def test_check_ends_well_if_nothing_is_the_same(ask: Here) -> None:
     assert ask("check", PARTS[2:]).code == 0
     low = ask("check", PARTS[:2], "--rig", rig_with(6, 10, 10))
     assert low.code == 0
@@ -94,7 +89,7 @@ def test_check_ends_well_if_nothing_is_the_same(ask: Ask) -> None:
     assert "0 never distinguished" in low.out
 
 
-def test_check_says_which_states_are_not_known_where_fingers_are(ask: Ask) -> None:
+def test_check_says_which_states_are_not_known_where_fingers_are(ask: Here) -> None:
     known = stacked_part("known", section(9, 11, FOOT), heights=[[9, 11]], height=30.0)
     ended = ask("check", [known, stacked_part("foot", section(0, 30, FOOT))], "--rig", rig_with(10, 10, 20))
     assert ended.code == 0
@@ -103,7 +98,7 @@ def test_check_says_which_states_are_not_known_where_fingers_are(ask: Ask) -> No
     assert "no one height at which both are known" in ended.out
 
 
-def test_show_lists_draws_and_names_twins(ask: Ask) -> None:
+def test_show_lists_draws_and_names_twins(ask: Here) -> None:
     ended = ask("show", PARTS)
     assert (ended.code, ended.err) == (0, "")
     assert ended.out.startswith("parts.objects.json: 6 objects, 6 states\n")
@@ -119,7 +114,7 @@ def test_show_lists_draws_and_names_twins(ask: Ask) -> None:
     assert "may feel like wider, s" in picture
 
 
-def test_show_as_json_with_a_place_for_the_picture(ask: Ask) -> None:
+def test_show_as_json_with_a_place_for_the_picture(ask: Here) -> None:
     ended = ask("show", PARTS, "--json", "--picture", "elsewhere.svg")
     assert ended.code == 0
     assert not violations(ended.json, json.loads(schema_text("objects-listing")))
@@ -132,7 +127,7 @@ def test_show_as_json_with_a_place_for_the_picture(ask: Ask) -> None:
     assert [item["likeness"] for item in ended.json["twins"]] == ["same", "doubtful"]
 
 
-def test_show_never_writes_over_the_drawing_that_a_part_came_from(ask: Ask) -> None:
+def test_show_never_writes_over_the_drawing_that_a_part_came_from(ask: Here) -> None:
     for name in ("parts.svg", "parts.json"):
         Path(name).write_text("a drawing")
     assert ask("show", PARTS[:1]).code == 0
@@ -151,7 +146,7 @@ def many(count: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("columns", [80, 120])
 def test_many_states_that_feel_alike_fit_on_a_screen(
-    ask: Ask, columns: int, monkeypatch: pytest.MonkeyPatch
+    ask: Here, columns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(columns))
     parts = [many(24), stacked_part("block", section(0, 20, rectangle(30, 20.1)))]
@@ -166,7 +161,7 @@ def test_many_states_that_feel_alike_fit_on_a_screen(
     assert "not known at" not in said  # it is known where the fingers are
 
 
-def test_all_lists_every_state_and_pair(ask: Ask) -> None:
+def test_all_lists_every_state_and_pair(ask: Here) -> None:
     out = ask("show", [many(24)], "--all").out
     assert len(re.findall(r"^  state-\d+ ", out, re.M)) == 24
     assert len(re.findall(r"^  nut, state-\d+  =  nut, state-\d+$", out, re.M)) == 276
@@ -174,7 +169,7 @@ def test_all_lists_every_state_and_pair(ask: Ask) -> None:
     assert re.search(r"\* nut: state-1, .*, state-24 are not known at 12–12.02 mm", " ".join(out.split()))
 
 
-def test_states_that_fingers_do_not_meet_or_do_not_know_are_marked(ask: Ask) -> None:
+def test_states_that_fingers_do_not_meet_or_do_not_know_are_marked(ask: Here) -> None:
     low = stacked_part("low", section(0, 6, rectangle(30, 20)))
     half = stacked_part("half", section(0, 4, rectangle(30, 20)), heights=[[0, 4]], height=20)
     ended = ask("show", [low, half, stacked_part("block", section(0, 20, rectangle(33, 20)))])
@@ -186,37 +181,35 @@ def test_states_that_fingers_do_not_meet_or_do_not_know_are_marked(ask: Ask) -> 
     assert "* half: s is known at 0–4 mm only" in ended.out
 
 
-def test_a_large_catalogue_has_pages(ask: Ask) -> None:
+def test_a_large_catalogue_has_pages(ask: Here) -> None:
     parts = [stacked_part(f"p{k}", section(0, 20, rectangle(20 + k, 20))) for k in range(70)]
     ended = ask("show", parts, "--json")
     assert ended.json["pictures"] == ["parts.objects.svg", "parts.objects-2.svg"]
     assert "page 2 of 2" in Path("parts.objects-2.svg").read_text()
 
 
-def test_no_finger_is_advised_where_tops_differ_by_a_rounding(ask: Ask) -> None:
+def test_no_finger_is_advised_where_tops_differ_by_a_rounding(ask: Here) -> None:
     parts = [stacked_part(name, section(0, top, FOOT)) for name, top in (("a", 20.0), ("b", 20.000001))]
     (pair,) = ask("check", parts, "--json").json["pairs"]
     assert pair["separating_mm"] == []
 
 
-def test_show_says_that_all_is_told_apart(ask: Ask) -> None:
+def test_show_says_that_all_is_told_apart(ask: Here) -> None:
     ended = ask("show", [PARTS[2], stacked_part("disc", section(0, 20, polygon(30, 20)))])
     assert "these fingers distinguish all states" in ended.out
 
 
 @pytest.mark.parametrize("command", ["show", "check"])
-def test_a_file_that_is_wrong_or_missing_is_one_line(
-    ask: Ask, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_is_wrong_or_missing_is_one_line(ask: Here, command: str, here: Here) -> None:
     crossed = stacked_part("crossed", section(0, 5, [[0, 0], [10, 10], [10, 0], [0, 10]]))
     ended = ask(command, [crossed])
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
     assert 'object "crossed"' in ended.err
-    gone = run_here(["objects", command, "gone.json"], monkeypatch, capsys)
+    gone = here("objects", command, "gone.json")
     assert (gone.code, gone.err.count("\n")) == (2, 1)
 
 
-def test_a_picture_that_cannot_be_written_is_refused_first(ask: Ask) -> None:
+def test_a_picture_that_cannot_be_written_is_refused_first(ask: Here) -> None:
     ended = ask("show", PARTS[:1], "--picture", "no-such-folder/a.svg")
     assert (ended.code, ended.out) == (2, "")
     assert "no-such-folder/a.svg cannot be written" in ended.err
@@ -227,9 +220,8 @@ def test_a_picture_that_cannot_be_written_is_refused_first(ask: Ask) -> None:
 
 
 @pytest.fixture
-def edit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(["objects", *args], monkeypatch, capsys)
+def edit(here: Here) -> Here:
+    return lambda *args: here("objects", *args)
 
 
 def square(name: str, side: float = 20.0, **more: object) -> dict[str, object]:
@@ -251,7 +243,7 @@ def names(path: Path) -> list[str]:
     return [item.name for item in load_objects(path).objects]
 
 
-def test_remove(tmp_path: Path, edit: Ask) -> None:
+def test_remove(tmp_path: Path, edit: Here) -> None:
     file = saved(tmp_path / "all.json", square("a"), square("b", tolerance=0.1), square("c"))
     ended = edit("remove", "all.json", "a", "c")
     assert (ended.code, ended.out) == (0, "2 objects removed, 1 left in all.json\n")
@@ -273,7 +265,7 @@ def test_remove(tmp_path: Path, edit: Ask) -> None:
     ],
 )
 def test_what_cannot_be_is_one_line_and_changes_nothing(
-    tmp_path: Path, edit: Ask, command: list[str], message: str
+    tmp_path: Path, edit: Here, command: list[str], message: str
 ) -> None:
     file = saved(tmp_path / "all.json", square("washer"), square("nut"))
     before = file.read_text()
@@ -284,13 +276,13 @@ def test_what_cannot_be_is_one_line_and_changes_nothing(
     assert [item.name for item in tmp_path.iterdir()] == ["all.json"]
 
 
-def test_rename(tmp_path: Path, edit: Ask) -> None:
+def test_rename(tmp_path: Path, edit: Here) -> None:
     file = saved(tmp_path / "all.json", square("a"), square("b"))
     assert edit("rename", "all.json", "a", "plate, 20 mm").code == 0
     assert names(file) == ["plate, 20 mm", "b"]
 
 
-def test_merge_takes_the_same_object_once_and_follows_sources(tmp_path: Path, edit: Ask) -> None:
+def test_merge_takes_the_same_object_once_and_follows_sources(tmp_path: Path, edit: Here) -> None:
     one = saved(tmp_path / "one" / "a.json", square("a", source=source("cad/a.stl")), square("b"))
     other = saved(
         tmp_path / "b.json",
@@ -306,7 +298,7 @@ def test_merge_takes_the_same_object_once_and_follows_sources(tmp_path: Path, ed
     assert made["refused"][0]["source"]["file"] == "x.stl"
 
 
-def test_merge_refuses_different_objects_of_one_name(tmp_path: Path, edit: Ask) -> None:
+def test_merge_refuses_different_objects_of_one_name(tmp_path: Path, edit: Here) -> None:
     saved(tmp_path / "a.json", square("a"))
     saved(tmp_path / "b.json", square("a", 21.0))
     ended = edit("merge", "a.json", "b.json", "--out", "new.json")

@@ -20,24 +20,18 @@ from palpate.config import load_objects
 from palpate.config.loading import shipped_rig
 from palpate.config.schema import schema_text
 from support.benches.parts import ELL, WEDGE, mesh_file, prism
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, violations
 from support.commands.repository import cad_file
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate objects import`: from CAD files to objects files that are read again.
 
-Ask = Callable[..., Ended]
-
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
-
+def ask(here: Here) -> Here:
     def ask(*args: object) -> Ended:
         all_heights = () if {"--heights", "--rig"} & set(args) else ("--all-heights",)
-        return run_here(["objects", "import", *args, *all_heights], monkeypatch, capsys)
+        return here("objects", "import", *args, *all_heights)
 
     return ask
 
@@ -76,7 +70,7 @@ def refused(ended: Ended, message: str, folder: Path) -> None:
     assert list(folder.glob("*.json")) == list(folder.glob(".*.part")) == []
 
 
-def test_an_angle_rests_as_trimesh_says(angle: Path, tmp_path: Path, ask: Ask) -> None:
+def test_an_angle_rests_as_trimesh_says(angle: Path, tmp_path: Path, ask: Here) -> None:
     ended = ask(angle, *COARSE, "--least-probability", 0)
     assert (ended.code, ended.err) == (0, "")
     model = only(tmp_path / "angle.objects.json")
@@ -92,7 +86,7 @@ def test_an_angle_rests_as_trimesh_says(angle: Path, tmp_path: Path, ask: Ask) -
     assert lying == pytest.approx(2 * found[0], abs=2e-3)
 
 
-def test_sections_are_those_of_the_solid(angle: Path, tmp_path: Path, ask: Ask) -> None:
+def test_sections_are_those_of_the_solid(angle: Path, tmp_path: Path, ask: Here) -> None:
     told = ask(angle, *COARSE, "--json").json["objects"][0]
     for state, out in zip(only(tmp_path / "angle.objects.json").states, told["states"], strict=True):
         mesh = prism(ELL, 20)
@@ -109,7 +103,7 @@ def test_sections_are_those_of_the_solid(angle: Path, tmp_path: Path, ask: Ask) 
             )
 
 
-def test_a_cube_is_one_state(tmp_path: Path, ask: Ask) -> None:
+def test_a_cube_is_one_state(tmp_path: Path, ask: Here) -> None:
     file = mesh_file(trimesh.creation.box((20, 20, 20)), tmp_path / "cube.ply")
     told = ask(file, "--units", "mm", "--json")
     assert violations(told.json, json.loads(schema_text("import"))) == []
@@ -124,7 +118,7 @@ def test_a_cube_is_one_state(tmp_path: Path, ask: Ask) -> None:
     assert "state-1" in told.err
 
 
-def test_a_cone_is_within_its_tolerance(tmp_path: Path, ask: Ask) -> None:
+def test_a_cone_is_within_its_tolerance(tmp_path: Path, ask: Here) -> None:
     file = mesh_file(trimesh.creation.cone(10, 20, sections=48), tmp_path / "cone.stl")
     options = ["--units", "mm", "--states", "as-is", "--tolerance", 0.2, "--deviation", 0.1]
     (told,) = ask(file, *options, "--json").json["objects"]
@@ -141,7 +135,7 @@ def test_a_cone_is_within_its_tolerance(tmp_path: Path, ask: Ask) -> None:
         assert abs(reach - radius) <= model.tolerance_mm - 0.1 + 1e-6
 
 
-def test_heights(angle: Path, tmp_path: Path, ask: Ask) -> None:
+def test_heights(angle: Path, tmp_path: Path, ask: Here) -> None:
     """Sections near the fingers' heights only: the same ones, and it is said."""
     ask(angle, *COARSE, "--out", "all.json")
     ended = ask(angle, *COARSE, "--heights", "12,5", "--out", "some.json")
@@ -162,7 +156,7 @@ def test_heights(angle: Path, tmp_path: Path, ask: Ask) -> None:
         assert not part.known_at(1.0) or part.top_mm < 1.0
 
 
-def test_a_low_part_keeps_its_uppermost_millimetre(tmp_path: Path, ask: Ask) -> None:
+def test_a_low_part_keeps_its_uppermost_millimetre(tmp_path: Path, ask: Here) -> None:
     file = mesh_file(trimesh.creation.box((20, 30, 3)), tmp_path / "plate.stl")
     ask(file, "--units", "mm", "--states", "as-is", "--heights", "10")
     (state,) = only(tmp_path / "plate.objects.json").states
@@ -170,7 +164,7 @@ def test_a_low_part_keeps_its_uppermost_millimetre(tmp_path: Path, ask: Ask) -> 
     assert state.known_at(10.0)
 
 
-def test_adding_keeps_what_is_there(angle: Path, tmp_path: Path, ask: Ask) -> None:
+def test_adding_keeps_what_is_there(angle: Path, tmp_path: Path, ask: Here) -> None:
     short = {"name": "plate", "outline": [[0, 0], [70, 0], [70, 25]], "height": 20}
     file = tmp_path / "mine.json"
     content = {"format": "palpate/objects@1", "units": "mm", "objects": [{**short, "name": "angle"}, short]}
@@ -194,7 +188,7 @@ def test_adding_keeps_what_is_there(angle: Path, tmp_path: Path, ask: Ask) -> No
     assert [item.name for item in load_objects(file).objects] == ["angle", "plate", "angle-2", "angle 3"]
 
 
-def test_a_file_that_cannot_be_added_to_is_left_alone(angle: Path, tmp_path: Path, ask: Ask) -> None:
+def test_a_file_that_cannot_be_added_to_is_left_alone(angle: Path, tmp_path: Path, ask: Here) -> None:
     file = tmp_path / "mine.json"
     file.write_text("{}")
     ended = ask(angle, *AS_IS, "--out", file, "--add")
@@ -205,7 +199,7 @@ def test_a_file_that_cannot_be_added_to_is_left_alone(angle: Path, tmp_path: Pat
 
 
 def test_interrupted_it_leaves_nothing(
-    angle: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    angle: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupt(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)
@@ -219,7 +213,7 @@ def test_interrupted_it_leaves_nothing(
     assert sorted(item.name for item in tmp_path.iterdir()) == ["angle.stl"]
 
 
-def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
+def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Here) -> None:
     leaning = trimesh.creation.box((10, 10, 40))
     shear = np.eye(4)
     shear[0, 2] = 1.0
@@ -258,11 +252,13 @@ def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
         (["--units", "feet"], "'feet' is not one of"),
     ],
 )
-def test_options_are_checked(angle: Path, tmp_path: Path, ask: Ask, options: list[str], message: str) -> None:
+def test_options_are_checked(
+    angle: Path, tmp_path: Path, ask: Here, options: list[str], message: str
+) -> None:
     refused(ask(angle, *options), message, tmp_path)
 
 
-def test_broken_files_are_refused(tmp_path: Path, ask: Ask) -> None:
+def test_broken_files_are_refused(tmp_path: Path, ask: Here) -> None:
     mesh = prism(ELL, 20)
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     refused(ask(mesh_file(mesh, tmp_path / "open.stl"), "--units", "mm"), "open.stl", tmp_path)
@@ -273,14 +269,14 @@ def test_broken_files_are_refused(tmp_path: Path, ask: Ask) -> None:
     refused(ask(tmp_path / "part.doc", "--units", "mm"), "part.doc", tmp_path)
 
 
-def test_the_summary_fits_80_columns(angle: Path, ask: Ask) -> None:
+def test_the_summary_fits_80_columns(angle: Path, ask: Here) -> None:
     ended = ask(angle, *COARSE)
     assert max(map(len, ended.out.splitlines())) <= 80
     assert "prob." in ended.out
     assert "palpate objects show angle.objects.json" in ended.out
 
 
-def test_units_of_a_real_part(tmp_path: Path, ask: Ask) -> None:
+def test_units_of_a_real_part(tmp_path: Path, ask: Here) -> None:
     part = cad_file("angle_block.STL")
     told = ask(part, "--units", "inch", "--heights", "5", "--json").json
     (block,) = told["objects"]
@@ -290,11 +286,11 @@ def test_units_of_a_real_part(tmp_path: Path, ask: Ask) -> None:
     assert load_objects(tmp_path / "angle_block.objects.json").objects[0].name == "angle_block"
 
 
-def test_an_open_real_part_is_refused(tmp_path: Path, ask: Ask) -> None:
+def test_an_open_real_part_is_refused(tmp_path: Path, ask: Here) -> None:
     refused(ask(cad_file("wallhole.obj"), "--units", "mm"), "wallhole.obj", tmp_path)
 
 
-def test_a_drawing(tmp_path: Path, ask: Ask) -> None:
+def test_a_drawing(tmp_path: Path, ask: Here) -> None:
     ezdxf = pytest.importorskip("ezdxf")
     document = ezdxf.new(units=ezdxf.units.IN)
     corners = [(10, 10), (12, 10), (12, 11), (10, 11)]
@@ -316,7 +312,7 @@ def test_a_drawing(tmp_path: Path, ask: Ask) -> None:
     assert found.hausdorff_distance(affinity.scale(found, -1)) < 0.1
 
 
-def test_a_prism_in_every_format_is_the_same_object(tmp_path: Path, ask: Ask) -> None:
+def test_a_prism_in_every_format_is_the_same_object(tmp_path: Path, ask: Here) -> None:
     """The states of a wedge do not depend on the format it came in."""
     found = []
     for suffix in ("stl", "obj", "ply"):
@@ -329,7 +325,7 @@ def test_a_prism_in_every_format_is_the_same_object(tmp_path: Path, ask: Ask) ->
             assert len(a.sections) == len(b.sections)
 
 
-def test_a_top_that_is_level_but_for_rounding(tmp_path: Path, ask: Ask) -> None:
+def test_a_top_that_is_level_but_for_rounding(tmp_path: Path, ask: Here) -> None:
     """Single precision leaves corners of a level face some nanometres apart."""
     mesh = prism(ELL, 20)
     top = np.flatnonzero(mesh.vertices[:, 2] > 19)
@@ -341,55 +337,46 @@ def test_a_top_that_is_level_but_for_rounding(tmp_path: Path, ask: Ask) -> None:
     assert state.sections[-1].z_mm[1] == state.top_mm
 
 
-def test_the_heights_of_the_shipped_rig_are_the_default(
-    angle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_the_heights_of_the_shipped_rig_are_the_default(angle: Path, tmp_path: Path, here: Here) -> None:
     rig = tmp_path / "rig.toml"
     text = shipped_rig().read_text()
     rig.write_text(text.replace("height_mm = 10.0", "height_mm = 14.0"))
     assert rig.read_text() != text
     for options, height in (((), 10.0), (("--rig", rig), 14.0), (("--heights", "4,12"), 12.0)):
         out = tmp_path / f"{height}.json"
-        told = run_here(
-            ["objects", "import", angle, *AS_IS, *options, "--out", out, "--json"], monkeypatch, capsys
-        )
+        told = here("objects", "import", angle, *AS_IS, *options, "--out", out, "--json")
         assert told.code == 0
         (state,) = only(out).states
         assert state.known_at(height)
         assert not state.known_at(17.0)
 
 
-def test_heights_all_along_the_tips_of_a_rig(
-    angle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_heights_all_along_the_tips_of_a_rig(angle: Path, tmp_path: Path, here: Here) -> None:
     rig = tmp_path / "rig.toml"
     text = shipped_rig().read_text()
     rig.write_text(text.replace("stiffness_n_per_mm", "length_mm = 12.0\nstiffness_n_per_mm"))
     for options in (("--rig", rig), ("--heights", "4-16")):
         out = tmp_path / "along.json"
         asked = ["objects", "import", angle, *AS_IS, *options, "--out", out]
-        assert run_here(asked, monkeypatch, capsys).code == 0
+        assert here(*asked).code == 0
         (state,) = only(out).states
         assert state.known_within((4.0, 16.0))
         assert not state.known_at(17.0)
         out.unlink()
     for wrong in ("16-4", "4-", "1-2-3", "-4"):
-        refused = run_here(
-            ["objects", "import", angle, *AS_IS, f"--heights={wrong}", "--out", out], monkeypatch, capsys
-        )
+        refused = here("objects", "import", angle, *AS_IS, f"--heights={wrong}", "--out", out)
         assert refused.code == 2
         assert "is no height in mm; write them as 5,12 or, from to, 5-15" in refused.err
 
 
-def test_heights_are_asked_for_in_one_way(angle: Path, ask: Ask) -> None:
+def test_heights_are_asked_for_in_one_way(angle: Path, ask: Here) -> None:
     ended = ask(angle, "--heights", "5", "--all-heights")
     assert ended.code == 2
     assert "one of --rig, --heights and --all-heights" in ended.err
 
 
 def test_what_is_left_out_is_warned_of_and_refused_above_a_fifth(
-    angle: Path, tmp_path: Path, ask: Ask
+    angle: Path, tmp_path: Path, ask: Here
 ) -> None:
     some = ("--units", "mm", "--heights", "5", "--out", "some.json")
     told = ask(angle, *some, "--least-probability", 0.1, "--json")
@@ -412,16 +399,6 @@ def test_what_is_left_out_is_warned_of_and_refused_above_a_fifth(
 PLATE_MM2 = 40.0 * 30.0
 BORE_MM2 = math.pi * 25.0
 DRAWING = ("--thickness", 5)
-
-
-@pytest.fixture
-def ask_drawing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
-    monkeypatch.chdir(tmp_path)
-
-    def ask(*args: object) -> Ended:
-        return run_here(["objects", "import", *args, "--all-heights"], monkeypatch, capsys)
-
-    return ask
 
 
 @pytest.fixture
@@ -451,10 +428,8 @@ def refused_drawing(ended: Ended, *said: str) -> None:
     assert all(words in ended.err for words in said), ended.err
 
 
-def test_every_visible_layer_has_outlines_and_the_rest_listed(
-    plate: Path, tmp_path: Path, ask_drawing: Ask
-) -> None:
-    ended = ask_drawing(plate, *DRAWING)
+def test_every_visible_layer_has_outlines_and_the_rest_listed(plate: Path, tmp_path: Path, ask: Here) -> None:
+    ended = ask(plate, *DRAWING)
     assert ended.code == 0, ended.err
     said = " ".join((ended.out + ended.err).split())
     assert re.search("left out of the drawing: .*1 CIRCLE in linetype DASHED", said), said
@@ -462,46 +437,38 @@ def test_every_visible_layer_has_outlines_and_the_rest_listed(
     assert areas_mm2(tmp_path) == pytest.approx([PLATE_MM2 - BORE_MM2, 300.0], rel=1e-2)
 
 
-def test_a_layer_that_is_not_named_is_not_cut(plate: Path, tmp_path: Path, ask_drawing: Ask) -> None:
-    assert ask_drawing(plate, *DRAWING, "--layers", "cut").code == 0
+def test_a_layer_that_is_not_named_is_not_cut(plate: Path, tmp_path: Path, ask: Here) -> None:
+    assert ask(plate, *DRAWING, "--layers", "cut").code == 0
     assert areas_mm2(tmp_path) == pytest.approx([PLATE_MM2, 300.0])
 
 
-def test_a_layer_that_is_not_there_is_refused_with_those_that_are(plate: Path, ask_drawing: Ask) -> None:
-    refused_drawing(ask_drawing(plate, *DRAWING, "--layers", "cut,edge"), "plate.dxf", "edge", "bore", "cut")
+def test_a_layer_that_is_not_there_is_refused_with_those_that_are(plate: Path, ask: Here) -> None:
+    refused_drawing(ask(plate, *DRAWING, "--layers", "cut,edge"), "plate.dxf", "edge", "bore", "cut")
 
 
 @pytest.mark.parametrize("part", ["2", "plate-2"])
-def test_a_part_is_taken_by_its_number_or_its_name(
-    plate: Path, tmp_path: Path, ask_drawing: Ask, part: str
-) -> None:
-    assert ask_drawing(plate, *DRAWING, "--parts", part).code == 0
+def test_a_part_is_taken_by_its_number_or_its_name(plate: Path, tmp_path: Path, ask: Here, part: str) -> None:
+    assert ask(plate, *DRAWING, "--parts", part).code == 0
     assert areas_mm2(tmp_path) == pytest.approx([300.0])
 
 
 @pytest.mark.parametrize("part", ["3", "0", "block"])
-def test_a_part_that_is_not_there_is_refused_with_those_that_are(
-    plate: Path, ask_drawing: Ask, part: str
-) -> None:
-    refused_drawing(
-        ask_drawing(plate, *DRAWING, "--parts", part), "plate.dxf", f'no part "{part}"', "plate-1"
-    )
+def test_a_part_that_is_not_there_is_refused_with_those_that_are(plate: Path, ask: Here, part: str) -> None:
+    refused_drawing(ask(plate, *DRAWING, "--parts", part), "plate.dxf", f'no part "{part}"', "plate-1")
 
 
-def test_layers_and_parts_are_for_what_has_them(plate: Path, tmp_path: Path, ask_drawing: Ask) -> None:
+def test_layers_and_parts_are_for_what_has_them(plate: Path, tmp_path: Path, ask: Here) -> None:
     solid = mesh_file(prism(ELL, 20), tmp_path / "angle.stl")
-    refused_drawing(ask_drawing(solid, "--units", "mm", "--layers", "cut"), "angle.stl", "layers")
-    refused_drawing(
-        ask_drawing(plate, solid, *DRAWING, "--units", "mm", "--parts", "1"), "--parts is for one file"
-    )
+    refused_drawing(ask(solid, "--units", "mm", "--layers", "cut"), "angle.stl", "layers")
+    refused_drawing(ask(plate, solid, *DRAWING, "--units", "mm", "--parts", "1"), "--parts is for one file")
 
 
-def test_what_lies_in_a_hole_is_a_part_of_its_own(tmp_path: Path, ask_drawing: Ask) -> None:
+def test_what_lies_in_a_hole_is_a_part_of_its_own(tmp_path: Path, ask: Here) -> None:
     drawing = ezdxf.new(units=4, setup=True)
     for radius in (30, 20, 10):
         drawing.modelspace().add_circle((0, 0), radius)
     drawing.saveas(tmp_path / "rings.dxf")
-    assert ask_drawing("rings.dxf", *DRAWING).code == 0
+    assert ask("rings.dxf", *DRAWING).code == 0
     assert areas_mm2(tmp_path) == pytest.approx([math.pi * 500, math.pi * 100], rel=1e-2)
 
 
@@ -527,12 +494,10 @@ def svg_circles(path: Path) -> None:
 
 
 @pytest.mark.parametrize("drawn", [dxf_disc, dxf_arcs, svg_circles])
-def test_a_disc_is_written_as_circles(
-    tmp_path: Path, ask_drawing: Ask, drawn: Callable[[Path], None]
-) -> None:
+def test_a_disc_is_written_as_circles(tmp_path: Path, ask: Here, drawn: Callable[[Path], None]) -> None:
     file = tmp_path / f"disc.{drawn.__name__[:3]}"
     drawn(file)
-    ended = ask_drawing(file, *DRAWING)
+    ended = ask(file, *DRAWING)
     assert ended.code == 0, ended.err
     assert "50 × 50 mm" in ended.out
     (model,) = json.loads((tmp_path / "disc.objects.json").read_text())["objects"]

@@ -2,7 +2,7 @@
 
 import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -15,17 +15,12 @@ from palpate.config.schema import schema_text
 from palpate.rig.catalogue.cad_import import Imported, import_file
 from palpate.rig.session.signals import Interrupted
 from palpate.rig.workers import in_processes
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
-
-Ask = Callable[..., Ended]
+from support.commands.command import Here, violations
 
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "80")
-    return lambda *args: run_here(["objects", "import", *args], monkeypatch, capsys)
+def ask(here: Here) -> Here:
+    return lambda *args: here("objects", "import", *args)
 
 
 OPTIONS = ("--units", "mm", "--states", "as-is", "--out", "all.json", "--json")
@@ -45,7 +40,7 @@ def written(folder: Path) -> dict[str, dict[str, object]]:
     return {item["name"]: item for item in objects}
 
 
-def test_a_folder_is_a_catalogue_and_again_it_is_the_same(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_a_folder_is_a_catalogue_and_again_it_is_the_same(parts: Path, tmp_path: Path, ask: Here) -> None:
     ended = ask(parts, *OPTIONS)
     assert ended.code == 0
     assert [item["kept"] for item in ended.json["files"]] == [False] * 3
@@ -63,7 +58,7 @@ def test_a_folder_is_a_catalogue_and_again_it_is_the_same(parts: Path, tmp_path:
     assert (tmp_path / "all.json").read_text() == text
 
 
-def test_only_what_changed_is_read_again(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_only_what_changed_is_read_again(parts: Path, tmp_path: Path, ask: Here) -> None:
     ask(parts, *OPTIONS)
     before = written(tmp_path)
     trimesh.creation.box((44, 20, 10)).export(parts / "block-2.stl")
@@ -76,7 +71,7 @@ def test_only_what_changed_is_read_again(parts: Path, tmp_path: Path, ask: Ask) 
     assert after["block-2"] != before["block-2"]
 
 
-def test_an_object_keeps_the_name_that_it_was_given(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_an_object_keeps_the_name_that_it_was_given(parts: Path, tmp_path: Path, ask: Here) -> None:
     ask(parts, *OPTIONS)
     text = (tmp_path / "all.json").read_text().replace('"block-2"', '"middle one"')
     (tmp_path / "all.json").write_text(text)
@@ -85,14 +80,14 @@ def test_an_object_keeps_the_name_that_it_was_given(parts: Path, tmp_path: Path,
     assert list(written(tmp_path)) == ["block-1", "middle one", "block-3"]
 
 
-def test_other_options_read_everything_again(parts: Path, ask: Ask) -> None:
+def test_other_options_read_everything_again(parts: Path, ask: Here) -> None:
     (parts / "block-3.stl").unlink()
     ask(parts, *OPTIONS)
     ended = ask(parts, *OPTIONS, "--tolerance", 0.2)
     assert [item["kept"] for item in ended.json["files"]] == [False] * 2
 
 
-def test_an_object_whose_file_is_gone_is_kept_and_named(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_an_object_whose_file_is_gone_is_kept_and_named(parts: Path, tmp_path: Path, ask: Here) -> None:
     ask(parts, *OPTIONS)
     (parts / "block-3.stl").unlink()
     ended = ask(parts, *OPTIONS)
@@ -100,7 +95,7 @@ def test_an_object_whose_file_is_gone_is_kept_and_named(parts: Path, tmp_path: P
     assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
 
 
-def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_path: Path, ask: Here) -> None:
     (parts / "bad.stl").write_text("nothing")
     ended = ask(parts, *OPTIONS[:-1])
     assert ended.code == 1
@@ -110,7 +105,7 @@ def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_pat
 
 
 def test_a_file_that_was_refused_is_read_again_only_when_it_has_changed(
-    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (parts / "bad.stl").write_text("nothing")
     first = ask(parts, *OPTIONS)
@@ -132,7 +127,7 @@ def test_a_file_that_was_refused_is_read_again_only_when_it_has_changed(
 
 
 def test_what_an_extra_lacks_is_not_held_against_the_file(
-    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def without(path: Path, *_: object) -> Imported:
         if path.stem == "block-2":
@@ -147,7 +142,7 @@ def test_what_an_extra_lacks_is_not_held_against_the_file(
 
 
 def test_an_interruption_leaves_what_was_done(
-    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As Ctrl-C or a kill would end it after the second file; the third is read by the next command."""
 
@@ -167,7 +162,7 @@ def test_an_interruption_leaves_what_was_done(
 
 
 def test_a_mistake_of_our_own_in_one_file_costs_no_other(
-    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(path: Path, *_: object) -> Imported:
         if path.stem == "block-2":
@@ -185,7 +180,7 @@ def test_a_mistake_of_our_own_in_one_file_costs_no_other(
     assert list(written(tmp_path)) == ["block-1", "block-3"]
 
 
-def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Ask) -> None:
+def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Here) -> None:
     for name in ("a.stl", "b.stl"):
         (tmp_path / name).write_text("nothing")
     ended = ask(tmp_path / "a.stl", tmp_path / "b.stl", *OPTIONS[:-1])
@@ -194,7 +189,7 @@ def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Ask) -> None:
     assert "nothing was written" in ended.out
 
 
-def test_two_files_of_one_name_are_refused(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_two_files_of_one_name_are_refused(parts: Path, tmp_path: Path, ask: Here) -> None:
     trimesh.creation.box((10, 10, 10)).export(parts / "block-1.ply")
     ended = ask(parts, *OPTIONS)
     assert ended.code == 2
@@ -203,13 +198,13 @@ def test_two_files_of_one_name_are_refused(parts: Path, tmp_path: Path, ask: Ask
     assert not (tmp_path / "all.json").exists()
 
 
-def test_an_empty_folder_is_refused(tmp_path: Path, ask: Ask) -> None:
+def test_an_empty_folder_is_refused(tmp_path: Path, ask: Here) -> None:
     (tmp_path / "none").mkdir()
     ended = ask(tmp_path / "none", *OPTIONS)
     assert (ended.code, "holds no CAD file" in ended.err) == (2, True)
 
 
-def test_units_count_only_where_a_file_states_none(parts: Path, tmp_path: Path, ask: Ask) -> None:
+def test_units_count_only_where_a_file_states_none(parts: Path, tmp_path: Path, ask: Here) -> None:
     trimesh.creation.box((12, 12, 12)).export(parts / "stated.3mf")
     ended = ask(parts, "--units", "inch", *OPTIONS[2:])
     assert ended.code == 0
@@ -220,7 +215,7 @@ def test_units_count_only_where_a_file_states_none(parts: Path, tmp_path: Path, 
 
 
 def test_a_catalogue_written_by_hand_is_not_brought_up_to_date_unasked(
-    parts: Path, tmp_path: Path, ask: Ask
+    parts: Path, tmp_path: Path, ask: Here
 ) -> None:
     mine = {"name": "block-1", "outline": [[0, 0], [70, 0], [70, 25]], "height": 20}
     text = json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": [mine]})

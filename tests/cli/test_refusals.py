@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from inspect import signature
 from itertools import combinations, product
 from pathlib import Path
@@ -19,26 +19,11 @@ from palpate.cli.options import rig_files
 from palpate.config import shipped_objects, shipped_rig
 from palpate.config.loading import shipped_references
 from support.benches.rigs import firm_rig
-from support.commands.command import Ended, run, run_here
+from support.commands.command import Ended, Here, run
 from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
 # Whatever is wrong with what people give: one clear line on stderr, exit code 2, nothing on stdout.
-
-Here = Callable[..., Ended]
-
-
-@pytest.fixture
-def here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., Ended]:
-    """Runs the command's entry point in this process, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*args: object) -> Ended:
-        return run_here(args, monkeypatch, capsys)
-
-    return command
 
 
 def refused(ended: Ended, *said: str) -> None:
@@ -286,12 +271,7 @@ def test_each_path_of_each_command_is_read_or_written() -> None:
 
 @pytest.mark.parametrize(("name", "written", "other"), list(pairs()))
 def test_no_command_writes_over_what_it_reads(
-    name: str,
-    written: str,
-    other: str,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    name: str, written: str, other: str, folder: Path, here: Here
 ) -> None:
     place = INPUTS.get(other, "new.out")
     words: list[object] = [*name.split(), option(written), os.path.join(".", place)]
@@ -301,7 +281,7 @@ def test_no_command_writes_over_what_it_reads(
         elif path == other or path in READS_ANYWAY.get(name, ()):
             words += [option(path), INPUTS.get(path, place)]
     before = contents(folder)
-    ended = run_here(words, monkeypatch, capsys)
+    ended = here(*words)
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1), ended
     assert ("is there already" if name == "objects merge" else "it is the same file as") in ended.err
     assert contents(folder) == before
@@ -360,12 +340,10 @@ def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path) -> None:
         ("calibrate", "--rig", "rig.toml", "--references", "rig.calibration.toml", "--yes"),
     ],
 )
-def test_nor_over_files_that_have_no_option(
-    words: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nor_over_files_that_have_no_option(words: tuple[str, ...], folder: Path, here: Here) -> None:
     os.rename("references.toml", "rig.calibration.toml")
     before = contents(folder)
-    ended = run_here(words, monkeypatch, capsys)
+    ended = here(*words)
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1), ended
     assert "it is the same file as" in ended.err
     assert contents(folder) == before

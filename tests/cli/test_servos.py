@@ -5,7 +5,7 @@ import os
 import pty
 import signal
 import subprocess
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pytest
@@ -25,22 +25,14 @@ from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, scan
 from palpate.testing import served
 from palpate.views.ports_table import show_unplugged
 from support.benches.rigs import firm_rig
-from support.commands.command import PALPATE, PATIENCE_S, Ended, missing, run_here, started
-from support.commands.json_schema import violations
+from support.commands.command import PALPATE, PATIENCE_S, Here, missing, started, violations
 from support.devices.servo_wire import MotorWire, served_servos
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate scan`: what is found on an emulated bus, and what is said about it.
 
-Here = Callable[..., Ended]
 
 BENCH_IDS = [11, 12, 21, 22, 31, 32]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 def found_by(place: BusEndpoint, *rates: int, ids: range = range(20)) -> list[FoundServo]:
@@ -269,10 +261,8 @@ def test_as_json() -> None:
 
 
 @pytest.mark.parametrize("args", [["find-port", "--json"], ["find-port", "--list", "--json"]])
-def test_without_a_terminal_it_only_lists(
-    args: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    done = run_here(args, monkeypatch, capsys)
+def test_without_a_terminal_it_only_lists(args: list[str], here: Here) -> None:
+    done = here(*args)
     ports = serial_ports()
     assert done.code == (0 if ports else 3)
     assert [item["device"] for item in done.json["ports"]] == [item.device for item in ports]

@@ -3,7 +3,7 @@
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -13,22 +13,13 @@ from palpate.config import shipped_rig
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.rig.session.log import SessionLog
-from support.commands.command import Ended, log_bytes, run_here, until
-from support.commands.json_schema import violations
+from support.commands.command import Here, log_bytes, until, violations
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate sessions`, `sessions prune` and `info`: what a folder of recorded runs holds, and what may go.
 
-Here = Callable[..., Ended]
 NOW = datetime.now(UTC).replace(microsecond=0)
 ROOT = Path("palpate-sessions")
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "100")
-    return lambda *args: run_here(list(args), monkeypatch, capsys)
 
 
 def log_of(name: str, days: float = 0.0, **header: object) -> SessionLog:
@@ -212,30 +203,24 @@ def test_what_programs_rely_on(here: Here) -> None:
 # `palpate schema`: what is printed is what is shipped, and editors find it.
 
 
-@pytest.fixture
-def schema(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(list(args), monkeypatch, capsys)
-
-
-def test_all_names_are_listed(schema: Here) -> None:
-    assert schema("schema").out.split() == sorted(FORMATS)
+def test_all_names_are_listed(here: Here) -> None:
+    assert here("schema").out.split() == sorted(FORMATS)
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS))
-def test_each_schema_is_printed(schema: Here, name: str) -> None:
-    ended = schema("schema", name)
+def test_each_schema_is_printed(here: Here, name: str) -> None:
+    ended = here("schema", name)
     assert (ended.code, ended.out) == (0, schema_text(name))
 
 
-def test_it_is_written_beside_a_rig_file(schema: Here, tmp_path: Path) -> None:
-    assert schema("schema", "rig", "--out", "rig.schema.json").code == 0
+def test_it_is_written_beside_a_rig_file(here: Here, tmp_path: Path) -> None:
+    assert here("schema", "rig", "--out", "rig.schema.json").code == 0
     assert json.loads((tmp_path / "rig.schema.json").read_text())["title"]
 
 
-def test_an_unknown_name_is_refused_with_those_that_there_are(schema: Here) -> None:
-    ended = schema("schema", "rigg")
+def test_an_unknown_name_is_refused_with_those_that_there_are(here: Here) -> None:
+    ended = here("schema", "rigg")
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
     assert 'there is no format "rigg"' in ended.err
     assert "rig, scan" in ended.err
-    assert schema("schema", "--out", "x.json").code == 2
+    assert here("schema", "--out", "x.json").code == 2

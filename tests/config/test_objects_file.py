@@ -21,8 +21,7 @@ from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.jobs.files import load_objects as load_and_warn
 from palpate.jobs.script import RigWarning
-from support.commands.command import missing
-from support.commands.json_schema import violations
+from support.commands.command import missing, violations
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
 INNER = [[2, 2], [4, 2], [4, 4], [2, 4]]

@@ -227,7 +227,7 @@ def test_rate_before_the_first_frame_counts_from_start(array: PolledArray) -> No
 
 
 class Tared:
-    """A stream of 100 frames a second whose samples are given one by one, two over and over for its six taxels."""
+    """A stream of 100 frames a second whose samples are given one by one, two counts three times."""
 
     def __init__(self, array: PolledArray) -> None:
         self.array = array

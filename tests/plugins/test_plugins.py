@@ -11,7 +11,7 @@ from palpate.base.extensions import SERVO_MODELS, TACTILE_ARRAYS
 from palpate.plugins import MotorConstants, ServoSpecification, TableItem, table_of
 from palpate.testing import ArrayConformance, ServoConformance, rig_with_arrays
 from support.benches.rigs import firm_rig
-from support.commands.command import run_here
+from support.commands.command import Here
 from support.commands.repository import EXAMPLES, ROOT, install
 
 # ----------------------------------------------------------------------------------------------------
@@ -47,19 +47,17 @@ class TestExample(ArrayConformance):
         install(folder, "palpate-line-array", TACTILE_ARRAYS, {"lines": "line_array:LINES"})
 
 
-def test_a_rig_whose_arrays_come_by_plug_in_passes_its_check(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_whose_arrays_come_by_plug_in_passes_its_check(folder: Path, here: Here) -> None:
     install(folder, "palpate-line-array", TACTILE_ARRAYS, {"lines": "line_array:LINES"})
     rig = rig_with_arrays(folder, "lines", {"counts_per_n": 2000.0}, rate_hz=100.0)
-    done = run_here(["check", "--rig", rig, "--json"], monkeypatch, capsys)
+    done = here("check", "--rig", rig, "--json")
     assert done.code == 0, done.err
     assert {(array["protocol"], array["firmware"]) for array in done.json["arrays"]} == {("lines", "lines 1")}
 
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_plug_in_is_one_line_that_names_its_distribution(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, folder: Path, here: Here
 ) -> None:
     target, reason = BROKEN[name]
     (folder / "raising_plugin.py").write_text("1 / 0\n", encoding="utf-8")
@@ -67,7 +65,7 @@ def test_a_broken_plug_in_is_one_line_that_names_its_distribution(
         "from palpate.config import ArrayConfig\nclass ARRAY:\n    config = ArrayConfig\n", encoding="utf-8"
     )
     install(folder, "some-arrays", TACTILE_ARRAYS, {name: target})
-    done = run_here(["check", "--rig", rig_with_arrays(folder, name, {})], monkeypatch, capsys)
+    done = here("check", "--rig", rig_with_arrays(folder, name, {}))
     sys.modules.pop("half_plugin", None)
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
@@ -75,21 +73,17 @@ def test_a_broken_plug_in_is_one_line_that_names_its_distribution(
         assert words in done.err
 
 
-def test_two_distributions_that_add_one_name_are_both_named(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_distributions_that_add_one_name_are_both_named(folder: Path, here: Here) -> None:
     for distribution in ("some-arrays", "other-arrays"):
         install(folder, distribution, TACTILE_ARRAYS, {"lines": "line_array:LINES"})
-    done = run_here(["check", "--rig", rig_with_arrays(folder, "lines", {})], monkeypatch, capsys)
+    done = here("check", "--rig", rig_with_arrays(folder, "lines", {}))
     assert done.code == 2
     assert all(words in done.err for words in ("some-arrays 1.0", "other-arrays 1.0", "uninstall one"))
 
 
-def test_plug_ins_are_not_looked_at_where_only_built_in_devices_are_named(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_plug_ins_are_not_looked_at_where_only_built_in_devices_are_named(folder: Path, here: Here) -> None:
     install(folder, "some-arrays", TACTILE_ARRAYS, {"palpate": "no_such_module:ARRAY"})
-    assert run_here(["check", "--rig", rig_with_arrays(folder, "palpate", {})], monkeypatch, capsys).code == 0
+    assert here("check", "--rig", rig_with_arrays(folder, "palpate", {})).code == 0
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -154,11 +148,9 @@ class TestInvented(ServoConformance):
         install(servo_folder, "some-servos", SERVO_MODELS, {self.model: "test_plugins:INVENTED"})
 
 
-def test_a_rig_whose_servos_come_by_plug_in_passes_its_check(
-    servo_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_whose_servos_come_by_plug_in_passes_its_check(servo_folder: Path, here: Here) -> None:
     install(servo_folder, "some-servos", SERVO_MODELS, {"XZ330-M999": "test_plugins:INVENTED"})
-    done = run_here(["check", "--rig", rig_with("XZ330-M999"), "--json"], monkeypatch, capsys)
+    done = here("check", "--rig", rig_with("XZ330-M999"), "--json")
     assert done.code == 0, done.err
     assert "XZ330-M999" in done.out
 
@@ -172,15 +164,11 @@ def test_a_rig_whose_servos_come_by_plug_in_passes_its_check(
     ],
 )
 def test_unknown_and_broken_models_are_one_line(
-    target: str | None,
-    words: list[str],
-    servo_folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    target: str | None, words: list[str], servo_folder: Path, here: Here
 ) -> None:
     if target is not None:
         install(servo_folder, "some-servos", SERVO_MODELS, {"XZ330-M999": target})
-    done = run_here(["check", "--rig", rig_with("XZ330-M999")], monkeypatch, capsys)
+    done = here("check", "--rig", rig_with("XZ330-M999"))
     assert done.code == 2
     assert len(done.err.strip().splitlines()) == 1
     for word in ('"XZ330-M999"', *words):

@@ -63,8 +63,7 @@ from support.benches.calibration_files import (
     truth_calibration,
 )
 from support.benches.rigs import STAGE, firm_rig, quick_rig
-from support.commands.command import Ended, log_events, log_lines, missing, run_here, write_log
-from support.commands.json_schema import violations
+from support.commands.command import Here, log_events, log_lines, missing, violations, write_log
 from support.devices.array_tips import felt_patch
 from support.oracles.plans import SimulatedTouches
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, outlines, place_within
@@ -72,14 +71,7 @@ from support.oracles.shapely_touches import SHIPPED_OBJECTS, outlines, place_wit
 # ----------------------------------------------------------------------------------------------------
 # A rig file with a calibration beside it: who takes it, who refuses it, and that a replay has it, too.
 
-Here = Callable[..., Ended]
 SEED = 7
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 @pytest.fixture

@@ -47,8 +47,7 @@ from support.benches.calibration_files import bench_calibration, truth_calibrati
 from support.benches.rigs import firm_rig, quick_rig, small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
-from support.commands.command import Ended, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Here, violations
 
 # ----------------------------------------------------------------------------------------------------
 # Friction check: what a slide that runs more easily or harder than the rig file says means for touches.
@@ -232,7 +231,6 @@ def test_sliding_is_seen_once_the_force_stays_and_not_before(
 # A disc touched again: it agrees with a right calibration, and not with one of a rig that has changed.
 
 DISC = ReferenceDisc("disc", 25.0)
-Here = Callable[..., Ended]
 CHECKED = CheckOut(
     rig="bench",
     emulated=True,
@@ -317,12 +315,6 @@ def test_no_disc_is_said() -> None:
     assert uncertainties is not None
     with pytest.raises(InputError, match=r"the disc was not found near \(0, 0\) mm"):
         retouch(RIG, Empty(world, RIG), DISC, uncertainties)
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 def test_check_touches_a_disc(here: Here, tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
 from support.benches.rigs import quick_bench
-from support.commands.command import Ended, missing, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, missing, violations
 
 AT = ConfigurationOut(x=1.0, y=2.0, theta=0.5)
 BOUNDS = BoundsOut(x=(0.5, 1.5), y=(1.5, 2.5), theta=(0.4, 0.6))
@@ -141,13 +140,7 @@ def test_nothing_is_said_that_is_not_so() -> None:
     assert [quantity(n, "grip", "grips") for n in (0, 1, 2)] == ["0 grips", "1 grip", "2 grips"]
 
 
-def identified(
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    outlines: dict[str, list[list[float]]],
-    *options: object,
-) -> Ended:
+def identified(folder: Path, here: Here, outlines: dict[str, list[list[float]]], *options: object) -> Ended:
     """Run a small emulated bench with a catalogue of these outlines."""
     rig, objects = quick_bench(folder)
     rig.write_text(
@@ -156,15 +149,13 @@ def identified(
     entries = [{"name": name, "height": 20.0, "outline": ring} for name, ring in outlines.items()]
     objects.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": entries}))
     args = ["identify", "--rig", rig, "--objects", objects, "--sessions", folder / "sessions", *options]
-    return run_here(args, monkeypatch, capsys)
+    return here(*args)
 
 
-def test_an_all_but_symmetric_part_is_turned_not_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_all_but_symmetric_part_is_turned_not_another(tmp_path: Path, here: Here) -> None:
     """A plate that half a turn changes by 0.06 mm: less than the bench can feel."""
     almost = {"almost": [[0.0, 0.0], [70.0, 0.0], [70.0, 30.0], [35.0, 30.06], [0.0, 30.0]]}
-    told = identified(tmp_path, monkeypatch, capsys, almost, "--json").json
+    told = identified(tmp_path, here, almost, "--json").json
     assert violations(told, json.loads(schema_text("identification"))) == []
     assert told["verdict"] == "indistinguishable"
     (other,) = told["alternatives"]
@@ -176,12 +167,10 @@ def test_an_all_but_symmetric_part_is_turned_not_another(
     assert math.hypot(*apart) > 50
 
 
-def test_twins_when_grips_are_drawn(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_twins_when_grips_are_drawn(tmp_path: Path, here: Here) -> None:
     wedge = [[0.0, 0.0], [60.0, 0.0], [70.0, 40.0], [5.0, 30.0]]
     twins = {"wedge": wedge, "wedge-2": wedge}
-    told = identified(tmp_path, monkeypatch, capsys, twins, "--json", "--strategy", "random").json
+    told = identified(tmp_path, here, twins, "--json", "--strategy", "random").json
     assert violations(told, json.loads(schema_text("identification"))) == []
     # This strategy does not look for touches that confirm an answer: grips may run out before there is one.
     assert told["verdict"] in {"indistinguishable", "unresolved"}

@@ -3,7 +3,7 @@
 import csv
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,7 @@ from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSample, open_samples
 from support.benches.rigs import two_grips
-from support.commands.command import Ended, log_events, run_here
-from support.commands.json_schema import violations
-
-Here = Callable[..., Ended]
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(list(args), monkeypatch, capsys)
+from support.commands.command import Here, log_events, violations
 
 
 @pytest.fixture(scope="module")

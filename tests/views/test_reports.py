@@ -6,7 +6,6 @@ import shutil
 import sys
 import xml.etree.ElementTree as ET
 from base64 import b64decode
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -27,24 +26,16 @@ from palpate.views.report.calibration_numbers import (
 from palpate.views.report.calibration_plots import residual_histograms, residual_map, svg, taxel_gains
 from support.benches.calibration_files import calibration_example
 from support.benches.rigs import two_grips
-from support.commands.command import Ended, log_events, log_lines, run_here, write_log
+from support.commands.command import Here, log_events, log_lines, write_log
 from support.commands.pages import Page
 
 # ----------------------------------------------------------------------------------------------------
 # The report of a run: one well-formed page that needs nothing else and says what the log says.
 
-Here = Callable[..., Ended]
-
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return two_grips(tmp_path_factory.mktemp("run"))
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    monkeypatch.chdir(tmp_path)
-    return lambda *args: run_here(list(args), monkeypatch, capsys)
 
 
 def report_of(here: Here, session: Path) -> tuple[str, Page]:

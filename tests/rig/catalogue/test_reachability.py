@@ -4,7 +4,7 @@ import json
 import math
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -36,8 +36,7 @@ from palpate.rig.reach.approaches import reach_of
 from support.benches.parts import OUTLINE, objects_file, part, scene_file
 from support.benches.rigs import firm_rig, small
 from support.campaign.sampling import sample
-from support.commands.command import Ended, missing, run_here
-from support.commands.json_schema import violations
+from support.commands.command import Ended, Here, missing, violations
 from support.commands.repository import EXAMPLES
 from support.oracles.plans import SimulatedTouches
 from support.oracles.shapely_touches import Placed
@@ -112,11 +111,6 @@ def test_objects_without_heights_are_known(tmp_path: Path) -> None:
     check_known(load_objects(write(tmp_path, None)).objects, [FingerAtHeight("f1", 10.0)])
 
 
-@pytest.fixture
-def ask_about_heights(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
-    return lambda *args: run_here(args, monkeypatch, capsys)
-
-
 def refused(ended: Ended, finger: str) -> None:
     assert (ended.code, ended.out) == (2, "")
     said = (
@@ -126,51 +120,45 @@ def refused(ended: Ended, finger: str) -> None:
     assert ended.err.count("\n") == 1
 
 
-def test_commands_refuse_such_a_pair(
-    tmp_path: Path, ask_about_heights: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_commands_refuse_such_a_pair(tmp_path: Path, here: Here) -> None:
     low = write(tmp_path, [[4.5, 5.5]])
     felt = contacts(tmp_path, 10.0)
-    refused(ask_about_heights("recognize", "--objects", low, "--contacts", felt), "f7")
-    refused(
-        ask_about_heights("plan", "--objects", low, "--contacts", contacts(tmp_path, 5.0)), "f1"
-    )  # the shipped rig's
-    refused(ask_about_heights("identify", "--objects", low), "f1")
-    refused(ask_about_heights("emulate", "--objects", low, "--for", "0.01"), "f1")
+    refused(here("recognize", "--objects", low, "--contacts", felt), "f7")
+    refused(here("plan", "--objects", low, "--contacts", contacts(tmp_path, 5.0)), "f1")  # the shipped rig's
+    refused(here("identify", "--objects", low), "f1")
+    refused(here("emulate", "--objects", low, "--for", "0.01"), "f1")
     assert not (tmp_path / "palpate-sessions").exists()
 
 
-def test_a_scene_with_objects_of_its_own_is_refused_too(tmp_path: Path, ask_about_heights: Any) -> None:
+def test_a_scene_with_objects_of_its_own_is_refused_too(tmp_path: Path, here: Here) -> None:
     low = write(tmp_path, [[4.5, 5.5]], name="others.json")
     scene = {"format": "palpate/scene@1", "object": "bracket", "state": "state-2", "objects": low.name}
     scene |= {"configuration": {"x": 0.0, "y": 0.0, "theta": 0.0}}
     file = tmp_path / "scene.json"
     file.write_text(json.dumps(scene))
-    refused(ask_about_heights("identify", "--objects", write(tmp_path, None), "--scene", file), "f1")
+    refused(here("identify", "--objects", write(tmp_path, None), "--scene", file), "f1")
 
 
-def test_contacts_where_the_state_is_known_are_recognised(tmp_path: Path, ask_about_heights: Any) -> None:
+def test_contacts_where_the_state_is_known_are_recognised(tmp_path: Path, here: Here) -> None:
     near = write(tmp_path, [[4.5, 5.5]])
     everywhere = write(tmp_path, None, name="all.json")
     felt = contacts(tmp_path, 5.0)
     found = [
-        ask_about_heights("recognize", "--objects", file, "--contacts", felt, "--json").json
-        for file in (near, everywhere)
+        here("recognize", "--objects", file, "--contacts", felt, "--json").json for file in (near, everywhere)
     ]
     assert found[0]["hypotheses"] == found[1]["hypotheses"] != []
 
 
-def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, ask_about_heights: Any) -> None:
+def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, here: Here) -> None:
     sessions = tmp_path / "sessions"
     objects = write(tmp_path, None)
     rig = tmp_path / "rig.toml"
     rig.write_text(small(firm_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
     words = ("--rig", rig, "--objects", objects, "--sessions", sessions)
-    assert ask_about_heights("identify", *words).code in (0, 1)
+    assert here("identify", *words).code in (0, 1)
     (folder,) = sessions.iterdir()
     (folder / "objects.json").write_text(write(tmp_path, [[4.5, 5.5]]).read_text())
-    refused(ask_about_heights("replay", folder), "f1")
+    refused(here("replay", folder), "f1")
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -193,17 +181,14 @@ NOTICED = {
     "thread": (part("p", 0.01), ["0.806 mm across", "smaller"]),
 }
 
-Ask = Callable[..., Ended]
-
 
 ARMS_IDENTIFY = ("identify", "low", "arms")
 ASKED = [*product(("objects check", "plan"), NOTICED, RIGS), ("identify", "low", "firm"), ARMS_IDENTIFY]
 
 
 @pytest.fixture
-def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+def ask(tmp_path: Path, here: Here) -> Here:
     """Runs one of the commands in this process, in a folder of its own, on one of the rigs."""
-    monkeypatch.chdir(tmp_path)
 
     def asked(command: str, rig: str, objects: Path, *options: object) -> Ended:
         text = RIGS[rig].read_text(encoding="utf-8")
@@ -214,7 +199,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
             contacts = (EXAMPLES / "first-grip.json").read_text(encoding="utf-8")
             (tmp_path / "contacts.json").write_text(contacts)
             args += ["--contacts", "contacts.json"]
-        return run_here([*args, "--rig", "rig.toml", *options], monkeypatch, capsys)
+        return here(*args, "--rig", "rig.toml", *options)
 
     return asked
 
@@ -223,7 +208,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("kind", REFUSED)
 def test_a_catalogue_of_which_nothing_can_be_felt_is_refused(
-    ask: Ask, tmp_path: Path, rig: str, command: str, kind: str
+    ask: Here, tmp_path: Path, rig: str, command: str, kind: str
 ) -> None:
     entry, said = REFUSED[kind]
     ended = ask(command, rig, objects_file(tmp_path / "parts.json", entry), "--json")
@@ -239,7 +224,7 @@ def test_a_catalogue_of_which_nothing_can_be_felt_is_refused(
     ("command", "kind", "rig"), sample(ASKED, [row for row in ASKED if row != ARMS_IDENTIFY])
 )
 def test_a_part_that_cannot_be_felt_is_noticed_beside_others(
-    ask: Ask, tmp_path: Path, rig: str, command: str, kind: str
+    ask: Here, tmp_path: Path, rig: str, command: str, kind: str
 ) -> None:
     entry, said = NOTICED[kind]
     objects = objects_file(tmp_path / "parts.json", entry, part("other"))
@@ -256,13 +241,13 @@ def test_a_part_that_cannot_be_felt_is_noticed_beside_others(
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_what_can_be_felt_gets_no_notice(ask: Ask, tmp_path: Path, rig: str) -> None:
+def test_what_can_be_felt_gets_no_notice(ask: Here, tmp_path: Path, rig: str) -> None:
     objects = objects_file(tmp_path / "parts.json", part("one"), part("two", 0.5))
     for command in ("objects check", "plan"):
         assert "notice" not in ask(command, rig, objects).err
 
 
-def test_an_untouched_table_is_answered_with_what_to_look_at(ask: Ask, tmp_path: Path) -> None:
+def test_an_untouched_table_is_answered_with_what_to_look_at(ask: Here, tmp_path: Path) -> None:
     """A scene off the table is allowed, and said; the run ends with region, heights and arrays."""
     objects = objects_file(tmp_path / "parts.json", part("one"))
     scene = scene_file(tmp_path / "scene.json", "one", 400, 0)

@@ -46,7 +46,7 @@ from palpate.views.report.calibration_numbers import summary
 from support.benches.calibration_files import full_calibration, true_calibration
 from support.benches.rigs import STAGE, quick_bench
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
-from support.commands.command import run_here
+from support.commands.command import Here
 from support.commands.repository import EXAMPLES
 
 FRESH = EXAMPLES / "fresh-stage.toml"
@@ -263,25 +263,21 @@ def test_a_disc_that_is_pushed_is_noticed_and_nothing_is_kept(whole: Whole) -> N
         calibrate(whole.job(("stage",), whole.file), whole.world.connect, kept, quiet)
 
 
-def test_a_rig_without_a_stage_has_no_such_step(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_rig_without_a_stage_has_no_such_step(tmp_path: Path, here: Here) -> None:
     plain = load_rig(EXAMPLES / "fresh-rig.toml")
     assert steps_of(plain, STEPS) == ["actuators", "tactile", "fingers"]
     assert steps_of(load_rig(FRESH), STEPS) == list(STEPS)
     path = tmp_path / "rig.toml"
     path.write_bytes((EXAMPLES / "fresh-rig.toml").read_bytes())
-    ended = run_here(["calibrate", "--rig", path, "stage"], monkeypatch, capsys)
+    ended = here("calibrate", "--rig", path, "stage")
     assert ended.code == 2
     assert 'rig "fresh" has no turning stage to calibrate' in ended.err
 
 
-def test_a_dry_run_tells_of_the_stage(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_dry_run_tells_of_the_stage(tmp_path: Path, here: Here) -> None:
     path = tmp_path / "rig.toml"
     path.write_bytes(FRESH.read_bytes())
-    ended = run_here(["calibrate", "--rig", path, "--dry-run"], monkeypatch, capsys)
+    ended = here("calibrate", "--rig", path, "--dry-run")
     assert ended.code == 0
     assert "the disc beside the stage's axis" in ended.err
 

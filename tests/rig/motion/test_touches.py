@@ -28,7 +28,7 @@ from support.benches.late_grips import ROWS, run_grip
 from support.benches.rigs import firm_rig, small, small_objects, small_parts
 from support.benches.session import EmulatedSession, emulated_session, run_checked, shape_of, small_session
 from support.campaign.sampling import sample
-from support.commands.command import run_here
+from support.commands.command import Here
 from support.commands.repository import EXAMPLES, SHARED_OUTLINES, needs_shared_outlines
 
 # ----------------------------------------------------------------------------------------------------
@@ -290,18 +290,15 @@ def test_servos_hear_from_the_host_while_arrays_answer_late() -> None:
 
 
 @pytest.mark.slow
-def test_a_grip_with_ten_frames_a_second(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_grip_with_ten_frames_a_second(tmp_path: Path, here: Here) -> None:
     """Bus Watchdog is armed with 0.5 s: less than a tare takes here, or five frames."""
-    monkeypatch.chdir(tmp_path)
     text = small(firm_rig())
     text = text.replace("sample_rate_hz = 250.0", "sample_rate_hz = 10.0")
     text = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 10.0")
     text = text.replace("max_grips = 8", "max_grips = 1")
     Path("rig.toml").write_text(text, encoding="utf-8")
     words = ["--rig", "rig.toml", "--objects", small_parts(tmp_path), "--seed", 7, "--json"]
-    done = run_here(["identify", *words], monkeypatch, capsys)
+    done = here("identify", *words)
     assert done.code in (0, 1), done.err
     assert done.json["grips"] == 1
     assert done.json["touches"] == 3

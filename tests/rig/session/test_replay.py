@@ -28,30 +28,23 @@ from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.benches.session import small_session
 from support.campaign.sampling import sample
 from support.commands.command import (
-    Ended,
+    Here,
     log_bytes,
     log_events,
     log_lines,
     missing,
     run,
-    run_here,
     started,
+    violations,
     write_log,
 )
-from support.commands.json_schema import violations
 from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate replay`: sessions in virtual time come about again byte for byte, and what differs is named.
 
-Here = Callable[..., Ended]
 SEEN = "tee"
 """What the small bench has on its table for seed 7."""
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    return lambda *args: run_here(args, monkeypatch, capsys)
 
 
 @pytest.fixture(scope="module")

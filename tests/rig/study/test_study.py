@@ -26,8 +26,7 @@ from support.benches.parts import L_SHAPE, objects, section, stacked_part
 from support.benches.processes import Cluster, cluster
 from support.benches.rigs import small, small_parts
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE, PATIENCE_S, run
-from support.commands.json_schema import violations
+from support.commands.command import PALPATE, PATIENCE_S, run, violations
 from support.commands.pages import Page
 from support.commands.repository import EXAMPLES, ROOT
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import pytest
 import zstandard
+from jsonschema import Draft202012Validator
 
 from palpate.cli.main import main
 
@@ -115,6 +116,10 @@ def started(*words: object, cwd: Path) -> Iterator[Started]:
         command.process.communicate()
 
 
+Here = Callable[..., Ended]
+"""What the fixture `here` gives: the command in this process, in a folder of its own."""
+
+
 def run_here(
     args: Sequence[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Ended:
@@ -168,3 +173,10 @@ def torque_writes(sent: bytes) -> list[tuple[int, int]]:
 def missing(message: str, *words: object) -> list[str]:
     """Those of some words, names and values that a message does not hold."""
     return [str(word) for word in words if str(word) not in message]
+
+
+def violations(value: Any, schema: Any) -> list[str]:
+    """What a JSON Schema says is wrong with a value; empty if nothing is."""
+    return [
+        f"{error.json_path}: {error.message}" for error in Draft202012Validator(schema).iter_errors(value)
+    ]
