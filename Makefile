@@ -11,7 +11,9 @@ TORCH  := $(VENV)/bench-torch
 # the tests start palpate some hundred times; each would compile all of it
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test lint types layers check firmware docs campaign bench bench-torch clean
+REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins/weiss/tests)
+
+.PHONY: help demo test tests lint types layers check firmware docs campaign bench bench-torch clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
@@ -61,12 +63,15 @@ check: lint types layers
 firmware:
 	$(MAKE) -C firmware
 
-# a process a core: more threads for small matrices only stand in each other's way
+# the checks beside the tests: the type checker has a core to itself only while the firmware is built
 test: $(DEV)
-	$(MAKE) --jobs 2 check firmware
+	$(MAKE) --jobs 2 check tests
+
+# a process a core: more threads for small matrices only stand in each other's way
+tests: $(DEV) firmware
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
-# by themselves, two at a time: a client and an emulator share the computer in real time, and mostly wait
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal -m "realtime and not campaign"
+# by themselves, four at a time: a client and an emulator share the computer in real time, and mostly wait
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 4 --dist worksteal -m "realtime and not campaign" $(REALTIME)
 
 # the site, where every warning is an error
 docs: $(DEV)
@@ -101,6 +106,7 @@ bench: $(DEV) $(PEERS)/.installed
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_emulation.py --time --write
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_waiting.py --write
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_growth.py --write
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_peers.py --compare
 
 clean:
 	$(MAKE) -C firmware clean

@@ -8,7 +8,8 @@ preparing a catalogue is not counted. What a peer answers is judged by shapely (
 - missed: of all right answers that any of them gave, those that no answer of this one holds;
 - wrong: answers that break the bounds of a contact, or could not have been reached by the finger.
 
-`--write` puts the tables into docs/performance.md, `--record` the ratios that the test of them compares with.
+`--write` puts the tables into docs/performance.md. `--record` records a few ratios, `--compare` fails when one of
+them has fallen below half of what is recorded.
 """
 
 import argparse
@@ -223,15 +224,19 @@ def main() -> None:
     parser.add_argument("--python", default=sys.executable, help="with the peers, but for those on PyTorch")
     parser.add_argument("--torch-python", default=sys.executable, help="with CHSEL")
     parser.add_argument("--seconds", type=float, default=45.0, help="of each peer and table, about")
-    parser.add_argument("--quick", action="store_true", help="only the ratios that the test compares with")
-    parser.add_argument("--record", action="store_true", help="record the quick ratios")
+    parser.add_argument("--compare", action="store_true", help="only a few ratios, with those recorded")
+    parser.add_argument("--record", action="store_true", help="record these")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/performance.md")
     given = parser.parse_args()
-    if given.quick or given.record:
+    if given.compare or given.record:
         ratios = quick_ratios()
         print(json.dumps(ratios, indent=1))
         if given.record:
             RECORD.write_text(json.dumps(ratios, indent=1) + "\n")
+        recorded = json.loads(RECORD.read_text())
+        halved = [name for name, was in recorded.items() if ratios[name] < was / 2]
+        if halved:
+            sys.exit(f"{', '.join(halved)}: palpate's lead is less than half of what is recorded, {recorded}")
         return
     pythons = {**dict.fromkeys(LIGHT, given.python), **dict.fromkeys(HEAVY, given.torch_python)}
     texts, versions = [], {}

@@ -1,14 +1,17 @@
 """What holds for every test: reproducible properties, and nothing left running behind a test."""
 
+import fcntl
 import os
+import shutil
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from support.benches.rigs import RUNS
 from support.commands.command import Here, run_here
 
 PROCESSOR_S = 600.0
@@ -17,6 +20,30 @@ os.environ["PALPATE_CACHE"] = "off"  # also of commands under test: what was kep
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put slow tests first: workers end at the same time if only quick ones are left."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The folder of a session of `support.benches.rigs.RUNS`, which is run once for all workers."""
+    own = tmp_path_factory.getbasetemp()
+    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+
+    def run_of(name: str) -> Path:
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            folder = shared / f"recorded-{name}"
+            if not folder.exists():
+                made = tmp_path_factory.mktemp(name)
+                shutil.copytree(RUNS[name](made), folder)
+        return folder
+
+    return run_of
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -21,7 +21,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSample, open_samples
-from support.benches.rigs import two_grips
+from support.benches.rigs import RUNS
 from support.commands.command import Here, log_events, violations
 
 
@@ -42,7 +42,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, states: list[tuple[int, fl
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StateReader, "read", noted)
-        return two_grips(tmp_path_factory.mktemp("run"))
+        return RUNS["two grips"](tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ import dynamixel_sdk
 import pytest
 
 from palpate.testing import served
-from support.benches.rigs import firm_rig, quick_bench, slow_rig, two_grips
+from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.commands.command import (
     PALPATE,
     PATIENCE_S,
@@ -87,8 +87,8 @@ def viewed(session: Path) -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return two_grips(tmp_path_factory.mktemp("run"))
+def session(recorded: Callable[[str], Path]) -> Path:
+    return recorded("two grips")
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ import shutil
 import sys
 import xml.etree.ElementTree as ET
 from base64 import b64decode
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,6 @@ from palpate.views.report.calibration_numbers import (
 )
 from palpate.views.report.calibration_plots import residual_histograms, residual_map, svg, taxel_gains
 from support.benches.calibration_files import calibration_example
-from support.benches.rigs import two_grips
 from support.commands.command import Here, log_events, log_lines, write_log
 from support.commands.pages import Page
 
@@ -34,8 +34,8 @@ from support.commands.pages import Page
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return two_grips(tmp_path_factory.mktemp("run"))
+def session(recorded: Callable[[str], Path]) -> Path:
+    return recorded("two grips")
 
 
 def report_of(here: Here, session: Path) -> tuple[str, Page]:

@@ -4,7 +4,7 @@ import csv
 import json
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -38,10 +38,8 @@ from palpate.views.table_picture.values import (
     PredictedStop,
     TouchMark,
 )
-from support.benches.rigs import two_grips
 from support.commands.command import log_events
 from support.commands.pages import Page
-from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
 # The picture: well-formed, deterministic, in its frame, honest in its numbers, labels in free places.
@@ -374,8 +372,8 @@ def test_a_pad_is_a_line_across_its_way() -> None:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return two_grips(tmp_path_factory.mktemp("run"), rig=EXAMPLES / "pad-rig.toml")
+def session(recorded: Callable[[str], Path]) -> Path:
+    return recorded("two grips with pads")
 
 
 @pytest.fixture(scope="module")

@@ -136,7 +136,7 @@ def test_a_wrong_object_is_refused_as_ever(objects: list[ObjectModel], tmp_path:
         prepare_catalogue(wrong, FINGERS, cache=Cache(tmp_path))
 
 
-@pytest.mark.parametrize("cases", [6, pytest.param(200, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("cases", [3, pytest.param(200, marks=pytest.mark.campaign)])
 def test_damaged_files_are_made_anew(
     objects: list[ObjectModel], expected: dict[str, bytes], tmp_path: Path, cases: int
 ) -> None:
@@ -185,7 +185,7 @@ def _start(folder: Path, task: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [3, pytest.param(8, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.campaign)])
 def test_processes_that_start_at_once_agree(fresh: Catalogue, tmp_path: Path, count: int) -> None:
     running = [_start(tmp_path, "once") for _ in range(count)]
     answers = {process.communicate(timeout=PATIENCE_S)[0].strip() for process in running}
@@ -194,7 +194,7 @@ def test_processes_that_start_at_once_agree(fresh: Catalogue, tmp_path: Path, co
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kills", [4, pytest.param(50, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("kills", [2, pytest.param(50, marks=pytest.mark.campaign)])
 def test_a_start_after_a_kill_gives_the_same_answer(
     objects: list[ObjectModel], expected: dict[str, bytes], tmp_path: Path, kills: int
 ) -> None:

@@ -48,24 +48,15 @@ SEEN = "tee"
 
 
 @pytest.fixture(scope="module")
-def seed_7(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def seed_7(recorded: Callable[[str], Path]) -> Path:
     """The folder of a session on a small bench."""
-    folder = tmp_path_factory.mktemp("small")
-    rig, parts = quick_bench(folder)
-    done = run("identify", "--rig", rig, "--objects", parts, "--seed", 7, "--json", cwd=folder)
-    assert (done.code, done.json["object"]) == (0, SEEN), done.err
-    return folder / str(done.json["session"])
+    return recorded("whole")
 
 
 @pytest.fixture(scope="module")
-def one_grip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def one_grip(recorded: Callable[[str], Path]) -> Path:
     """The folder of a session that gave up after its first grip: quick to replay."""
-    folder = tmp_path_factory.mktemp("one-grip")
-    rig, parts = quick_bench(folder)
-    words = ("--rig", brief(rig, folder), "--objects", parts, "--seed", 7, "--json")
-    done = run("identify", *words, cwd=folder)
-    assert (done.code, done.json["verdict"]) == (1, "unresolved")
-    return folder / str(done.json["session"])
+    return recorded("one grip")
 
 
 def brief(rig: Any, folder: Path) -> Path:

@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -122,17 +123,23 @@ def small_parts(folder: Path) -> Path:
 
 
 # ----------------------------------------------------------------------------------------------------
-# A recorded session of two grips on emulated devices.
+# Recorded sessions on emulated devices, of seed 7; the fixture `recorded` runs each once.
 
 
-def two_grips(folder: Path, seed: int = 7, rig: Path | None = None) -> Path:
-    """The session's folder, in `folder`; `rig`: another rig file than the shipped one's."""
-    text, number = re.subn(
-        r"max_grips = \d+", "max_grips = 2", (rig or firm_rig()).read_text(encoding="utf-8")
-    )
+def grips(folder: Path, count: int, rig: Path, objects: Path | None = None) -> Path:
+    """The folder, in `folder`, of a session that gives up after so many grips."""
+    text, number = re.subn(r"max_grips = \d+", f"max_grips = {count}", rig.read_text(encoding="utf-8"))
     assert number == 1
     (folder / "brief.toml").write_text(text)
-    with palpate.open_rig(folder / "brief.toml", seed=seed) as opened:
-        opened.identify(sessions=folder / "sessions")
+    with palpate.open_rig(folder / "brief.toml", seed=7) as opened:
+        opened.identify(objects, sessions=folder / "sessions")
     (found,) = (folder / "sessions").iterdir()
     return found
+
+
+RUNS: Mapping[str, Callable[[Path], Path]] = {
+    "two grips": lambda folder: grips(folder, 2, firm_rig()),
+    "two grips with pads": lambda folder: grips(folder, 2, EXAMPLES / "pad-rig.toml"),
+    "one grip": lambda folder: grips(folder, 1, *quick_bench(folder)),
+    "whole": lambda folder: grips(folder, 8, *quick_bench(folder)),
+}
