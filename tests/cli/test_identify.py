@@ -15,7 +15,7 @@ from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
-from support.commands.command import log_bytes, log_events, run, started, torque_writes, violations
+from support.commands.command import Here, log_bytes, log_events, run, started, torque_writes, violations
 
 IDS = (11, 12, 21, 22, 31, 32)
 WALL = re.compile(r'"wall_seconds": [0-9.e-]+')
@@ -141,10 +141,10 @@ def off_at_the_end(events: list[dict[str, Any]]) -> set[int]:
 
 
 def test_a_scene_places_the_object_and_people_are_told_where(
-    tmp_path: Path, on_bench: tuple[object, ...]
+    tmp_path: Path, on_bench: tuple[object, ...], here: Here
 ) -> None:
     where = scene(tmp_path, "tee", 5.5, -3.25, -2.0)
-    done = run("identify", *on_bench, "--scene", where, "--picture", "made.svg", cwd=tmp_path)
+    done = here("identify", *on_bench, "--scene", where, "--picture", "made.svg")
     assert done.code == 0, done.err
     assert done.out.startswith("identified: tee, flat\n")
     assert "inside the bounds" in done.out
@@ -161,7 +161,7 @@ def test_a_scene_places_the_object_and_people_are_told_where(
 
 @pytest.mark.parametrize("seed", [2])
 def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(
-    tmp_path: Path, on_bench: tuple[object, ...], seed: int
+    tmp_path: Path, on_bench: tuple[object, ...], seed: int, here: Here
 ) -> None:
     (tmp_path / "odd.json").write_text(
         json.dumps(
@@ -179,7 +179,7 @@ def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(
         )
     )
     where = scene(tmp_path, "odd-one", -21.0, -17.0, 0.4 * seed, objects="odd.json")
-    done = run("identify", *on_bench, "--scene", where, "--seed", seed, "--json", cwd=tmp_path)
+    done = here("identify", *on_bench, "--scene", where, "--seed", seed, "--json")
     assert done.code == 1, done.err
     assert errors(done.json) == []
     assert done.json["verdict"] == "unknown"
@@ -189,9 +189,9 @@ def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(
     assert not done.json["truth"]["named"]
 
 
-def test_a_port_that_does_not_exist_is_named(tmp_path: Path) -> None:
+def test_a_port_that_does_not_exist_is_named(tmp_path: Path, here: Here) -> None:
     rig = real_rig(tmp_path, bus="/dev/serial/by-id/no-such-adapter")
-    done = run("identify", "--rig", rig, "--json", cwd=tmp_path)
+    done = here("identify", "--rig", rig, "--json")
     assert done.code == 3
     assert done.out == ""
     (line,) = done.err.splitlines()
@@ -199,7 +199,7 @@ def test_a_port_that_does_not_exist_is_named(tmp_path: Path) -> None:
     assert list(tmp_path.glob("palpate-sessions/*")) == [], "a start that failed leaves no session"
 
 
-def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path) -> None:
+def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path, here: Here) -> None:
     """A finger that calls it a contact only just below the limit has pressed too hard before it stands."""
     text = firm_rig().read_text(encoding="utf-8")
     for old, new in (
@@ -210,7 +210,7 @@ def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path) -> None:
         assert old in text
         text = text.replace(old, new)
     (tmp_path / "hasty.toml").write_text(text)
-    done = run("identify", "--rig", "hasty.toml", "--seed", 7, "--json", cwd=tmp_path)
+    done = here("identify", "--rig", "hasty.toml", "--seed", 7, "--json")
     assert done.code == 4
     assert done.out == ""
     (line,) = done.err.splitlines()

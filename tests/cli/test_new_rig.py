@@ -352,8 +352,8 @@ def test_a_bus_without_servos_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bench", sample(SHIPPED_RIGS[1:], SHIPPED_RIGS[2:]))
-def test_a_shipped_bench_is_copied_and_can_be_run(bench: str, tmp_path: Path) -> None:
-    ended = run("init", "--bench", bench, "--out", "mine.toml", cwd=tmp_path)
+def test_a_shipped_bench_is_copied_and_can_be_run(bench: str, tmp_path: Path, here: Here) -> None:
+    ended = here("init", "--bench", bench, "--out", "mine.toml")
     assert (ended.code, ended.err) == (0, "")
     rig = palpate.open_rig(tmp_path / "mine.toml", seed=2)
     assert rig.file == load_rig(shipped_rig(bench))
@@ -362,7 +362,7 @@ def test_a_shipped_bench_is_copied_and_can_be_run(bench: str, tmp_path: Path) ->
     assert truth is not None
     assert (answer.verdict.value, answer.object) == ("identified", truth.object)
     assert truth.inside_bounds
-    again = run("init", "--bench", bench, "--out", "mine.toml", cwd=tmp_path)
+    again = here("init", "--bench", bench, "--out", "mine.toml")
     assert (again.code, again.err) == (
         2,
         "error: mine.toml is there already: choose another with --out, or remove it\n",
@@ -378,17 +378,19 @@ def test_a_shipped_bench_is_copied_and_can_be_run(bench: str, tmp_path: Path) ->
         (("--bench", "bench", "--array", "/dev/null"), "a copied rig has its own"),
     ],
 )
-def test_port_and_bench_exclude_each_other(words: tuple[str, ...], told: str, tmp_path: Path) -> None:
-    ended = run("init", *words, "--out", "mine.toml", cwd=tmp_path)
+def test_port_and_bench_exclude_each_other(
+    words: tuple[str, ...], told: str, tmp_path: Path, here: Here
+) -> None:
+    ended = here("init", *words, "--out", "mine.toml")
     assert (ended.code, ended.err.count("\n")) == (2, 1)
     assert told in ended.err
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("bench", SHIPPED_RIGS[1:])
-def test_the_drawing_in_the_docs_is_that_of_the_file(bench: str, tmp_path: Path) -> None:
+def test_the_drawing_in_the_docs_is_that_of_the_file(bench: str, tmp_path: Path, here: Here) -> None:
     with as_file(shipped_rig(bench)) as file:
-        ended = run("check", "--rig", file, "--picture", "rig.svg", cwd=tmp_path)
+        ended = here("check", "--rig", file, "--picture", "rig.svg")
     assert ended.code == 0
     drawn = (tmp_path / "rig.svg").read_text(encoding="utf-8")
     assert (DOCS / "images" / f"{bench}.svg").read_text(encoding="utf-8").strip() == drawn.strip()

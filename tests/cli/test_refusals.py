@@ -177,16 +177,16 @@ def test_wrong_options(here: Here, args: list[str], said: str) -> None:
     refused(here(*args), said)
 
 
-def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+def test_places_that_cannot_be_written(tmp_path: Path, here: Here) -> None:
     """Found out before the fingers move, not after."""
     (tmp_path / "file").write_text("in the way")
-    refused(run("identify", "--sessions", "file/sessions", "--json", cwd=tmp_path), "file/sessions")
-    ended = run("identify", "--picture", "no/such/folder/made.svg", "--json", cwd=tmp_path)
+    refused(here("identify", "--sessions", "file/sessions", "--json"), "file/sessions")
+    ended = here("identify", "--picture", "no/such/folder/made.svg", "--json")
     refused(ended, "no/such/folder/made.svg", "cannot be written")
-    refused(run("emulate", "--rig-out", "no/such/rig.toml", "--for", 1, cwd=tmp_path), "no/such/rig.toml")
+    refused(here("emulate", "--rig-out", "no/such/rig.toml", "--for", 1), "no/such/rig.toml")
     recognised = ("recognize", "--objects", shipped_objects(), "--contacts")
     felt = EXAMPLES / "contacts.json"
-    refused(run(*recognised, felt, "--picture", "file/x.svg", cwd=tmp_path), "file/x.svg")
+    refused(here(*recognised, felt, "--picture", "file/x.svg"), "file/x.svg")
 
 
 def test_the_installed_command_says_it_in_one_line(tmp_path: Path) -> None:

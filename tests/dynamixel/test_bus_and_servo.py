@@ -32,16 +32,17 @@ from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 from support.devices.ports import Listener
+from support.devices.simple import Passing
 
 BAUD = 1_000_000
 STEP_S = 1e-3
 
 
-class FaultyWire:
+class FaultyWire(Passing):
     """Lies between port and device and spoils things on demand."""
 
     def __init__(self, device: Device) -> None:
-        self._device = device
+        super().__init__(device)
         self.unplugged = False
         self.flip_answer: int | None = None  # which answer, from now on, gets one bit flipped
         self.lose_answer: int | None = None
@@ -62,12 +63,6 @@ class FaultyWire:
             del answers[self.lose_answer]
             self.lose_answer = None
         return answers
-
-    def poll(self, now: float) -> list[Emission]:
-        return self._device.poll(now)
-
-    def next_due(self) -> float | None:
-        return self._device.next_due()
 
 
 @dataclass

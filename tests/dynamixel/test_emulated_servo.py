@@ -241,22 +241,6 @@ def chain_of(*ids: int) -> tuple[ServoChain, dict[int, EmulatedServo]]:
     return ServoChain(list(servos.values()), lambda _: None), servos
 
 
-def sync_read(*ids: int) -> bytes:
-    return encode_instruction(
-        InstructionPacket(BROADCAST_ID, Instruction.SYNC_READ, b"\x84\0\4\0" + bytes(ids))
-    )
-
-
-def test_sync_read_answers_in_the_order_asked_one_after_another() -> None:
-    chain, _ = chain_of(1, 2, 3)
-    answers = chain.feed(sync_read(3, 1, 2), 1.0)
-    packets = [Parser().feed(data)[0] for _, data in answers]
-    assert [packet.dxl_id for packet in packets] == [3, 1, 2]
-    instants = [instant for instant, _ in answers]
-    # Return Delay Time's default is 500 µs, and 15 bytes take 150 µs
-    assert instants == pytest.approx([1.0005, 1.00115, 1.0018])
-
-
 def test_broadcast_ping_is_answered_by_all_and_broadcast_write_by_none() -> None:
     chain, servos = chain_of(5, 2)
     ping = encode_instruction(InstructionPacket(BROADCAST_ID, Instruction.PING))

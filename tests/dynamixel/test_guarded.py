@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from serial.serialutil import SerialBase
 
 from palpate.base.errors import SafetyStop
 from palpate.drivers.dynamixel.bus import Bus
@@ -181,17 +182,12 @@ def test_current_control_mode(shafts: Shafts) -> None:
 # States in recorded bytes are those that the host has read, however it asked for them.
 
 
-@pytest.mark.parametrize("firmware", [44, 52])
-@pytest.mark.parametrize("models", [("XM430-W350",) * 4, ("XM430-W350", "XL330-M288", "XM430-W350")])
-def test_every_state_that_was_read_is_found(
-    firmware: int, models: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    wire = MotorWire([EmulatedServo(k, model=name, firmware=firmware) for k, name in enumerate(models, 1)])
-    port = open_port(wire.url, 1_000_000)
-    traffic = StateTraffic({k: model_by_name(name) for k, name in enumerate(models, 1)})
+def tap(
+    port: SerialBase, traffic: StateTraffic, monkeypatch: pytest.MonkeyPatch, rng: random.Random
+) -> list[tuple[int, ServoState]]:
+    """What `traffic` finds in what goes over a port from now on, cut anywhere."""
     found: list[tuple[int, ServoState]] = []
     write, read = port.write, port.read
-    rng = random.Random(firmware)
 
     def written(data: bytes) -> int | None:
         traffic.take_sent(data)
@@ -206,6 +202,19 @@ def test_every_state_that_was_read_is_found(
 
     monkeypatch.setattr(port, "write", written)
     monkeypatch.setattr(port, "read", taken)
+    return found
+
+
+@pytest.mark.parametrize("firmware", [44, 52])
+@pytest.mark.parametrize("models", [("XM430-W350",) * 4, ("XM430-W350", "XL330-M288", "XM430-W350")])
+def test_every_state_that_was_read_is_found(
+    firmware: int, models: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = MotorWire([EmulatedServo(k, model=name, firmware=firmware) for k, name in enumerate(models, 1)])
+    port = open_port(wire.url, 1_000_000)
+    traffic = StateTraffic({k: model_by_name(name) for k, name in enumerate(models, 1)})
+    rng = random.Random(firmware)
+    found = tap(port, traffic, monkeypatch, rng)
     bus = Bus(port, wire.clock, 1_000_000, latency_s=1e-3)
     servos = [Servo(bus, k, name) for k, name in enumerate(models, 1)]
     for servo in servos:
@@ -239,20 +248,7 @@ def test_a_turn_that_is_marked_counts_from_then_on(is_read: bool, monkeypatch: p
     assert item is not None
     if is_read:
         bus.write(1, item, mark_value(-2))
-    traffic, found = StateTraffic({1: servo.model}), []
-    write, read = port.write, port.read
-
-    def written(data: bytes) -> int | None:
-        traffic.take_sent(data)
-        return write(data)
-
-    def taken(size: int = 1) -> bytes:
-        data = read(size)
-        found.extend(traffic.take_received(data))
-        return data
-
-    monkeypatch.setattr(port, "write", written)
-    monkeypatch.setattr(port, "read", taken)
+    found = tap(port, StateTraffic({1: servo.model}), monkeypatch, random.Random(1))
     if is_read:
         assert turns_of_mark(bus.read(1, item)) == -2
     else:

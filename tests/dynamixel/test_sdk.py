@@ -34,6 +34,7 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
+from support.devices.simple import Quiet
 
 # ----------------------------------------------------------------------------------------------------
 # Defects of the vendor's SDK that our bus is built around: each shown on the plain SDK.
@@ -47,7 +48,7 @@ POSITION = (132, 4)
 
 
 @dataclass
-class Answering:
+class Answering(Quiet):
     """Gives the same answers to every packet, one after the other."""
 
     answers: Sequence[StatusPacket] = ()
@@ -58,12 +59,6 @@ class Answering:
         found = [packet for packet in self.parser.feed(data) if isinstance(packet, InstructionPacket)]
         self.heard += found
         return [(now, encode_status(answer)) for _ in found for answer in self.answers]
-
-    def poll(self, now: float) -> list[Emission]:  # noqa: ARG002
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 @dataclass
@@ -171,7 +166,7 @@ HEADER_LIKE = [0xFF, 0xFF, 0xFD, 0xFD]
 LOST_BY_SDK = bytes.fromhex("fffffdfffdfd")
 
 
-class Listener:
+class Listener(Quiet):
     """Keeps what it hears and confirms every packet that is addressed to servo 1."""
 
     def __init__(self) -> None:
@@ -187,12 +182,6 @@ class Listener:
         found = self._parser.feed(data)
         self.packets += found
         return [(now, encode_status(StatusPacket(1))) for packet in found if packet.dxl_id == 1]
-
-    def poll(self, now: float) -> list[Emission]:  # noqa: ARG002
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 class PlainPortHandler(PortHandler):  # type: ignore[misc]

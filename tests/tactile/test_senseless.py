@@ -18,6 +18,7 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.wire import Emission
 from support.commands.command import missing
 from support.devices.array_wire import MemoryPort, plugged
+from support.devices.simple import Quiet
 from support.oracles.array_messages import DESCRIBE_PAYLOAD, SMALL, wire
 
 # ----------------------------------------------------------------------------------------------------
@@ -46,7 +47,7 @@ def describe(
     return head + struct.pack(f"<{len(reals)}f", *reals) + bytes((length,)) + name + tail
 
 
-class Firmware:
+class Firmware(Quiet):
     """New firmware: whatever it is asked, it answers with what `say` makes of the request's number."""
 
     def __init__(self, say: "Say", *, first: bool = False) -> None:
@@ -65,12 +66,6 @@ class Firmware:
             else:
                 out.append((now, self.say(number)))
         return out
-
-    def poll(self, _now: float) -> list[Emission]:
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 class Say:
@@ -91,61 +86,19 @@ class Say:
 NAN, INF = math.nan, math.inf
 SENSELESS: dict[str, tuple[dict[str, object], str]] = {
     "no rows": ({"rows": 0, "reals": (-0.5, 0.0, 0.5)}, "rows 0 (allowed: 1 to 255)"),
-    "no columns": ({"cols": 0, "reals": (1.0, 3.0)}, "columns 0 (allowed: 1 to 255)"),
-    "too many taxels": (
-        {"rows": 255, "cols": 17, "reals": np.arange(272.0)},
-        "255 x 17 taxels, together 4335 (allowed: 1 to 4096)",
-    ),
     "more rows than positions": ({"rows": 40}, "a payload of 65 bytes (allowed: 212 or more, with 40 rows"),
     "depth 0": ({"depth": 0}, "bit depth 0 (allowed: 1 to 16)"),
-    "depth 17": ({"depth": 17}, "bit depth 17 (allowed: 1 to 16)"),
-    "depth 32": ({"depth": 32}, "bit depth 32 (allowed: 1 to 16)"),
-    "depth 255": ({"depth": 255}, "bit depth 255"),
-    "rate 0": ({"rate": 0}, "maximum rate 0 Hz (allowed: 0.001 to"),
     "scale 0": ({"scale": 0.0}, "full scale 0 N (allowed: 0.001 to 100000 N)"),
-    "scale negative": ({"scale": -1.0}, "full scale -1 N"),
-    "scale nan": ({"scale": NAN}, "full scale nan N"),
-    "scale inf": ({"scale": INF}, "full scale inf N"),
-    "scale huge": ({"scale": 1e38}, "full scale 1e+38 N"),
-    "per N 0": ({"per_n": 0.0}, "counts per N 0 (allowed: 0.001 to 1e+07)"),
-    "per N negative": ({"per_n": -5.0}, "counts per N -5"),
-    "per N nan": ({"per_n": NAN}, "counts per N nan"),
-    "per N inf": ({"per_n": -INF}, "counts per N -inf"),
-    "per N tiny": ({"per_n": 1e-38}, "counts per N 9.999999e-39 (allowed"),
-    "per N huge": ({"per_n": 1e38}, "counts per N 1e+38"),
-    "radius 0": ({"radius": 0.0}, "tip radius 0 mm (allowed: 0.1 to 1000 mm)"),
-    "radius negative": ({"radius": -5.0}, "tip radius -5 mm"),
-    "radius nan": ({"radius": NAN}, "tip radius nan mm"),
-    "radius huge": ({"radius": 1e30}, "tip radius 1e+30 mm"),
     "shape 3": ({"shape": 3}, "shape 3 (allowed: 0 flat, 1 cylinder, 2 free)"),
-    "shape 255": ({"shape": 255}, "shape 255"),
     "free with positions": ({"shape": 2}, "name length 0 (allowed: 25, the bytes that follow)"),
-    "flat in rad as degrees": (
-        {"reals": (-30.0, 0.0, 30.0, 1.0, 3.0)},
-        "column 0 at -30 rad (allowed: -3.1416 to 3.1416 rad)",
-    ),
     "columns nan": ({"reals": (-0.5, NAN, 0.5, 1.0, 3.0)}, "column 1 at nan rad"),
-    "columns inf": ({"reals": (-0.5, 0.0, INF, 1.0, 3.0)}, "column 2 at inf rad"),
-    "pitch 0": (
-        {"reals": (0.0, 0.0, 0.5, 1.0, 3.0)},
-        "column 1 at 0 rad after one at 0 rad (allowed: asc",
-    ),
-    "pitch negative": ({"reals": (0.5, 0.0, -0.5, 1.0, 3.0)}, "column 1 at 0 rad after one at 0.5 rad"),
-    "pitch tiny": ({"reals": (0.0, 1e-38, 0.5, 1.0, 3.0)}, "column 1 at 9.999999e-39 rad after one"),
-    "rows nan": ({"reals": (-0.5, 0.0, 0.5, NAN, 3.0)}, "row 0 at nan mm (allowed: -1000 to 1000 mm)"),
-    "rows inf": ({"reals": (-0.5, 0.0, 0.5, 1.0, -INF)}, "row 1 at -inf mm"),
-    "rows far": ({"reals": (-0.5, 0.0, 0.5, 1.0, 3e6)}, "row 1 at 3000000 mm"),
-    "rows descend": ({"reals": (-0.5, 0.0, 0.5, 3.0, 1.0)}, "row 1 at 1 mm after one at 3 mm"),
+    "pitch 0": ({"reals": (0.0, 0.0, 0.5, 1.0, 3.0)}, "column 1 at 0 rad after one at 0 rad (allowed"),
     "name not UTF-8": ({"name": b"caf\xe9"}, "firmware name 'caf\\xe9' (allowed: UTF-8)"),
     "name cut": ({"name": b"emu", "name_length": 9}, "name length 9 (allowed: 3, the bytes that follow)"),
     "name long": ({"tail": b"\0\0"}, "name length 5 (allowed: 7, the bytes that follow)"),
     "empty": ({"payload": b""}, "DESCRIBE with a payload of 2 bytes"),
     "nothing at all": ({"payload": b"", "numbered": False}, "DESCRIBE with a payload of 0 bytes"),
-    "short": ({"payload": bytes(30)}, "DESCRIBE with a payload of 32 bytes"),
-    "no name": (
-        {"name": b"", "payload": DESCRIBE_PAYLOAD[2:-6]},
-        "a payload of 59 bytes (allowed: 60 or more",
-    ),
+    "no name": ({"name": b"", "payload": DESCRIBE_PAYLOAD[2:-6]}, "a payload of 59 bytes (allowed: 60"),
 }
 
 

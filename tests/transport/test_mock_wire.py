@@ -19,20 +19,15 @@ from palpate.drivers.transport.ports import FollowedPorts, PortMissing, open_por
 from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.replay import PlaybackPort, RecordedBytes
 from palpate.drivers.transport.wire import Emission
+from support.devices.simple import Quiet
 
 # ----------------------------------------------------------------------------------------------------
 # Time on mock wires, and how ports that are not there are reported.
 
 
-class Echo:
+class Echo(Quiet):
     def feed(self, data: bytes, now: float) -> list[Emission]:
         return [(now + 1e-4, data)]
-
-    def poll(self, now: float) -> list[Emission]:  # noqa: ARG002
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 def test_wire_time_is_accounted_both_ways() -> None:
@@ -172,7 +167,7 @@ def test_hubs_of_one_name_do_not_collide() -> None:
 # Emulated USB adapters: when what a device sends reaches the host, and in which pieces.
 
 
-class Answers:
+class Answers(Quiet):
     """Answers each write 0.1 ms later with `answer`."""
 
     def __init__(self, answer: bytes) -> None:
@@ -181,12 +176,6 @@ class Answers:
     def feed(self, data: bytes, now: float) -> list[Emission]:
         self.heard += data
         return [(now + 1e-4, self.answer)]
-
-    def poll(self, now: float) -> list[Emission]:  # noqa: ARG002
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 def plugged(

@@ -27,6 +27,7 @@ from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 from support.commands.command import PATIENCE_S, until
 from support.devices.ports import Listener
+from support.devices.simple import Quiet
 
 # ----------------------------------------------------------------------------------------------------
 # One suite for every kind of port: what a client may rely on, in virtual time, on a pty and on TCP alike.
@@ -407,15 +408,9 @@ def test_rate_set_by_number(pty: tuple[int, int], rate: int) -> None:
     assert baud_rate(master) == rate
 
 
-class Echo:
+class Echo(Quiet):
     def feed(self, data: bytes, now: float) -> list[Emission]:
         return [(now, data)]
-
-    def poll(self, now: float) -> list[Emission]:  # noqa: ARG002
-        return []
-
-    def next_due(self) -> float | None:
-        return None
 
 
 @pytest.mark.parametrize("rate", [1_000_000, 4_500_000])

@@ -54,70 +54,34 @@ def ended(verdict: IdentificationVerdict, **values: Any) -> IdentificationOut:
 NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None, "bounds": None}
 
 
+SURE, TWINS, OPEN, NONE = (
+    IdentificationVerdict.IDENTIFIED,
+    IdentificationVerdict.INDISTINGUISHABLE,
+    IdentificationVerdict.UNRESOLVED,
+    IdentificationVerdict.UNKNOWN,
+)
+
+
 @pytest.mark.parametrize(
-    ("out", "first", "line"),
+    ("verdict", "values", "line"),
     [
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=3),
-            "identified: plate, flat",
-            "3 touches matched",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=6.25),
-            "identified: plate, flat",
-            "detectable shift before the last grip: 6.2 mm",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=None),
-            "identified: plate, flat",
-            "a shift of the part before the last grip would hardly have been detected",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=1229.0),
-            "identified: plate, flat",
-            "a shift of the part before the last grip would hardly have been detected",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=3, stranger_probability=0.0043),
-            "identified: plate, flat",
-            "outside the catalogue would have matched, too, with probability 0.43 %",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, predicted=9, stranger_probability=0.000002),
-            "identified: plate, flat",
-            "with probability less than 0.01 %",
-        ),
-        (
-            ended(IdentificationVerdict.IDENTIFIED, moved_before=(2,)),
-            "identified: plate, flat",
-            "moved before grip 2",
-        ),
-        (
-            ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TWIN,)),
-            "indistinguishable: plate, flat",
-            "  or other, flat at x 1.00 mm, y 2.00 mm, θ 28.65°",
-        ),
-        (
-            ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TURNED,)),
-            "indistinguishable: plate, flat",
-            "  or turned by 179.8° and moved by 0.4 mm: x 1.00 mm, y 2.00 mm, θ 28.65°",
-        ),
-        (
-            ended(IdentificationVerdict.UNRESOLVED, alternatives=(TWIN,) * 20),
-            "unresolved: plate, flat",
-            "one of 8 more; the JSON",
-        ),
-        (
-            ended(IdentificationVerdict.UNKNOWN, moved_before=(3,), **NOTHING),
-            "unknown: ",
-            "moved before grip 3",
-        ),
+        (SURE, {"predicted": 3}, "3 touches matched"),
+        (SURE, {"predicted": 3, "detectable_shift": 6.25}, "before the last grip: 6.2 mm"),
+        (SURE, {"predicted": 3, "detectable_shift": None}, "would hardly have been detected"),
+        (SURE, {"predicted": 3, "detectable_shift": 1229.0}, "would hardly have been detected"),
+        (SURE, {"predicted": 3, "stranger_probability": 0.0043}, "with probability 0.43 %"),
+        (SURE, {"predicted": 9, "stranger_probability": 0.000002}, "with probability less than 0.01 %"),
+        (SURE, {"moved_before": (2,)}, "moved before grip 2"),
+        (TWINS, {"alternatives": (TWIN,)}, "  or other, flat at x 1.00 mm, y 2.00 mm, θ 28.65°"),
+        (TWINS, {"alternatives": (TURNED,)}, "  or turned by 179.8° and moved by 0.4 mm: x 1.00 mm"),
+        (OPEN, {"alternatives": (TWIN,) * 20}, "one of 8 more; the JSON"),
+        (NONE, {"moved_before": (3,), **NOTHING}, "moved before grip 3"),
     ],
 )
-def test_words(out: IdentificationOut, first: str, line: str) -> None:
-    said = answer_lines(out)
-    assert said[0].startswith(first)
-    assert any(line in other for other in said[1:])
+def test_words(verdict: IdentificationVerdict, values: dict[str, Any], line: str) -> None:
+    first, *others = answer_lines(ended(verdict, **values))
+    assert first.startswith(f"{verdict.value}: " + ("" if "object" in values else "plate, flat"))
+    assert any(line in other for other in others)
 
 
 def test_nothing_is_said_that_is_not_so() -> None:

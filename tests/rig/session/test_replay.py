@@ -108,7 +108,7 @@ def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path,
     assert told["sent_bytes"] == sent_bytes(seed_7)
 
 
-def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path: Path) -> None:
+def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path: Path, here: Here) -> None:
     def change(lines: list[str]) -> list[str]:
         found, checked = [], 0
         for line in lines:
@@ -127,7 +127,7 @@ def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path
     text = (folder / "rig.toml").read_text(encoding="utf-8")
     keys = "stranger_chance = 0.01\nunnoticed_shift_mm = 10.0"
     (folder / "rig.toml").write_text(text.replace("[search]", f"[search]\n{keys}"), encoding="utf-8")
-    done = run("replay", folder, cwd=tmp_path)
+    done = here("replay", folder)
     assert (done.code, "all as recorded" in done.out) == (0, True)
     first, second = done.err.splitlines()
     assert "search.stranger_chance is now called false_match_probability" in first
@@ -155,7 +155,7 @@ def test_the_truth_of_a_part_that_was_pushed_is_read_from_the_log(tmp_path: Path
     rig, parts = quick_bench(tmp_path)
     light = '[emulation.part]\nengine = "mujoco"\nmass_kg = 0.5\n\n[[fingers]]'
     rig.write_text(brief(rig, tmp_path).read_text().replace("[[fingers]]", light, 1))
-    done = run("identify", "--rig", rig, "--objects", parts, "--seed", 7, "--json", cwd=tmp_path)
+    done = here("identify", "--rig", rig, "--objects", parts, "--seed", 7, "--json")
     truth = done.json["truth"]
     session = tmp_path / done.json["session"]
     (event,) = [item for item in log_events(session / "session.jsonl.zst") if item["event"] == "truth"]
@@ -286,20 +286,20 @@ def test_a_log_from_before_there_were_replays_is_refused(one_grip: Path, tmp_pat
 
 @pytest.mark.campaign
 @pytest.mark.slow
-def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path) -> None:
+def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path, here: Here) -> None:
     rig = brief(EXAMPLES / "two-link-rig.toml", tmp_path)
     text = rig.read_text().replace("sample_rate_hz = 250.0", "sample_rate_hz = 125.0")
     rig.write_text(text.replace("radius_mm = 110.0", "radius_mm = 70.0"))
     args = ("--rig", rig, "--seed", 3, "--strategy", "random", "--json")
-    done = run("identify", *args, cwd=tmp_path)
+    done = here("identify", *args)
     assert done.code in (0, 1), done.err
-    again = run("replay", done.json["session"], "--json", cwd=tmp_path)
+    again = here("replay", done.json["session"], "--json")
     assert again.code == 0, again.out + again.err
     assert again.json["same"]
     assert (again.json["verdict"], again.json["object"]) == (done.json["verdict"], done.json["object"])
 
 
-def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path) -> None:
+def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path, here: Here) -> None:
     odd = {
         "name": "odd-one",
         "height": 20.0,
@@ -317,11 +317,11 @@ def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path)
     (tmp_path / "scene.json").write_text(json.dumps(scene))
     rig, parts = quick_bench(tmp_path)
     words = ("--rig", brief(rig, tmp_path), "--objects", parts, "--scene", "scene.json", "--json")
-    done = run("identify", *words, cwd=tmp_path)
+    done = here("identify", *words)
     assert done.code == 1, done.err
     (tmp_path / "odd.json").unlink()
     (tmp_path / "scene.json").unlink()
-    again = run("replay", done.json["session"], cwd=tmp_path)
+    again = here("replay", done.json["session"])
     assert again.code == 0, again.out + again.err
     assert again.out.rstrip().endswith(f"all as recorded; {done.json['verdict']}")
 
@@ -429,7 +429,7 @@ def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> 
     ):
         text = text.replace(old, new)
     (tmp_path / "hasty.toml").write_text(text)
-    assert run("identify", "--rig", "hasty.toml", "--seed", 5, "--json", cwd=tmp_path).code in (3, 4)
+    assert here("identify", "--rig", "hasty.toml", "--seed", 5, "--json").code in (3, 4)
     (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
     done = here("replay", log.parent)
     assert (done.code, done.err) == (0, ""), done.out

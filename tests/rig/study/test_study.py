@@ -26,7 +26,7 @@ from support.benches.parts import L_SHAPE, objects, section, stacked_part
 from support.benches.processes import Cluster, cluster
 from support.benches.rigs import small, small_parts
 from support.campaign.sampling import sample
-from support.commands.command import PALPATE, PATIENCE_S, run, violations
+from support.commands.command import PALPATE, PATIENCE_S, Here, run, violations
 from support.commands.pages import Page
 from support.commands.repository import EXAMPLES, ROOT
 
@@ -141,19 +141,19 @@ def test_what_is_wrong_with_a_file_of_runs_is_said_and_costs_no_run(tmp_path: Pa
     assert again.model_copy(update={"seconds": whole.seconds}) == whole
 
 
-def test_a_rig_of_which_too_little_is_known_is_refused_as_identify_does(tmp_path: Path) -> None:
+def test_a_rig_of_which_too_little_is_known_is_refused_as_identify_does(tmp_path: Path, here: Here) -> None:
     fresh = EXAMPLES / "fresh-rig.toml"
-    told = run("study", "--rig", fresh, "--runs", 2, "--keep", "runs.jsonl", cwd=tmp_path)
-    identified = run("identify", "--rig", fresh, cwd=tmp_path)
+    told = here("study", "--rig", fresh, "--runs", 2, "--keep", "runs.jsonl")
+    identified = here("identify", "--rig", fresh)
     assert (told.code, told.out, told.err) == (2, "", identified.err)
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match=r'^rig "fresh": by its bounds, .* `palpate calibrate --rig FILE`'):
         study(load_rig(fresh), SIX, runs=2)
 
 
-def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> None:
+def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path, here: Here) -> None:
     words = ("study", "--runs", 6, "--seed", 2, "--keep", "runs.jsonl")
-    told = run(*words, "--json", "--report", "study.html", cwd=tmp_path)
+    told = here(*words, "--json", "--report", "study.html")
     assert (told.code, told.err) == (0, "")
     assert violations(told.json, json.loads(schema_text("study"))) == []
     assert (told.json["runs"], told.json["wrong"], told.json["lost"]) == (6, 0, 0)
@@ -167,12 +167,12 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     assert page.headings[0].startswith("100 % of 6 runs identified")
     assert "No wrong answer in 6 runs (fewer than 39.4 % with 95 % confidence)." in page.words
     assert {f"{state['object']}, {state['state']}" for state in told.json["states"]} <= set(page.words)
-    shown = run(*words, "--report", "study.html", cwd=tmp_path)
+    shown = here(*words, "--report", "study.html")
     assert (shown.code, shown.err) == (0, "")
     first, *_, last = shown.out.splitlines()
     assert first == f"6 runs, rig bench, {len(told.json['states'])} of 6 states drawn, parts that move:"
     assert last == "report study.html, runs runs.jsonl"
-    refused = run("study", "--runs", 1, "--keep", "nowhere/runs.jsonl", cwd=tmp_path)
+    refused = here("study", "--runs", 1, "--keep", "nowhere/runs.jsonl")
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
@@ -328,7 +328,9 @@ def test_a_comparison_is_of_pairs_of_runs() -> None:
     assert found.identified == (3, 2)
 
 
-def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(tmp_path: Path) -> None:
+def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(
+    tmp_path: Path, here: Here
+) -> None:
     """Two parts that differ above 20 mm only; fingers are at 10 mm."""
     low = section(0, 20, L_SHAPE)
     parts = [
@@ -350,8 +352,8 @@ def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(tm
     }
     assert [item.heights for item in out.separating] == [((20.0, 40.0),)]
     assert [item.range for item in out.heights] == [(0.0, 20.0), (20.0, 40.0)]
-    told = run("study", "--objects", file, "--runs", 6, "--budget", 4, "--parts", "still", "--seed", 1,
-               "--report", "page.html", cwd=tmp_path)  # fmt: skip
+    told = here("study", "--objects", file, "--runs", 6, "--budget", 4, "--parts", "still", "--seed", 1,
+               "--report", "page.html")  # fmt: skip
     assert told.code == 0
     assert "fingers at 10 mm: 1 pair of states is never, or perhaps not, distinguished; none " in told.out
     page = Page((tmp_path / "page.html").read_text(encoding="utf-8"))
@@ -457,8 +459,8 @@ def test_a_scheduler_that_is_lost_is_one_line_and_what_was_done_is_kept(bench: P
         ("workshop", '"workshop" is no address of a dask scheduler, such as tcp://192.168.1.5:8786'),
     ],
 )
-def test_no_scheduler_is_one_line(address: str, words: str, tmp_path: Path) -> None:
-    told = run("study", "--runs", 2, "--scheduler", address, cwd=tmp_path)
+def test_no_scheduler_is_one_line(address: str, words: str, here: Here) -> None:
+    told = here("study", "--runs", 2, "--scheduler", address)
     assert (told.code, told.out) == (2, "")
     assert told.err.startswith(f"error: {words}")
     assert told.err.count("\n") == 1
@@ -466,8 +468,8 @@ def test_no_scheduler_is_one_line(address: str, words: str, tmp_path: Path) -> N
 
 @pytest.mark.slow
 @pytest.mark.campaign
-def test_a_scheduler_without_workers_is_one_line(tmp_path: Path) -> None:
+def test_a_scheduler_without_workers_is_one_line(tmp_path: Path, here: Here) -> None:
     with cluster(tmp_path, workers=0) as on:
-        told = run("study", "--runs", 2, "--scheduler", on.address, cwd=tmp_path)
+        told = here("study", "--runs", 2, "--scheduler", on.address)
     assert (told.code, told.err.count("\n")) == (2, 1)
     assert f"has no workers; start some with `dask worker {on.address}`" in told.err
