@@ -8,8 +8,8 @@ preparing a catalogue is not counted. What a peer answers is judged by shapely (
 - missed: of all right answers that any of them gave, those that no answer of this one holds;
 - wrong: answers that break the bounds of a contact, or could not have been reached by the finger.
 
-`--write` puts the tables into docs/performance.md. `--record` records a few ratios, `--compare` fails when one of
-them has fallen below half of what is recorded.
+`--write` puts the tables into docs/performance.md. `--record` records a few ratios, `--compare` fails when
+one of them has fallen below half of what is recorded.
 """
 
 import argparse

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import termios
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.ports import PortTaken
 from palpate.jobs.session import open_session
 from palpate.rig.array_monitor import ArrayPorts, find_array_ports, stream_arrays
-from support.benches.rigs import firm_rig, small, small_parts
+from support.benches.rigs import firm_rig
 from support.commands.command import (
     PALPATE,
     PATIENCE_S,
@@ -35,7 +35,6 @@ from support.commands.command import (
     Here,
     log_events,
     log_lines,
-    run,
     started,
     violations,
     write_log,
@@ -47,17 +46,9 @@ SCHEMA = json.loads(schema_text("watch"))
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session(recorded: Callable[[str], Path]) -> Path:
     """The folder of a session of one grip."""
-    folder = tmp_path_factory.mktemp("felt")
-    whole = small(firm_rig())
-    text, number = re.subn(r"max_grips = \d+", "max_grips = 1", whole)
-    assert number == 1
-    (folder / "brief.toml").write_text(text)
-    words = ("--rig", "brief.toml", "--objects", small_parts(folder), "--seed", 7, "--json")
-    done = run("identify", *words, cwd=folder)
-    assert done.code == 1, done.err
-    return folder / str(done.json["session"])
+    return recorded("one grip")
 
 
 def updates(done: Ended) -> list[dict[str, Any]]:

@@ -1,6 +1,5 @@
 """`palpate identify` as a process: what is on stdout, what is in the session, exit codes, signals."""
 
-import base64
 import json
 import re
 import signal
@@ -15,7 +14,16 @@ from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
-from support.commands.command import Here, log_bytes, log_events, run, started, torque_writes, violations
+from support.commands.command import (
+    Here,
+    bytes_sent,
+    log_bytes,
+    log_events,
+    run,
+    started,
+    torque_writes,
+    violations,
+)
 
 IDS = (11, 12, 21, 22, 31, 32)
 WALL = re.compile(r'"wall_seconds": [0-9.e-]+')
@@ -131,12 +139,7 @@ def check_log(folder: Path, told: dict[str, Any]) -> None:
 
 def off_at_the_end(events: list[dict[str, Any]]) -> set[int]:
     """Ids whose last write of Torque Enable, by the bytes in the log, is 0."""
-    sent = b"".join(
-        base64.b64decode(event["base64"])
-        for event in events
-        if event["event"] == "bytes" and event["direction"] == "sent" and event["port"] == "mock://bus"
-    )
-    last = dict(torque_writes(sent))
+    last = dict(torque_writes(bytes_sent(events, "mock://bus")))
     return {dxl_id for dxl_id, value in last.items() if value == 0} - {BROADCAST_ID}
 
 

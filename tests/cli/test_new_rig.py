@@ -275,7 +275,6 @@ def test_a_force_that_the_servo_does_not_have(
     ("args", "said"),
     [
         ([], "--rig"),
-        (["--rig", "no-such.toml"], "no-such.toml"),
         (["--rig", "bench.toml", "--id", "13"], "the rig file has no servo with id 13; it has 11, 12, 21"),
         (["--rig", "bench.toml", "--yes"], "there is no terminal to ask on"),
     ],
@@ -297,7 +296,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
+def test_what_answers_is_in_the_file_and_what_does_not_is_named(tmp_path: Path) -> None:
     with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
         ports = told["ports"]
         bus, *arrays = ports.values()
@@ -322,33 +321,19 @@ def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
         assert (again.code, again.err.count("\n")) == (2, 1)
         assert "mine.toml is there already" in again.err
 
+        asked = ("init", "--port", bus, "--baud", 1000000, "--out", "other.toml", "--max-id")
+        few = run(*asked, 5, cwd=tmp_path)
+        assert (few.code, few.out, few.err.count("\n")) == (2, "", 1)
+        assert "0 servos answered; a finger has two: check power, cables and ids" in few.err
+        assert not (tmp_path / "other.toml").exists()
 
-@pytest.mark.realtime
-@pytest.mark.slow
-def test_an_array_that_is_silent_is_named_and_marked(tmp_path: Path) -> None:
-    with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
-        ports = told["ports"]
-        bus = next(iter(ports.values()))
-        words = ("--port", bus, "--baud", 1000000, "--max-id", 40, "--array", tmp_path / "nowhere")
-        ended = run("init", *words, cwd=tmp_path)
-        assert ended.code == 0
-        assert "nowhere" in ended.err
-    text = (tmp_path / "rig.toml").read_text(encoding="utf-8")
+        silent = run(*asked, 40, "--array", tmp_path / "nowhere", cwd=tmp_path)
+        assert silent.code == 0
+        assert "nowhere" in silent.err
+    text = (tmp_path / "other.toml").read_text(encoding="utf-8")
     assert "CHANGE: did not answer" in text
     assert text.count("CHANGE: palpate find-port says which it is") == 2
-    load_rig(tmp_path / "rig.toml")
-
-
-@pytest.mark.realtime
-@pytest.mark.slow
-def test_a_bus_without_servos_is_refused(tmp_path: Path) -> None:
-    with served(tmp_path, "--rig", firm_rig(), "--seed", "7") as (_, told):
-        ports = told["ports"]
-        bus = next(iter(ports.values()))
-        ended = run("init", "--port", bus, "--baud", 1000000, "--max-id", 5, cwd=tmp_path)
-    assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
-    assert "0 servos answered; a finger has two: check power, cables and ids" in ended.err
-    assert list(tmp_path.glob("*.toml")) == []
+    load_rig(tmp_path / "other.toml")
 
 
 @pytest.mark.parametrize("bench", sample(SHIPPED_RIGS[1:], SHIPPED_RIGS[2:]))

@@ -128,12 +128,6 @@ def test_ping_and_check(bench: Bench) -> None:
         Servo(bench.bus, 11, "XL330-M288").check()
 
 
-def test_a_silent_servo_is_named(bench: Bench) -> None:
-    with pytest.raises(NotAnswering, match="servo 7 on mock://servos/bus does not answer") as caught:
-        bench.bus.read(7, ct.ITEMS["Present Position"])
-    assert caught.value.dxl_ids == (7,)
-
-
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
     servo = bench.servos[0]
     servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
@@ -192,14 +186,6 @@ def test_a_profile_that_would_mean_unlimited_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match="profile"):
         bench.servos[0].set_profile(velocity, acceleration)
-
-
-def test_sync_read_names_the_missing_servo_and_not_those_behind_it(bench: Bench) -> None:
-    bench.emulated[12].power_off()
-    with pytest.raises(NotAnswering) as caught:
-        bench.states()
-    assert caught.value.dxl_ids == (12,)
-    assert "servo 12 on mock://servos/bus" in str(caught.value)
 
 
 @pytest.mark.parametrize(("fault", "error"), [("flip_answer", DamagedAnswer), ("lose_answer", NotAnswering)])

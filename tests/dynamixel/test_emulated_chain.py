@@ -10,7 +10,6 @@ from dynamixel_sdk import (
     GroupBulkWrite,
     GroupSyncRead,
     GroupSyncWrite,
-    PortHandler,
     Protocol2PacketHandler,
 )
 from hypothesis import given, settings
@@ -33,6 +32,7 @@ from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
+from support.devices.servo_wire import SdkPort
 
 # ----------------------------------------------------------------------------------------------------
 # Sync, bulk and fast reads on a chain of emulated servos, against the e-Manual's own examples.
@@ -162,26 +162,9 @@ MODELS = {3: ("XM430-W350", 45, 1020), 7: ("XL330-M288", 52, 1200), 4: ("XC330-M
 DONE = (COMM_SUCCESS, 0)
 
 
-class VirtualPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
-    """The SDK's own port handler, but for where it opens its port and looks at the time."""
-
-    def __init__(self, url: str, clock: VirtualClock) -> None:
-        super().__init__(url)
-        self.clock = clock
-
-    def setupPort(self, cflag_baud: int) -> bool:
-        self.ser = open_port(self.port_name, cflag_baud)
-        self.is_open = True
-        self.tx_time_per_byte = 1e4 / cflag_baud
-        return True
-
-    def getCurrentTime(self) -> float:
-        return self.clock.now() * 1e3
-
-
 @dataclass
 class Client:
-    port: VirtualPort
+    port: SdkPort
     packets: Protocol2PacketHandler
     servos: dict[int, EmulatedServo]
 
@@ -195,8 +178,7 @@ def client_of(servos: dict[int, EmulatedServo]) -> Client:
     clock = VirtualClock()
     hub = MockHub(clock, "sdk")
     url = hub.attach("bus", ServoChain(list(servos.values()), lambda _: None), BAUD)
-    port = VirtualPort(url, clock)
-    assert port.setBaudRate(BAUD)
+    port = SdkPort(open_port(url, BAUD, timeout_s=0), clock)
     return Client(port, Protocol2PacketHandler(), servos)
 
 

@@ -171,14 +171,8 @@ def test_ram_does_not_survive_and_eeprom_does() -> None:
         console.send(3, address.to_bytes(2, "little") + value.to_bytes(size, "little"))
     console.servo.power_off()
     console.servo.power_on()
-    assert [console.read(a, n) for a, n in ((9, 1), (20, 4), (63, 1), (65, 1), (68, 1), (80, 2))] == [
-        0,
-        77,
-        4,
-        0,
-        2,
-        0,
-    ]
+    kept = [console.read(a, n) for a, n in ((9, 1), (20, 4), (63, 1), (65, 1), (68, 1), (80, 2))]
+    assert kept == [0, 77, 4, 0, 2, 0]
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -313,15 +307,6 @@ def test_a_new_servo_reads_the_manuals_defaults(number: int) -> None:
             assert value == item.default, item.name
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_ping_and_supply(model: str) -> None:
-    console = Console(model=model)
-    answer = console.send(Instruction.PING)
-    assert answer is not None
-    assert MODEL_NAMES[int.from_bytes(answer.params[:2], "little")] == model
-    assert console.read(144, 2) == round(10 * BY_NAME[model].family.supply_v[1])
-
-
 @pytest.mark.parametrize("model", SOME)
 def test_no_load_speed(model: str) -> None:
     console = Console(model=model)
@@ -423,7 +408,7 @@ def pinged(rig_text: str, folder: Path) -> set[int]:
     return numbers
 
 
-@pytest.mark.parametrize("number", MODEL_NAMES)
+@pytest.mark.parametrize("number", SOME_NUMBERS)
 def test_the_rig_file_names_the_model(number: int, tmp_path: Path) -> None:
     text = firm_rig().read_text()
     assert pinged(text.replace("XM430-W350", MODEL_NAMES[number]), tmp_path) == {number}

@@ -34,6 +34,7 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.ports import open_port
 from palpate.drivers.transport.wire import Emission
+from support.devices.servo_wire import SdkPort
 from support.devices.simple import Quiet
 
 # ----------------------------------------------------------------------------------------------------
@@ -68,21 +69,7 @@ class World:
     port: serial.SerialBase
 
     def handler(self) -> PortHandler:
-        return Virtual(self.port, self.clock)
-
-
-class Virtual(PortHandler):  # type: ignore[misc]
-    """The SDK's handler with an open port and the port's own clock."""
-
-    def __init__(self, port: serial.SerialBase, clock: VirtualClock) -> None:
-        super().__init__(port.port)
-        self.ser = port
-        self.is_open = True
-        self.tx_time_per_byte = 0.01
-        self.clock = clock
-
-    def getCurrentTime(self) -> float:
-        return self.clock.now() * 1e3
+        return SdkPort(self.port, self.clock)
 
 
 @pytest.fixture
@@ -184,16 +171,6 @@ class Listener(Quiet):
         return [(now, encode_status(StatusPacket(1))) for packet in found if packet.dxl_id == 1]
 
 
-class PlainPortHandler(PortHandler):  # type: ignore[misc]
-    """The SDK's handler with nothing changed but the port object, which has no device file to open."""
-
-    def __init__(self, port: serial.SerialBase) -> None:
-        super().__init__(port.port)
-        self.ser = port
-        self.is_open = True
-        self.tx_time_per_byte = 0.01
-
-
 @pytest.fixture
 def listening_world() -> tuple[Listener, serial.SerialBase, VirtualClock, MockHub]:
     device, clock = Listener(), VirtualClock()
@@ -218,7 +195,7 @@ def write(packets: Any, handler: Any) -> tuple[int, int]:
 def test_only_ours_stuffs_what_goes_on_the_wire(listening_world: Any, packets: Any, sent: str) -> None:
     device, port, clock, _ = listening_world
     stuffs = packets is StuffingPacketHandler
-    assert write(packets(), ours(port, clock) if stuffs else PlainPortHandler(port)) == (COMM_SUCCESS, 0)
+    assert write(packets(), ours(port, clock) if stuffs else SdkPort(port)) == (COMM_SUCCESS, 0)
     assert bytes.fromhex(sent) in device.heard
     whole_data = bytes.fromhex("7400FFFFFDFD")
     assert device.packets == [InstructionPacket(1, 3, whole_data if stuffs else whole_data[:-1])]
@@ -252,7 +229,7 @@ def test_ours_unstuffs_anything(data: bytes) -> None:
 def test_only_ours_is_free_after_the_port_broke(listening_world: Any, packets: Any) -> None:
     device, port, clock, _ = listening_world
     mended = isinstance(packets, StuffingPacketHandler)
-    handler = ours(port, clock) if mended else PlainPortHandler(port)
+    handler = ours(port, clock) if mended else SdkPort(port)
     device.broken = True
     with pytest.raises(serial.SerialException):
         write(packets, handler)

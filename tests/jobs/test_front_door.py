@@ -18,7 +18,7 @@ from palpate.rig.identification.observers import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
 from support.benches.rigs import firm_rig, quick_bench
 from support.campaign.sampling import sample
-from support.commands.command import PATIENCE_S, log_events, run, torque_writes
+from support.commands.command import PATIENCE_S, bytes_sent, log_events, run, torque_writes
 from support.commands.repository import EXAMPLES, ROOT
 
 CONTACTS = EXAMPLES / "contacts.json"
@@ -32,13 +32,10 @@ def program(*words: str | Path, cwd: Path, expect: int = 0) -> str:
     return done.stdout
 
 
-def bytes_sent(session: Path, port: str) -> bytes:
-    """What a session's log says was sent to a port."""
-    import base64
-
-    lines = log_events(session / "session.jsonl.zst")
-    sent = [item for item in lines if item["event"] == "bytes" and item["direction"] == "sent"]
-    return b"".join(base64.b64decode(item["base64"]) for item in sent if item["port"] == port)
+def last_torque(session: Path) -> dict[int, int]:
+    """The last write of Torque Enable to each servo, by the session's log."""
+    events = log_events(session / "session.jsonl.zst")
+    return dict(torque_writes(bytes_sent(events, palpate.load_rig().bus.port)))
 
 
 @pytest.fixture(scope="module")
@@ -172,9 +169,7 @@ palpate.open_rig({rig_file!r}, seed=7).identify({parts!r}, sessions=".", on_even
 """
     program("-W", "error", "-c", code, cwd=tmp_path, expect=128 + signal.SIGTERM)
     (session,) = tmp_path.glob("identify-*")
-    switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
-    assert switched
-    assert set(switched.values()) == {0}, "the last write to each servo"
+    assert set(last_torque(session).values()) == {0}
     replayed = palpate.open_session(session).replay()
     assert (replayed.difference, replayed.complete) == (None, True)
 
@@ -186,26 +181,25 @@ def test_handlers_of_signals_are_as_before() -> None:
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
 
 
-def test_an_observer_that_raises_ends_the_run_in_order(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("raised", "ended"),
+    [
+        (RuntimeError("out of paper"), palpate.OutputError),
+        (KeyboardInterrupt("out of paper"), KeyboardInterrupt),
+    ],
+)
+def test_an_observer_that_raises_ends_the_run_in_order(
+    raised: BaseException, ended: type[BaseException], bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """As an error of the output, or at once as Ctrl-C does; torque is off."""
+
     def fail(event: Event) -> None:
-        raise RuntimeError("out of paper")
+        raise raised
 
-    with pytest.raises(palpate.OutputError, match="out of paper"):
-        palpate.open_rig(firm_rig(), seed=7).identify(sessions=tmp_path, on_event=fail)
+    with pytest.raises(ended, match=str(raised)):
+        palpate.open_rig(bench[0], seed=7).identify(bench[1], sessions=tmp_path, on_event=fail)
     (session,) = tmp_path.iterdir()
-    switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
-    assert set(switched.values()) == {0}
-
-
-def test_a_callback_stops_a_run_at_once_as_ctrl_c_does(tmp_path: Path) -> None:
-    def stop(event: Event) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        palpate.open_rig(firm_rig(), seed=7).identify(sessions=tmp_path, on_event=stop)
-    (session,) = tmp_path.iterdir()
-    switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
-    assert set(switched.values()) == {0}
+    assert set(last_torque(session).values()) == {0}
 
 
 @pytest.mark.parametrize(
@@ -230,8 +224,10 @@ def test_a_wrong_kind_of_argument_is_named_with_what_is_allowed(
 
 
 def test_messages_name_no_options_of_the_command_line() -> None:
-    rooms = ("api", "cad", "calibration", "config", "drivers", "files", "recognizer", "rig")
-    for path in (path for room in rooms for path in (ROOT / room).rglob("*.py")):
+    rooms = ("jobs", "base", "cad", "calibration", "config", "drivers", "recognizer", "rig")
+    paths = [path for room in rooms for path in (ROOT / "src" / "palpate" / room).rglob("*.py")]
+    assert len(paths) > 200
+    for path in paths:
         tree = ast.parse(path.read_text())
         texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
         for text in (text for text in texts if isinstance(text, str) and "\n" not in text):

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from palpate.base.geometry import ObjectModel, Polygon
+from palpate.base.geometry import ObjectModel
 from palpate.base.vocabulary import LEAST_BUDGET
 from palpate.recognizer import (
     STANDARD_BUDGET,
@@ -50,10 +50,6 @@ NORMALS = (math.radians(1), math.radians(10), math.radians(45))
 @cache
 def shipped() -> Catalogue:
     return Catalogue(outlines(SHIPPED_OBJECTS))
-
-
-def ring_polygon(*points: tuple[float, float]) -> Polygon:
-    return Polygon(np.array(points, dtype=float))
 
 
 def assert_kept(found: Recognition, placed: Placed, note: object) -> None:
@@ -139,41 +135,16 @@ def test_misses_are_evidence(seed: int) -> None:
     assert found.cells.volume.sum() <= without.cells.volume.sum() * (1 + 1e-9)
 
 
-def star(
-    placed: Placed,
-    rng: np.random.Generator,
-    *,
-    radii: tuple[float, ...],
-    heights: tuple[float, ...],
-    bound: float,
-    at_bound: bool,
-) -> list[Contact]:
-    """Fingers evenly round the table and straight to its middle, each of a radius at a height."""
-    evenly = rng.uniform(0, 2 * math.pi) + 2 * math.pi * np.arange(len(radii)) / len(radii)
-    return [
-        touch(
-            placed.shape_at(height),
-            rng,
-            radius=radius,
-            bound=bound,
-            half_range=math.radians(10),
-            direction=at + math.pi,
-            start=140 * np.array([math.cos(at), math.sin(at)]),
-            reach=280.0,
-            at_bound=at_bound,
-            name=f"f{k}",
-            height=height,
-        )
-        for k, (at, radius, height) in enumerate(zip(evenly, radii, heights, strict=True))
-    ]
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_fingers_of_different_radii(seed: int) -> None:
     rng = np.random.default_rng(400 + seed)
     placed = place(outlines(SHIPPED_OBJECTS)[seed % 6], rng)
-    contacts = until_touched(star, placed, rng, radii=RADII, heights=(10.0,) * 4, bound=0.2, at_bound=True)
-    assert_kept(recognise(shipped(), contacts), placed, seed)
+
+    def draw() -> list[Contact]:
+        grips = [grip(placed, rng, fingers=4, radius=radius, bound=0.2, at_bound=True) for radius in RADII]
+        return [contacts[k] for k, contacts in enumerate(grips)]
+
+    assert_kept(recognise(shipped(), until_touched(draw)), placed, seed)
 
 
 def test_a_finger_above_the_object_touches_nothing_of_it() -> None:

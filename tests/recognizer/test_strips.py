@@ -6,12 +6,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-import shapely
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.geometry.plane import point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.contact import Contact, Finger, NormalRange
+from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow, simplify_outline
 from palpate.recognizer.recognition import Recognition, recognise
@@ -26,6 +25,7 @@ from support.oracles.shapely_touches import (
     outlines,
     place,
     touch,
+    with_normal,
 )
 
 # ----------------------------------------------------------------------------------------------------
@@ -45,10 +45,18 @@ FINE = [
 ]
 
 
+def ring(kind: str, vertices: int, size: float = 1.0, seed: int = 0) -> np.ndarray:
+    a = 2 * np.pi * np.arange(vertices) / vertices
+    radius = 60 + 6 * np.sin(3 * a + 1) + 3 * np.cos(7 * a)
+    if kind == "wavy":
+        radius = radius + np.sin(vertices // 6 * a)
+    if kind == "noisy":
+        radius = radius + np.random.default_rng(seed).uniform(-0.5, 0.5, vertices)
+    return size * radius[:, None] * np.column_stack([np.cos(a), np.sin(a)])
+
+
 def wavy(edges: int) -> ObjectModel:
-    a = 2 * np.pi * np.arange(edges) / edges
-    radius = 60 + 6 * np.sin(3 * a + 1) + 3 * np.cos(7 * a) + np.sin(edges / 6 * a)
-    return flat(f"wavy-{edges}", radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]))
+    return flat(f"wavy-{edges}", ring("wavy", edges))
 
 
 def framed() -> ObjectModel:
@@ -141,23 +149,6 @@ def test_a_root_of_a_closed_outline_allows_all_normals() -> None:
     assert strips.half_turn[strips.root[0]] >= np.pi - 1e-2
 
 
-def on_edge_normals(placed: Placed, contact: Contact, half_range: float | None) -> Contact:
-    """A point finger's exact contact with the normal of the edge that it met, ± half a range."""
-    if half_range is None or contact.normal is not None or not contact.touched:
-        return contact
-    outline = shapely.geometry.polygon.orient(placed.shape)
-    rings = [outline.exterior, *outline.interiors] if outline.geom_type == "Polygon" else []
-    rings = rings or [r for p in outline.geoms for r in (p.exterior, *p.interiors)]
-    begin = np.vstack([np.asarray(ring.coords)[:-1] for ring in rings])
-    along = np.vstack([np.diff(np.asarray(ring.coords), axis=0) for ring in rings])
-    length = np.hypot(*along.T)
-    direction = along / length[:, None]
-    away = point_segment_distance(np.asarray(contact.end_mm), begin, direction, length)
-    x, y = direction[np.argmin(away)]
-    normal = math.atan2(-x, y)
-    return replace(contact, normal=NormalRange(normal - half_range, normal + half_range))
-
-
 def grip_with_misses(
     placed: Placed,
     rng: np.random.Generator,
@@ -183,7 +174,7 @@ def grip_with_misses(
             name=f"m{k}",
         )
         contacts += [] if tried.touched else [tried]
-    exact = [on_edge_normals(placed, contact, half_range) for contact in contacts]
+    exact = [with_normal(placed, contact, half_range) for contact in contacts]
     return [replace(contact, position_bound_mm=bound) for contact in exact]
 
 
@@ -220,26 +211,10 @@ def compared(
 
 
 @pytest.mark.parametrize(("radius", "half_range"), sample(FINGERS, FINGERS[::2]))
-def test_same_answer_for_shipped_objects(radius: float, half_range: float | None) -> None:
+def test_same_answer_of_holes_and_several_polygons_too(radius: float, half_range: float | None) -> None:
     fingers = FEW_AND_MANY if half_range else FEW_AND_MANY[1:]
-    answered = compared(
-        outlines(SHIPPED_OBJECTS), 41, 6, fingers, radius=radius, bound=0.3, half_range=half_range
-    )
-    assert answered >= 5
-
-
-@pytest.mark.parametrize(("radius", "half_range"), sample(FINGERS, FINGERS[::2]))
-def test_same_answer_for_holes_and_several_polygons(radius: float, half_range: float | None) -> None:
-    answered = compared(
-        [framed(), ring_of_teeth()],
-        42,
-        10,
-        FEW_AND_MANY if half_range else FEW_AND_MANY[1:],
-        radius=radius,
-        bound=0.3,
-        half_range=half_range,
-    )
-    assert answered >= 5
+    for models, seed, trials in ((outlines(SHIPPED_OBJECTS), 41, 6), ([framed(), ring_of_teeth()], 42, 10)):
+        assert compared(models, seed, trials, fingers, radius=radius, bound=0.3, half_range=half_range) >= 5
 
 
 @pytest.mark.parametrize(("edges", "radius", "half_range", "fingers"), sample(FINE, FINE[:3]))
@@ -310,16 +285,6 @@ FEW = [
     for n, most in ((900, 400), (900, 60), (6000, 2000))
     for rest in product(KINDS, (0.0, 5.0))
 ]
-
-
-def ring(kind: str, vertices: int, size: float = 1.0, seed: int = 0) -> np.ndarray:
-    a = 2 * np.pi * np.arange(vertices) / vertices
-    radius = 60 + 6 * np.sin(3 * a + 1) + 3 * np.cos(7 * a)
-    if kind == "wavy":
-        radius = radius + np.sin(vertices // 6 * a)
-    if kind == "noisy":
-        radius = radius + np.random.default_rng(seed).uniform(-0.5, 0.5, vertices)
-    return size * radius[:, None] * np.column_stack([np.cos(a), np.sin(a)])
 
 
 def grown(kind: str, vertices: int, radius: float) -> GrownSection:
@@ -437,18 +402,8 @@ def check_one_grip(model: ObjectModel, seed: int, radius: float) -> None:
     rng = np.random.default_rng(seed)
     placed = place(model, rng)
     half = math.radians(15)
-    contacts = []
-    for contact in grip(placed, rng, fingers=4, radius=radius, bound=0.0, half_range=half):
-        given = contact
-        if contact.normal is None:
-            boundary = np.asarray(placed.shape.exterior.coords)
-            middle = (boundary[1:] + boundary[:-1]) / 2
-            nearest = int(np.argmin(np.hypot(*(middle - contact.end_mm).T)))
-            x, y = boundary[nearest + 1] - boundary[nearest]
-            ccw = placed.shape.exterior.is_ccw
-            normal = math.atan2(-x, y) if ccw else math.atan2(x, -y)
-            given = replace(contact, normal=NormalRange(normal - half, normal + half))
-        contacts.append(replace(given, position_bound_mm=0.05))
+    exact = grip(placed, rng, fingers=4, radius=radius, bound=0.0, half_range=half)
+    contacts = [replace(with_normal(placed, contact, half), position_bound_mm=0.05) for contact in exact]
     assert all(contact.touched for contact in contacts)
     catalogue = Catalogue([model])
     assert catalogue.edges(Finger(radius, 10.0)).count[0] <= 2000

@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 from palpate.base.geometry import ObjectModel
-from palpate.base.geometry.plane import point_segment_distance, wrap_angle
+from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.recognition import recognise
@@ -25,6 +25,7 @@ from support.oracles.shapely_touches import (
     outlines,
     place,
     touch,
+    with_normal,
 )
 
 TOLERANCES = (0.05, 0.2, 0.5)
@@ -61,19 +62,6 @@ def inflated(model: ObjectModel, sign: float) -> ObjectModel:
     return flat(model.name, nominal + by * bisector)
 
 
-def point_normal(placed: Placed, contact: Contact, half_range: float | None, shift: float) -> Contact:
-    """An exact contact of a point finger with the normal of the edge that it met."""
-    if half_range is None or contact.normal is not None or not contact.touched:
-        return contact
-    ring = np.asarray(placed.shape.normalize().exterior.coords)  # clockwise
-    begin, along = ring[:-1], np.diff(ring, axis=0)
-    length = np.hypot(*along.T)
-    away = point_segment_distance(np.asarray(contact.end_mm), begin, along / length[:, None], length)
-    x, y = along[np.argmin(away)]
-    middle = math.atan2(x, -y) + shift
-    return replace(contact, normal=NormalRange(middle - half_range, middle + half_range))
-
-
 def mismeasured(contact: Contact, rng: np.random.Generator, bound: float, *, at_bound: bool) -> Contact:
     """The exact contact, moved as a whole by up to, or by exactly, its bound."""
     angle, size = rng.uniform(0, 2 * math.pi), bound * (1.0 if at_bound else rng.uniform())
@@ -98,7 +86,7 @@ def is_kept(
     contacts = []
     for contact in exact:
         shift = (half_range or 0.0) * (rng.choice([-1, 1]) if at_bound else rng.uniform(-1, 1))
-        given = point_normal(true, contact, half_range, shift)
+        given = with_normal(true, contact, half_range, shift)
         contacts.append(mismeasured(given, rng, bound, at_bound=at_bound))
     return holding_truth(recognise(catalogue, contacts), true) is not None
 

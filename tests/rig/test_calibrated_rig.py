@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from palpate.base.errors import InputError
-from palpate.base.vocabulary import IdentificationVerdict, Strategy
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.calibration.frame_alignment import BasePose
 from palpate.config import (
     CalibrationFile,
@@ -29,7 +29,6 @@ from palpate.config import (
     shipped_rig,
 )
 from palpate.config.diagnosis_results import Cause
-from palpate.config.recognition_results import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
@@ -53,13 +52,11 @@ from palpate.rig.session.calibration_drift import (
     devices_of,
     session_agreement,
 )
-from palpate.views.answer import answer_lines
 from palpate.views.check_table import show_check
 from support.benches.calibration_files import (
     MADE,
     bench_calibration,
     full_calibration,
-    true_calibration,
     truth_calibration,
 )
 from support.benches.rigs import STAGE, firm_rig, quick_rig
@@ -117,7 +114,7 @@ def test_the_shipped_rig_has_none() -> None:
 
 
 def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
-    put_beside(loose, true_calibration(load_rig(loose), SEED))
+    put_beside(loose, bench_calibration(load_rig(loose), SEED))
     assert here("identify", "--rig", loose.name, "--seed", SEED + 1).code == 2, "it is of other arrays"
     (session,) = Path("palpate-sessions").iterdir()
     assert log_events(session / "session.jsonl.zst")[0]["calibration"] is True
@@ -134,7 +131,7 @@ def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
 
 
 def test_other_arrays_than_were_calibrated_are_refused(loose: Path, here: Here) -> None:
-    file = true_calibration(load_rig(loose), SEED)
+    file = bench_calibration(load_rig(loose), SEED)
     put_beside(loose, file)
     done = here("identify", "--rig", loose.name, "--seed", SEED + 1)
     assert done.code == 2
@@ -189,7 +186,7 @@ def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
     rig = load_rig(loose)
     lying = choose_placement(rig, load_objects(shipped_objects()), None, SEED)
     assert lying is not None
-    put_beside(loose, true_calibration(rig, SEED))
+    put_beside(loose, bench_calibration(rig, SEED))
     on_bench = load_calibrated(loose)
     assert placement_in_hand_frame(load_calibrated(loose, calibration=False), lying, SEED) is lying
     seen = placement_in_hand_frame(on_bench, lying, SEED)
@@ -395,46 +392,6 @@ def test_touches_that_do_not_count_are_left_out(file: CalibrationFile, rig: RigF
         counts.append(len(found.residual_mm))
     touched = sum(touch.patch is not None for touch in result.grips[0])
     assert counts == [counts[0], counts[0] - touched, counts[0] - touched]
-
-
-def ended(verdict: IdentificationVerdict, drifted: bool | None) -> IdentificationOut:
-    used = CalibrationUsedOut(
-        made="2026-05-04T12:30:00Z",
-        age_days=12,
-        residual_rms_mm=0.0812,
-        expected_rms_mm=0.0204,
-        drifted=drifted,
-    )
-    return IdentificationOut(
-        verdict=verdict,
-        object=None if verdict is IdentificationVerdict.UNKNOWN else "plate",
-        state=None if verdict is IdentificationVerdict.UNKNOWN else "flat",
-        configuration=None,
-        bounds=None,
-        alternatives=(),
-        symmetry_order=1,
-        strategy=Strategy.PLANNED,
-        grips=2,
-        touches=5,
-        predicted=0,
-        moved_before=(),
-        detectable_shift=None,
-        emulated=True,
-        rig_seconds=1.0,
-        wall_seconds=1.0,
-        session=None,
-        calibration=used,
-    )
-
-
-def test_the_answer_says_so() -> None:
-    advice = ("rig", "changed", "calibration of 2026-05-04", "`palpate check --touch`")
-    drifted = "\n".join(answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=True)))
-    assert missing(drifted, "0.081 mm", "0.020", *advice) == []
-    steady = "\n".join(answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=False)))
-    assert "palpate check --touch" not in steady
-    unknown = "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, drifted=None)))
-    assert missing(unknown, "unknown: ", *advice) == []
 
 
 def test_the_age_counts_from_the_start_of_the_session(here: Here) -> None:

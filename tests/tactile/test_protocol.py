@@ -9,7 +9,6 @@ import tracemalloc
 import zlib
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -151,20 +150,6 @@ def test_one_message_whole_and_byte_by_byte(message: Message) -> None:
     assert [item for byte in data for item in decoder.feed(bytes((byte,)))] == [message]
 
 
-@given(st.lists(bodies, min_size=1, max_size=5), u32, st.lists(st.integers(0, 400), max_size=8))
-@settings(max_examples=80)
-def test_a_stream_cut_anywhere(parts: list[MessageBody], first: int, cuts: list[int]) -> None:
-    sent = numbered(parts, first)
-    data = b"".join(map(encode, sent))
-    decoder = Decoder()
-    got: list[Message | DecodeFault] = []
-    edges = [0, *sorted(min(c, len(data)) for c in cuts), len(data)]
-    for a, b in pairwise(edges):
-        got += decoder.feed(data[a:b])
-    assert got == sent
-    assert not decoder.faults
-
-
 @given(bodies, bodies, st.binary(min_size=1, max_size=60))
 @settings(max_examples=150)
 def test_garbage_in_front_between_and_behind(a: MessageBody, b: MessageBody, garbage: bytes) -> None:
@@ -188,15 +173,6 @@ def test_garbage_inside_costs_one_message(body: Frame, garbage: bytes, where: in
     assert kept[0] == before
     assert kept[-1] == after
     assert decoder.faults.total() >= 1 or kept == [before, hit, after]  # extra delimiters at the ends
-
-
-@given(st.lists(st.binary(max_size=300), max_size=20))
-@settings(max_examples=150)
-def test_any_bytes_give_messages_or_faults(chunks: list[bytes]) -> None:
-    decoder = Decoder()
-    items = [item for chunk in chunks for item in decoder.feed(chunk)]
-    assert all(isinstance(item, Message | DecodeFault) for item in items)
-    assert decoder.faults.total() == sum(isinstance(item, DecodeFault) for item in items)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,12 @@ import pytest
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
-from palpate.config.recognition_results import AlternativeOut, IdentificationOut, Relation
+from palpate.config.recognition_results import (
+    AlternativeOut,
+    CalibrationUsedOut,
+    IdentificationOut,
+    Relation,
+)
 from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
@@ -177,3 +182,28 @@ def test_a_state_that_may_tip_or_roll_is_named() -> None:
     (line,) = [line for line in said if "rolls" in line]
     assert not missing(line, "no bound holds", "pin, lying may roll", "and 1 other state")
     assert "rolls" not in "\n".join(answer_lines(ended(IdentificationVerdict.IDENTIFIED)))
+
+
+@pytest.mark.parametrize(
+    ("verdict", "drifted", "words"),
+    [
+        (SURE, True, ("0.081 mm", "0.020")),
+        (NONE, None, ("unknown: ",)),
+    ],
+)
+def test_a_rig_that_is_not_as_it_was_calibrated_is_said(
+    verdict: IdentificationVerdict, drifted: bool | None, words: tuple[str, ...]
+) -> None:
+    used = CalibrationUsedOut(
+        made="2026-05-04T12:30:00Z",
+        age_days=12,
+        residual_rms_mm=0.0812,
+        expected_rms_mm=0.0204,
+        drifted=drifted,
+    )
+    values = NOTHING if verdict is NONE else {}
+    said = "\n".join(answer_lines(ended(verdict, calibration=used, **values)))
+    advice = ("rig", "changed", "calibration of 2026-05-04", "`palpate check --touch`")
+    assert missing(said, *words, *advice) == []
+    steady = used.model_copy(update={"drifted": False})
+    assert advice[-1] not in "\n".join(answer_lines(ended(SURE, calibration=steady)))

@@ -8,7 +8,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,11 @@ from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.commands.command import (
     PALPATE,
     PATIENCE_S,
+    Started,
+    bytes_sent,
     log_events,
     log_lines,
+    started,
     torque_writes,
     until,
     write_log,
@@ -64,26 +67,20 @@ class Page:
         return found[1]
 
 
-def until_served(port: int, process: subprocess.Popen[bytes]) -> Page:
-    def served() -> bool:
-        assert process.poll() is None, "it ended by itself"
-        return is_served(port)
-
-    until(served)
-    return Page(port)
+@contextmanager
+def page_of(*words: object, cwd: Path) -> Iterator[tuple[Started, Page]]:
+    """A command that serves a view, `words` up to the number of its port, and the page."""
+    port = free_port()
+    with started(*words, port, cwd=cwd) as command:
+        command.until(lambda: is_served(port))
+        yield command, Page(port)
 
 
 @contextmanager
 def viewed(session: Path) -> Iterator[Page]:
-    port = free_port()
-    process = subprocess.Popen([PALPATE, "view", session, "--port", str(port)], stderr=subprocess.DEVNULL)
-    try:
-        page = until_served(port, process)
+    with page_of("view", session, "--port", cwd=session) as (_, page):
         until(lambda: page.json("/extent")["ended"])
         yield page
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.fixture(scope="module")
@@ -198,17 +195,9 @@ def test_a_log_that_was_changed_is_shown_up_to_there_and_says_so(session: Path, 
     assert (last["stage"], last["contacts"]) == ("retracting", [])
 
 
-@contextmanager
-def running(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Page]]:
+def running(folder: Path) -> AbstractContextManager[tuple[Started, Page]]:
     """A run with its view, whose fingers creep."""
-    port = free_port()
-    words = [PALPATE, "identify", "--rig", slow_rig(folder), "--view", "--view-port", str(port)]
-    process = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
-    try:
-        yield process, until_served(port, process)
-    finally:
-        process.kill()
-        process.communicate()
+    return page_of("identify", "--rig", slow_rig(folder), "--view", "--view-port", cwd=folder)
 
 
 def until_closing(page: Page) -> dict[str, Any]:
@@ -220,25 +209,17 @@ def until_closing(page: Page) -> dict[str, Any]:
 
 
 def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
-    with running(tmp_path) as (process, page):
+    with running(tmp_path) as (command, page):
         frame = until_closing(page)
         assert any(frame["torque"].values())
-        status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
-        assert (status, json.loads(text)["stopped"]) == (200, True)
-        _, said = process.communicate(timeout=PATIENCE_S)
-        assert process.returncode == 130
-        assert said.decode().splitlines()[-2:] == ["interrupted", "torque is off"]
+        assert pressed_by_request(page)
+        done = command.ended()
+    assert done.code == 130
+    assert done.err.splitlines()[-2:] == ["interrupted", "torque is off"]
     (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
     events = log_events(log)
     assert (events[-1]["event"], events[-1]["how"]) == ("end", "Interrupted")
-    import base64
-
-    sent = b"".join(
-        base64.b64decode(item["base64"])
-        for item in events
-        if item["event"] == "bytes" and item["port"] == "mock://bus" and item["direction"] == "sent"
-    )
-    last = dict(torque_writes(sent))
+    last = dict(torque_writes(bytes_sent(events, "mock://bus")))
     assert {dxl_id: last[dxl_id] for dxl_id in (11, 12, 21, 22, 31, 32)} == dict.fromkeys(
         last.keys() - {254}, 0
     )
@@ -271,18 +252,12 @@ def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_find
 ) -> None:
     rig, parts = quick_bench(tmp_path, fingers=2)
     with served(tmp_path, "--rig", rig, "--objects", parts, "--rig-out", "real.toml") as (_, told):
-        port = free_port()
-        words = [PALPATE, "identify", "--rig", "real.toml", "--objects", parts]
-        run = subprocess.Popen([*words, "--view", "--view-port", str(port)], cwd=tmp_path)
-        try:
-            page = until_served(port, run)
+        words = ("identify", "--rig", "real.toml", "--objects", parts, "--view", "--view-port")
+        with page_of(*words, cwd=tmp_path) as (run, page):
             frame = until_closing(page)
             assert any(frame["torque"].values())
             assert press(page) == "torque is off"
-            assert run.wait(timeout=PATIENCE_S) in (3, 130)  # its port may have been taken from it first
-        finally:
-            run.kill()
-            run.wait()
+            assert run.ended().code in (3, 130)  # its port may have been taken from it first
         bus = dynamixel_sdk.PortHandler(told["ports"]["mock://bus"])
         assert bus.setBaudRate(1_000_000)
         packets = dynamixel_sdk.PacketHandler(2.0)
@@ -296,21 +271,12 @@ def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_find
 def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
     shutil.copy(firm_rig(), tmp_path / "rig.toml")
     port = free_port()
-    words = [
-        PALPATE,
-        "calibrate",
-        "--rig",
-        "rig.toml",
-        "tactile",
-        "--yes",
-        "--view",
-        "--view-port",
-        str(port),
-    ]
+    words = ["calibrate", "--rig", "rig.toml", "tactile", "--yes", "--view", "--view-port", str(port)]
     said = (tmp_path / "said").open("wb")
-    with said, subprocess.Popen(words, cwd=tmp_path, stderr=said, stdout=said) as process:
+    with said, subprocess.Popen([PALPATE, *words], cwd=tmp_path, stderr=said, stdout=said) as process:
         try:
-            page = until_served(port, process)
+            until(lambda: process.poll() is None and is_served(port))
+            page = Page(port)
             until(lambda: len((page.json("/frame?t=1e9") or {"tips": ()})["tips"]) == 3)
             until(lambda: any(page.json("/frame?t=1e9")["torque"].values()))
             until(lambda: len(page.json("/frame?t=1e9")["arrays"]) == 3)
@@ -333,21 +299,13 @@ def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_what_arrays_feel_is_shown(tmp_path: Path) -> None:
-    port = free_port()
-    words = [PALPATE, "watch", "--for", "60", "--view", "--view-port", str(port)]
-    with subprocess.Popen(
-        words, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
-    ) as process:
-        try:
-            page = until_served(port, process)
-            until(lambda: len((page.json("/frame?t=1e9") or {"arrays": ()})["arrays"]) == 3)
-            frame = page.json("/frame?t=1e9")
-            assert (frame["tips"], frame["torque"]) == ({}, {}), "nobody asks the servos"
-            until(lambda: page.json("/frame?t=1e9")["frames"] > frame["frames"] + 100)
-        finally:
-            process.send_signal(signal.SIGINT)
-            assert process.wait(timeout=PATIENCE_S) == 130
-    until(lambda: not is_served(port))
+    with page_of("watch", "--for", 60, "--view", "--view-port", cwd=tmp_path) as (command, page):
+        until(lambda: len((page.json("/frame?t=1e9") or {"arrays": ()})["arrays"]) == 3)
+        frame = page.json("/frame?t=1e9")
+        assert (frame["tips"], frame["torque"]) == ({}, {}), "nobody asks the servos"
+        until(lambda: page.json("/frame?t=1e9")["frames"] > frame["frames"] + 100)
+        assert command.ended(signal.SIGINT).code == 130
+    until(lambda: not is_served(page.port))
 
 
 def is_served(port: int) -> bool:
@@ -357,7 +315,7 @@ def is_served(port: int) -> bool:
 
 def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
     """As many as are served, and some that are not; the run goes on, and others are served."""
-    with running(tmp_path) as (process, page), ExitStack() as stack:
+    with running(tmp_path) as (command, page), ExitStack() as stack:
         until_closing(page)
         answers = []
         for _ in range(40):
@@ -369,7 +327,7 @@ def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
         assert answers.count(b"HTTP/1.1 503") == 8
         first = page.json("/extent")["last"]
         until(lambda: page.json("/extent")["last"] > first, "nobody else is served meanwhile")
-        assert process.poll() is None
+        assert command.process.poll() is None
 
 
 @contextmanager

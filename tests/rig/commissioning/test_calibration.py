@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -43,7 +43,7 @@ from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.views.report.calibration_numbers import finger_tables
-from support.benches.simulated_rig import SimulatedProber, SimulatedRig
+from support.benches.simulated_rig import Kept, SimulatedProber, SimulatedRig
 from support.commands.command import missing
 from support.commands.repository import EXAMPLES
 
@@ -52,20 +52,6 @@ from support.commands.repository import EXAMPLES
 
 FRESH = EXAMPLES / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
-
-
-@dataclass
-class Kept:
-    """A keeper that remembers everything that was ever kept; `resume` is what it begins with."""
-
-    resume: RunRecord | None = None
-    saved: list[str] = field(default_factory=list)
-
-    def load(self) -> RunRecord | None:
-        return self.resume
-
-    def save(self, record: RunRecord) -> None:
-        self.saved.append(record.model_dump_json())
 
 
 @dataclass(frozen=True)
@@ -288,23 +274,13 @@ class WholeArms:
         )
 
 
-class Unkept:
-    """Keeps no record."""
-
-    def load(self) -> RunRecord | None:
-        return None
-
-    def save(self, record: RunRecord) -> None:
-        del record
-
-
 @pytest.fixture(scope="module")
 def whole_arms() -> WholeArms:
     rig = ARMS.model_copy(update={"fingers": ARMS.fingers[:2]})
     world = SimulatedRig(rig, SEED)
     made = datetime(2026, 5, 4, tzinfo=UTC)
     job = CalibrationJob(rig, "0" * 64, load_references(LOW), STEPS, 0.999, made, None)
-    return WholeArms(world, rig, calibrate(job, world.connect, Unkept(), lambda _: None))
+    return WholeArms(world, rig, calibrate(job, world.connect, Kept(), lambda _: None))
 
 
 @pytest.mark.slow

@@ -43,9 +43,9 @@ from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms.slide import slide_kinematics
 from palpate.views.report.calibration_numbers import summary
-from support.benches.calibration_files import full_calibration, true_calibration
+from support.benches.calibration_files import bench_calibration, full_calibration
 from support.benches.rigs import STAGE, quick_bench
-from support.benches.simulated_rig import SimulatedProber, SimulatedRig
+from support.benches.simulated_rig import Kept, SimulatedProber, SimulatedRig
 from support.commands.command import Here
 from support.commands.repository import EXAMPLES
 
@@ -53,19 +53,6 @@ FRESH = EXAMPLES / "fresh-stage.toml"
 SHAPES = EXAMPLES.parent / "config" / "references" / "standard.toml"
 MADE = datetime(2026, 5, 4, tzinfo=UTC)
 SEED = 3
-
-
-class Unkept:
-    """Keeps no record but the last one."""
-
-    def __init__(self, resume: RunRecord | None = None) -> None:
-        self.last = resume
-
-    def load(self) -> RunRecord | None:
-        return self.last
-
-    def save(self, record: RunRecord) -> None:
-        self.last = record
 
 
 def quiet(_: str) -> None:
@@ -104,7 +91,7 @@ def loose_stage(folder: Path) -> RigFile:
 
 def known_but_for_the_stage(rig: RigFile, seed: int) -> CalibrationFile:
     """A calibration of its fingers as good as one can be."""
-    exact, plain = true_calibration(rig, seed), full_calibration(rig)
+    exact, plain = bench_calibration(rig, seed), full_calibration(rig)
     fingers = []
     for finger, own in zip(exact.fingers, plain.fingers, strict=True):
         assert isinstance(own.actuators, ActuatorsCalibration)
@@ -125,7 +112,7 @@ def test_a_stage_is_calibrated_on_the_emulated_bench(tmp_path: Path) -> None:
     assert table is not None
     told: list[str] = []
     job = CalibrationJob(rig, "0" * 64, load_references(SHAPES), ("stage",), 0.999, MADE, before)
-    file = calibrate(job, rig_connector(environment(bench), table, quiet), Unkept(), told.append)
+    file = calibrate(job, rig_connector(environment(bench), table, quiet), Kept(), told.append)
     assert bench.emulated is not None
     emulated = bench.emulated.bench
     assert emulated.stage is not None
@@ -151,11 +138,10 @@ class Whole:
 @pytest.fixture(scope="module")
 def whole() -> Whole:
     rig = load_rig(FRESH)
-    world, kept, told = SimulatedRig(rig, SEED), Unkept(), list[str]()
+    world, kept, told = SimulatedRig(rig, SEED), Kept(), list[str]()
     job = CalibrationJob(rig, "0" * 64, load_references(SHAPES), STEPS, 0.999, MADE, None)
     file = calibrate(job, world.connect, kept, told.append)
-    assert kept.last is not None
-    return Whole(world, rig, file, kept.last, told)
+    return Whole(world, rig, file, RunRecord.model_validate_json(kept.saved[-1]), told)
 
 
 def truth_of_stage(whole: Whole) -> EmulatedStage:
@@ -213,7 +199,7 @@ def test_the_file_is_read_again_and_the_report_shows_the_stage(whole: Whole, tmp
 @pytest.mark.slow
 def test_the_step_alone_finds_the_same(whole: Whole) -> None:
     """By the fingers as the file has them, with their errors each for itself."""
-    file = calibrate(whole.job(("stage",), whole.file), whole.world.connect, Unkept(), quiet)
+    file = calibrate(whole.job(("stage",), whole.file), whole.world.connect, Kept(), quiet)
     check_found(file, whole.rig, truth_of_stage(whole), to_hand(whole.rig, whole.world.fingers))
     assert file.fingers == whole.file.fingers
 
@@ -221,7 +207,7 @@ def test_the_step_alone_finds_the_same(whole: Whole) -> None:
 @pytest.mark.slow
 def test_a_stage_keeps_its_numbers_until_its_fingers_are_placed_anew(whole: Whole) -> None:
     others = whole.record.model_copy(update={"steps": ["fingers"], "stage": None})
-    file = calibrate(whole.job(("fingers",), whole.file), whole.world.connect, Unkept(others), quiet)
+    file = calibrate(whole.job(("fingers",), whole.file), whole.world.connect, Kept(others), quiet)
     assert file.stage is None, "the hand frame may be another now"
     rig = apply_calibration(whole.rig, file)
     assert rig.stage is not None
@@ -229,7 +215,7 @@ def test_a_stage_keeps_its_numbers_until_its_fingers_are_placed_anew(whole: Whol
     offset_mm = frame_offset_bound_mm(whole.rig, whole.rig.stage.centre_mm)
     assert rig.stage.centre_bound_mm == whole.rig.stage.centre_bound_mm + offset_mm
     actuators = whole.record.model_copy(update={"steps": ["actuators"], "stage": None, "touched": []})
-    file = calibrate(whole.job(("actuators",), whole.file), whole.world.connect, Unkept(actuators), quiet)
+    file = calibrate(whole.job(("actuators",), whole.file), whole.world.connect, Kept(actuators), quiet)
     assert file.stage == whole.file.stage
 
 
@@ -254,11 +240,8 @@ class Sliding(SimulatedProber):
 @pytest.mark.slow
 def test_a_disc_that_is_pushed_is_noticed_and_nothing_is_kept(whole: Whole) -> None:
     known = apply_calibration(whole.rig, whole.file)
-    kept = Unkept(whole.record.model_copy(update={"steps": ["stage"], "stage": None, "touched": []}))
-    assert kept.last is not None
-    disc = ReferenceDisc("disc", 25.0)
-    touched = measure_stage(Sliding(whole.world, known), known, disc, tell=quiet)
-    kept.last = kept.last.model_copy(update={"stage": touched})
+    touched = measure_stage(Sliding(whole.world, known), known, ReferenceDisc("disc", 25.0), tell=quiet)
+    kept = Kept(whole.record.model_copy(update={"steps": ["stage"], "stage": touched, "touched": []}))
     with pytest.raises(InputError, match=r"the disc has moved by about 0\.1\d mm while the stage turned"):
         calibrate(whole.job(("stage",), whole.file), whole.world.connect, kept, quiet)
 
@@ -286,7 +269,7 @@ def test_a_stage_needs_fingers_whose_places_are_known() -> None:
     rig = load_rig(FRESH)
     job = CalibrationJob(rig, "0" * 64, load_references(SHAPES), ("stage",), 0.999, MADE, None)
     with pytest.raises(InputError, match="the stage is measured with fingers whose places are known"):
-        calibrate(job, SimulatedRig(rig, SEED).connect, Unkept(), quiet)
+        calibrate(job, SimulatedRig(rig, SEED).connect, Kept(), quiet)
 
 
 def test_paths_at_several_angles_leave_out_aims_that_wait() -> None:

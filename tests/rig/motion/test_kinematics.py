@@ -359,24 +359,16 @@ def test_a_rig_with_a_stage_identifies() -> None:
 # ----------------------------------------------------------------------------------------------------
 # Two-link arms: what the host computes, against mechanics that are written apart from it.
 
-TWO_LINK_ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
-
-
-def two_link_arm() -> tuple[ArmFingerConfig, ArmKinematics]:
-    spec = TWO_LINK_ARMS.fingers[0]
-    assert isinstance(spec, ArmFingerConfig)
-    return spec, arm_kinematics(spec)
-
 
 @given(st.floats(25.0, 141.0), st.floats(-58.0, 58.0))
 def test_servo_angles_lead_back_to_the_place(elbow_deg: float, shoulder_deg: float) -> None:
-    _, k = two_link_arm()
+    _, k = arm()
     servos = (k.shoulder.servo_rad(math.radians(shoulder_deg)), k.elbow.servo_rad(math.radians(elbow_deg)))
     assert k.servos_at(k.centre_mm(servos)) == pytest.approx(servos, abs=1e-9)
 
 
 def test_places_out_of_reach_have_no_posture() -> None:
-    _, k = two_link_arm()
+    _, k = arm()
     for point in ((0.0, 230.0 - 301.0), (0.0, 240.0), (0.0, 400.0), (200.0, 230.0)):
         assert any(math.isnan(angle) for angle in k.servos_at(point))
     assert not any(math.isnan(angle) for angle in k.servos_rad(Line((0.0, 110.0), -math.pi / 2), 100.0))
@@ -384,7 +376,7 @@ def test_places_out_of_reach_have_no_posture() -> None:
 
 def test_the_true_tip_is_within_the_bound() -> None:
     """Truth drawn to the ends of the bounds, angles read as the encoders step."""
-    spec, k = two_link_arm()
+    spec, k = arm()
     rng = np.random.default_rng(3)
     closest = 0.0
     for _ in range(500):
@@ -423,7 +415,7 @@ def test_the_true_tip_is_within_the_bound() -> None:
 
 def test_torques_within_the_limits_never_press_harder() -> None:
     """The tip is held; whatever force balances the torques (Jᵀ F = τ) is no larger than the limit."""
-    _, k = two_link_arm()
+    _, k = arm()
     rng = np.random.default_rng(4)
     hardest = 0.0
     for _ in range(300):

@@ -29,6 +29,7 @@ from support.benches.session import small_session
 from support.campaign.sampling import sample
 from support.commands.command import (
     Here,
+    bytes_sent,
     log_bytes,
     log_events,
     log_lines,
@@ -77,11 +78,7 @@ def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]
 
 
 def sent_bytes(session: Path) -> int:
-    return sum(
-        len(base64.b64decode(event["base64"]))
-        for event in log_events(session / "session.jsonl.zst")
-        if event["event"] == "bytes" and event["direction"] == "sent"
-    )
+    return len(bytes_sent(log_events(session / "session.jsonl.zst")))
 
 
 def test_the_shipped_rig_comes_about_again(seed_7: Path, here: Here) -> None:

@@ -172,7 +172,7 @@ JSON = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
     max_leaves=4,
 )
-FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=400)
 
 
 @FUZZ
@@ -214,14 +214,6 @@ def test_a_packed_log_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path: Pa
         assert len(read_session(tmp_path).entries) == left.count(b"\n") - 1
 
 
-def test_what_is_flushed_can_be_read_while_the_log_is_written(tmp_path: Path) -> None:
-    with SessionLog(tmp_path, VirtualClock(), {"seed": 7}) as log:
-        for number in range(5):
-            log.event("stage", grip=number, stage="aiming")
-            until(lambda wanted=number + 2: log_bytes(log.path).count(b"\n") >= wanted)
-    assert len(read_session(tmp_path).entries) == 6
-
-
 def test_a_log_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     """It is refused by what has been unpacked so far, line by line, and never held as a whole."""
     header = log_bytes(packed_log(tmp_path)).split(b"\n")[0] + b"\n"
@@ -246,23 +238,14 @@ def test_a_line_that_does_not_end_is_refused(tmp_path: Path) -> None:
 
 @FUZZ
 @given(data=st.data())
-def test_any_value_in_any_place_is_survived(tmp_path: Path, data: st.DataObject) -> None:
+def test_any_value_in_any_place_and_any_line_are_survived(tmp_path: Path, data: st.DataObject) -> None:
     path = written(tmp_path)
     lines = path.read_text(encoding="utf-8").splitlines()
     number = data.draw(st.integers(0, len(lines) - 1))
     event = json.loads(lines[number])
     event[data.draw(st.sampled_from(sorted(event)))] = data.draw(JSON)
-    lines[number] = json.dumps(event)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    read_or_refused(tmp_path)
-
-
-@FUZZ
-@given(line=st.text() | JSON.map(json.dumps) | st.sampled_from(["[" * 100_000, "1" * 5000, "NaN", "null"]))
-def test_any_line_is_survived(tmp_path: Path, line: str) -> None:
-    path = written(tmp_path)
-    lines = path.read_text(encoding="utf-8").splitlines()
-    lines[4] = line
+    odd = st.sampled_from(["[" * 100_000, "1" * 5000, "NaN", "null"])
+    lines[number] = data.draw(st.just(json.dumps(event)) | st.text() | JSON.map(json.dumps) | odd)
     path.write_bytes("\n".join(lines).encode("utf-8", "surrogatepass") + b"\n")
     read_or_refused(tmp_path)
 

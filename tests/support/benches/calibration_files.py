@@ -34,7 +34,6 @@ from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
-from palpate.rig.emulated.devices import emulate
 from palpate.rig.session.calibration_drift import devices_of
 from support.benches.rigs import firm_rig
 
@@ -171,38 +170,6 @@ def _residuals(finger: str, rng: np.random.Generator) -> Residuals:
             for value in off
         ],
     )
-
-
-def true_calibration(rig: RigFile, seed: int) -> CalibrationFile:
-    """Places of an emulated rig's fingers as a perfect calibration would find them, in the hand frame."""
-    bench = emulate(rig, None, seed)
-    truths = [finger.truth for finger in bench.bench.fingers]
-    to_hand = align_to_nominal(
-        [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers],
-        [BasePose(truth.base_mm, truth.heading_rad) for truth in truths],
-    )
-    fingers = []
-    for template, truth in zip(full_calibration(rig).fingers, truths, strict=True):
-        assert isinstance(truth, FingerTruth)
-        assert template.place is not None
-        assert template.bounds is not None
-        found = to_hand.place(BasePose(truth.base_mm, truth.heading_rad))
-        place = template.place.model_copy(
-            update={
-                "base_mm": found.base_mm,
-                "heading_deg": math.degrees(found.heading_rad),
-                "tip_radius_mm": truth.tip_radius_mm,
-                "array_heading_deg": math.degrees(truth.array_heading_rad),
-                "zero_mm": truth.zero_mm - math.pi * truth.mm_per_rad,
-                "mm_per_turn": 2 * math.pi * truth.mm_per_rad,
-            }
-        )
-        place = PlaceCalibration.model_validate(place.model_dump())
-        bounds = template.bounds.model_copy(update={"position_mm": truth.slide_play_mm + 0.05})
-        fingers.append(FingerCalibration(name=template.name, place=place, bounds=bounds))
-    with connect(set_up(rig, None, seed)) as hand:
-        devices = devices_of(hand)
-    return empty_calibration(rig, devices).model_copy(update={"fingers": fingers})
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from palpate.calibration.measurements import (
     IdleMeasurement,
     PressMeasurement,
     Probe,
+    RunRecord,
     ServoPath,
     StopMeasurement,
     TouchMeasurement,
@@ -444,3 +446,17 @@ def _approaches(rig: RigFile, *, turned: bool) -> Sequence[ServoPath]:
     if key not in _known:
         _known[key] = approaches_of(rig)
     return _known[key]
+
+
+@dataclass
+class Kept:
+    """A keeper that remembers everything that was ever kept; `resume` is what it begins with."""
+
+    resume: RunRecord | None = None
+    saved: list[str] = field(default_factory=list)
+
+    def load(self) -> RunRecord | None:
+        return self.resume
+
+    def save(self, record: RunRecord) -> None:
+        self.saved.append(record.model_dump_json())

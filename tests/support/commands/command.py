@@ -1,5 +1,6 @@
 """The installed command: in a process of its own, or its `main` in this one where that is enough."""
 
+import base64
 import io
 import json
 import re
@@ -158,6 +159,15 @@ def log_lines(path: Path) -> list[str]:
 def write_log(path: Path, lines: Iterable[str]) -> None:
     """Pack lines as a session log."""
     path.write_bytes(zstandard.ZstdCompressor().compress("".join(lines).encode()))
+
+
+def bytes_sent(events: Iterable[dict[str, Any]], port: str | None = None) -> bytes:
+    """What a log's events say was sent, to one port or to all."""
+    return b"".join(
+        base64.b64decode(event["base64"])
+        for event in events
+        if event["event"] == "bytes" and event["direction"] == "sent" and port in (None, event["port"])
+    )
 
 
 def torque_writes(sent: bytes) -> list[tuple[int, int]]:

@@ -7,12 +7,15 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from dynamixel_sdk import PortHandler
+from serial.serialutil import SerialBase
+
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, StatusPacket
 from palpate.drivers.emulators.device_server import DeviceServer, serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
-from palpate.drivers.transport.clock import MonotonicClock, VirtualClock
+from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
 
@@ -156,3 +159,22 @@ def served_servos(dxl_ids: Sequence[int]) -> Iterator[Served]:
     chain = ServoChain(list(servos.values()), advance, baudrate=BAUD)
     with serve_pty({"bus": (chain, BAUD)}, clock, threading.Event()) as service:
         yield Served(service, servos)
+
+
+# ----------------------------------------------------------------------------------------------------
+# The vendor's SDK on a port that is open already.
+
+
+class SdkPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's own port handler, but for where its port comes from and whose time it is."""
+
+    def __init__(self, port: SerialBase, clock: Clock | None = None) -> None:
+        super().__init__(port.port)
+        self.ser = port
+        self.is_open = True
+        self.tx_time_per_byte = 1e4 / port.baudrate
+        self._clock = clock
+
+    def getCurrentTime(self) -> float:
+        now: float = super().getCurrentTime()
+        return now if self._clock is None else self._clock.now() * 1e3

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ParamSpec
 
@@ -271,6 +271,15 @@ def true_normal(shape: shapely.Geometry, centre: Floats, radius: float, rng: np.
     else:
         normal = outward[rng.choice(np.flatnonzero(gap <= gap.min() + 2 * _GRAZING_MM))]
     return math.atan2(normal[1], normal[0])
+
+
+def with_normal(placed: Placed, contact: Contact, half_range: float | None, shift: float = 0.0) -> Contact:
+    """A point finger's exact contact, with the normal of the edge that it met to within `half_range`."""
+    if half_range is None or contact.normal is not None or not contact.touched:
+        return contact
+    rng = np.random.default_rng(0)  # of two edges at a vertex
+    normal = true_normal(placed.shape, np.asarray(contact.end_mm), 0.0, rng) + shift
+    return replace(contact, normal=NormalRange(normal - half_range, normal + half_range))
 
 
 def edges_of(shape: shapely.Geometry) -> tuple[Floats, Floats]:
