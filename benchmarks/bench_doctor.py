@@ -29,12 +29,12 @@ def findings_of(fault: Fault, seed: int) -> Sequence[FindingOut]:
 
 def is_named(fault: Fault, found: Sequence[FindingOut]) -> bool:
     """Whether a finding has the fault's cause and its device."""
-    return any(item.cause in fault.causes and fault.device in item.device for item in found)
+    return any(item.cause is fault.cause and fault.device in item.device for item in found)
 
 
 def wrong_ones(fault: Fault, found: Sequence[FindingOut]) -> list[FindingOut]:
     """Findings that are not the fault."""
-    return [item for item in found if item.cause not in fault.causes]
+    return [item for item in found if item.cause is not fault.cause]
 
 
 def main() -> int:
@@ -49,19 +49,19 @@ def main() -> int:
     for fault in chosen:
         found = findings_of(fault, asked.seed)
         others = wrong_ones(fault, found)
-        if fault.causes:
+        if fault.cause is not None:
             named += is_named(fault, found)
             wrong += bool(others)
         else:
             false += bool(found)
-        right = (is_named(fault, found) or not fault.causes) and not others
+        right = (is_named(fault, found) or fault.cause is None) and not others
         print(
             f"{'ok   ' if right else 'WRONG'} {fault.name:50} {', '.join(item.cause for item in found)}",
             flush=True,
         )
         for item in () if right else found:
             print(f"        {item.cause}: {item.device}: {item.saw} | {item.means} | {item.next}")
-    planted = sum(bool(fault.causes) for fault in chosen)
+    planted = sum(fault.cause is not None for fault in chosen)
     well = len(chosen) - planted
     verdict = (
         f"{named} of {planted} causes named, {wrong} with a wrong one beside it; "

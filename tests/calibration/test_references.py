@@ -157,6 +157,12 @@ def test_references_that_are_all_too_large_make_a_tip_too_large() -> None:
         checked(where, given)
 
 
+def first_touches() -> list[TouchMeasurement]:
+    return [
+        TouchMeasurement(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)
+    ]
+
+
 def once_more(first: list[TouchMeasurement], off_mm: float) -> list[TouchMeasurement]:
     per_rad = models()[0].mm_per_rad
     item = first[0]
@@ -165,10 +171,7 @@ def once_more(first: list[TouchMeasurement], off_mm: float) -> list[TouchMeasure
 
 
 def test_the_same_touches_again_tell_whether_it_has_moved() -> None:
-    first = [
-        TouchMeasurement(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)
-    ]
-    placing = placings()[1]
+    first, placing = first_touches(), placings()[1]
     check_still(first, once_more(first, 0.04), models(), placing)
     with pytest.raises(InputError, match=r"disc near \(35, 20\) mm: finger f1 met it 0.30 mm from where"):
         check_still(first, once_more(first, -0.3), models(), placing)
@@ -180,10 +183,7 @@ def test_the_same_touches_again_tell_whether_it_has_moved() -> None:
 
 def test_an_aim_that_came_from_the_other_side_explains_some_of_it() -> None:
     """It rests a few encoder steps elsewhere, and an oblique touch is met later or sooner."""
-    first = [
-        TouchMeasurement(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)
-    ]
-    placing = placings()[1]
+    first, placing = first_touches(), placings()[1]
     further = once_more(first, 0.25)
     with pytest.raises(InputError, match=r"finger f1 met it 0.25 mm from where"):
         check_still(first, further, models(), placing)

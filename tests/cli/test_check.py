@@ -1,7 +1,6 @@
 """`palpate check`: what it sees on the emulated bench, whole and broken, and that it moves nothing."""
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -39,15 +38,6 @@ def emulated(place: BusEndpoint) -> dict[int, EmulatedServo]:
     assert place.devices.mock is not None
     fingers = place.devices.mock.rig.bench.fingers
     return {servo.dxl_id: servo for finger in fingers for servo in finger.servos}
-
-
-def poke(servo: EmulatedServo, item: str, value: int) -> None:
-    """Change what a servo remembers, as somebody's earlier program may have done."""
-    servo._unit.table.set(item, value)
-
-
-def lines_about(texts: Sequence[str], dxl_id: int) -> list[str]:
-    return [text for text in texts if text.startswith(f"servo {dxl_id} ")]
 
 
 def test_the_shipped_rig_as_json(here: Here) -> None:
@@ -163,62 +153,6 @@ def test_a_silent_servo_hides_no_other() -> None:
     assert problem.startswith("servo 21 (f2 aim): it does not answer")
     assert out.loop is not None
     assert out.loop.servos == 5
-
-
-def test_each_thing_that_is_wrong_with_a_servo_is_said() -> None:
-    place = endpoint_of_rig(RIG)
-    servos = emulated(place)
-    servos[11].report_hardware_error(0x20)
-    poke(servos[12], "Min Voltage Limit", 130)
-    servos[21].set_temperature(85.0)
-    poke(servos[22], "Temperature Limit", 35)
-    servos[31]._unit.set_torque(on=True)
-    out = checked(RIG, place)
-    assert not out.well
-    assert any("hardware error: overload" in text for text in lines_about(out.problems, 11))
-    assert any("12.0 V, and 13.0 to 16.0 V are allowed" in text for text in lines_about(out.problems, 12))
-    assert any("°C, its limit is 80 °C" in text for text in lines_about(out.problems, 21))
-    assert any("it is warm: " in text for text in lines_about(out.warnings, 22))
-    assert any("torque is on" in text for text in lines_about(out.problems, 31))
-    assert [len(item.problems) for item in out.servos] == [1, 1, 1, 0, 1, 0], "each beside its servo"
-    assert out.loop is not None
-    assert out.loop.servos == sum(not item.hardware_error for item in out.servos)
-    assert lines_about(out.problems, 22) == lines_about(out.problems, 32) == []
-
-
-def test_a_servo_of_another_model() -> None:
-    wanted = RIG.model_copy(
-        update={
-            "fingers": (
-                RIG.fingers[0].model_copy(
-                    update={"aim": RIG.fingers[0].aim.model_copy(update={"model": "XL330-M288"})}
-                ),
-                *RIG.fingers[1:],
-            )
-        }
-    )
-    out = checked(wanted, endpoint_of_rig(RIG))
-    assert not out.well
-    (problem,) = out.problems
-    assert "answers as XM430-W350, not as the rig file's XL330-M288" in problem
-
-
-def test_an_array_that_is_not_there() -> None:
-    place = endpoint_of_rig(RIG)
-    gone = BusEndpoint(
-        place.port,
-        place.clock,
-        place.latency_s,
-        place.baudrate,
-        RIG,
-        lambda port: "mock://gone/f2" if port == "mock://f2" else place.urls(port),
-        place.devices,
-    )
-    out = checked(RIG, gone)
-    assert not out.well
-    assert [array.answers for array in out.arrays] == [True, False, True]
-    (problem,) = out.problems
-    assert problem.startswith("port mock://f2 (array f2): there is no such port")
 
 
 def test_a_port_that_is_not_there_is_one_line(here: Here) -> None:

@@ -43,9 +43,9 @@ def fault(name: str) -> Fault:
 @pytest.mark.parametrize("planted", sample(FAULTS, FAULTS[::4]), ids=lambda item: item.name)
 def test_a_fault_is_named_and_nothing_else(planted: Fault, tmp_path: Path) -> None:
     found = examined(planted, tmp_path)
-    assert {item.cause for item in found.findings} == set(planted.causes)
+    assert {item.cause for item in found.findings} == {planted.cause}
     assert any(planted.device in item.device for item in found.findings)
-    assert found.next is not None or planted.causes == (Cause.LIMITS_NOT_SET,)
+    assert found.next is not None or planted.cause is Cause.LIMITS_NOT_SET
     for item in found.findings:
         assert item.saw
         assert item.means
@@ -68,7 +68,7 @@ def test_a_set_up_without_a_fault_has_no_findings(planted: Fault, seed: int, tmp
 
 def test_there_are_thirty_faults_of_different_causes() -> None:
     assert len(FAULTS) >= 30
-    assert len({cause for item in FAULTS for cause in item.causes}) >= 30
+    assert len({item.cause for item in FAULTS}) >= 30
 
 
 def test_steps_behind_a_failed_one_are_skipped_with_the_reason(tmp_path: Path) -> None:
@@ -88,14 +88,14 @@ def test_one_thing_is_said_to_be_done_first_and_warnings_wait(tmp_path: Path) ->
         fault("latency timer of 16 ms").plant(found)  # type: ignore[arg-type]
         fault("torque left on").plant(found)  # type: ignore[arg-type]
 
-    found = examined(Fault("both", (), "", both), tmp_path)
+    found = examined(Fault("both", None, "", both), tmp_path)
     assert [item.cause for item in found.findings] == [Cause.LATENCY_TIMER, Cause.TORQUE_ON]
     assert found.next == "servo 12 (f1 slide): palpate stop --rig rig.toml"
 
 
 def test_fingers_do_not_move_while_something_is_wrong(tmp_path: Path) -> None:
     planted = fault("torque left on")
-    found = examined(Fault("moved", planted.causes, "", planted.plant, move=True), tmp_path)
+    found = examined(Fault("moved", planted.cause, "", planted.plant, move=True), tmp_path)
     assert not found.moved
     assert found.steps[-1].skipped_because == "fingers move only once nothing else is wrong"
 
@@ -150,7 +150,7 @@ def test_a_real_rig_needs_somebody_who_looks(tmp_path: Path) -> None:
 def test_of_some_ports_that_are_missing_each_is_a_finding(tmp_path: Path) -> None:
     """What to do next is about all of them."""
     gone = {PORTS[name]: PortMissing(name) for name in ("f1", "f3")}
-    found = examined(Fault("two arrays", (), "", lambda setup: setup.refused.update(gone)), tmp_path, 3)
+    found = examined(Fault("two arrays", None, "", lambda setup: setup.refused.update(gone)), tmp_path, 3)
     (ports, *_) = found.steps
     assert [item.device for item in ports.findings] == [
         f"port {port} (array {name})" for name, port in PORTS.items() if port in gone
@@ -296,7 +296,7 @@ def test_modem_manager_that_is_told_to_leave_a_port_alone_is_no_finding(tmp_path
         data = tmp_path / "run/udev/data/c188:1"
         data.write_text("E:ID_MM_CANDIDATE=1\nE:ID_MM_DEVICE_IGNORE=1\n", encoding="ascii")
 
-    assert examined(Fault("told", (), "", told), tmp_path).findings == ()
+    assert examined(Fault("told", None, "", told), tmp_path).findings == ()
 
 
 def frames_of(counts: np.ndarray, rate_hz: float = 250.0) -> list[TactileFrame]:

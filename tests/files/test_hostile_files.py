@@ -3,7 +3,6 @@
 import os
 import random
 import resource
-import shutil
 import signal
 import time
 import warnings
@@ -20,10 +19,9 @@ from palpate.base.file_io import READING_BYTES, READING_S, read_bytes
 from palpate.cad.readers import read_drawings, read_solids
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.calibration_file import load_calibration
-from palpate.rig.session.log_reader import read_session
 from support.benches.parts import ELL, prism
 from support.benches.rigs import firm_rig
-from support.campaign.hostile_files import CASES, FIRST, SQUARE, SVG, Case, dxf
+from support.campaign.hostile_files import CASES, SQUARE, SVG, Case, dxf
 from support.commands.command import run
 from support.commands.repository import EXAMPLES
 
@@ -77,7 +75,6 @@ def test_all_of_the_worst_are_in_the_corpus() -> None:
 # ----------------------------------------------------------------------------------------------------
 # Valid files of each format, cut and changed at random: each is read or refused, and nothing else.
 
-LINE = '{"t_s":0.1,"event":"bytes","port":"a","direction":"sent","base64":"AA==","calls":"t1~2.z"}\n'
 CIRCLE = "0\nCIRCLE\n8\n0\n10\n50\n20\n50\n40\n9\n"
 PATH = '<path d="M1 1 H9 V9 A3 4 5 0 1 2 7 Z" transform="scale(2)"/>'
 BYTES = (0, 9, 10, 34, 45, 46, 48, 57, 91, 128, 255)
@@ -90,11 +87,6 @@ def solid(path: Path) -> object:
 
 def drawing(path: Path) -> object:
     return read_drawings(path, None, 0.1)
-
-
-def session(path: Path) -> object:
-    shutil.copy(path, path.with_name("session.jsonl"))
-    return read_session(path.parent)
 
 
 def mesh(kind: str) -> Callable[[], bytes]:
@@ -110,16 +102,12 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[], bytes]]] = {
     "b.json": (load_objects, shipped_objects().read_bytes),
     "c.json": (load_contacts, (EXAMPLES / "contacts.json").read_bytes),
     "d.json": (load_scene, (EXAMPLES / "scene.json").read_bytes),
-    "e.log": (session, (FIRST + LINE * 20).encode),
     "f.stl": (solid, mesh("stl")),
     "g.stl": (solid, mesh("stl_ascii")),
     "h.obj": (solid, mesh("obj")),
     "i.ply": (solid, mesh("ply")),
     "j.3mf": (solid, mesh("3mf")),
-    "k.svg": (
-        drawing,
-        SVG.format(PATH).encode,
-    ),
+    "k.svg": (drawing, SVG.format(PATH).encode),
     "l.dxf": (drawing, dxf(CIRCLE + SQUARE).encode),
     "m.toml": (load_calibration, lambda: b'format = "palpate/calibration@1"\n[[fingers]]\nname = "f1"\n'),
 }
@@ -130,9 +118,7 @@ def damaged(whole: bytes, draw: random.Random) -> Iterator[bytes]:
     for _ in range(TRIALS // 4):
         data = bytearray(whole)
         for _ in range(draw.randint(1, 4)):
-            data[draw.randrange(len(data))] = draw.choice(
-                (0, 9, 10, 34, 45, 46, 48, 57, 255, draw.randrange(256))
-            )
+            data[draw.randrange(len(data))] = draw.choice((*BYTES, draw.randrange(256)))
         start, end = sorted(draw.sample(range(len(whole)), 2))
         other = draw.randrange(len(whole))
         yield whole[:start]
@@ -168,7 +154,7 @@ def test_read_or_refused(name: str, tmp_path: Path) -> None:
 
 def test_what_is_damaged_here_is_read_otherwise(tmp_path: Path) -> None:
     for name, (read, whole) in READERS.items():
-        if name in {"m.toml"}:
+        if name == "m.toml":
             continue
         (tmp_path / name).write_bytes(whole())
         if name == "l.dxf":

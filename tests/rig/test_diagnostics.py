@@ -26,14 +26,10 @@ from palpate.config import (
     load_rig,
 )
 from palpate.config.diagnosis_results import (
-    AdapterCheckOut,
-    BusCountsOut,
     CalibrationCheckOut,
     Cause,
-    CheckOut,
     HoldCheckOut,
     Severity,
-    TouchForceOut,
 )
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
@@ -41,9 +37,11 @@ from palpate.drivers.dynamixel.models import specification
 from palpate.rig.bench import connect
 from palpate.rig.diagnostics.calibration_check import Retouch, judge_friction, judge_touch, retouch, touch_out
 from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
+from palpate.rig.diagnostics.servo_bus import endpoint_of_rig
 from palpate.rig.motion.creep import is_sliding
 from palpate.views.check_table import show_check
 from support.benches.calibration_files import bench_calibration, truth_calibration
+from support.benches.doctor import checked
 from support.benches.rigs import firm_rig, quick_rig, small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
@@ -231,30 +229,6 @@ def test_sliding_is_seen_once_the_force_stays_and_not_before(
 # A disc touched again: it agrees with a right calibration, and not with one of a rig that has changed.
 
 DISC = ReferenceDisc("disc", 25.0)
-CHECKED = CheckOut(
-    rig="bench",
-    emulated=True,
-    well=True,
-    adapter=AdapterCheckOut(port="mock://bus", baudrate_bps=1000000, latency_timer_ms=None),
-    servos=(),
-    arrays=(),
-    loop=None,
-    bus=BusCountsOut(instructions=1, silent=0, damaged=0, retries=0, alerts=0, reconnects=0, stale=0),
-    touch_force=TouchForceOut(quick_n=2.8, slow_n=0.5, unstopped_n=15.5),
-    calibration=CalibrationCheckOut(
-        file="rig.calibration.toml",
-        made="2026-05-04T12:30:00Z",
-        age_days=3,
-        coverage=0.999,
-        position_mm=0.2,
-        direction_deg=0.5,
-        devices_match=True,
-    ),
-    problems=(),
-    warnings=(),
-    steps=(),
-    next=None,
-)
 
 
 def touched(
@@ -355,9 +329,17 @@ def test_a_rig_that_does_not_agree_is_not_well(capsys: pytest.CaptureFixture[str
     assert "15 touches" in saw
     assert (problem.cause, problem.severity) == (Cause.TOUCH_DISAGREES, Severity.WRONG)
     assert "mm (in the mean f1 " in problem.saw
-    assert CHECKED.calibration is not None
-    calibration = CHECKED.calibration.model_copy(update={"touch": touch_out(found)})
-    out = CHECKED.model_copy(update={"calibration": calibration})
+    calibration = CalibrationCheckOut(
+        file="rig.calibration.toml",
+        made="2026-05-04T12:30:00Z",
+        age_days=3,
+        coverage=0.999,
+        position_mm=0.2,
+        direction_deg=0.5,
+        devices_match=True,
+        touch=touch_out(found),
+    )
+    out = checked(RIG, endpoint_of_rig(RIG)).model_copy(update={"calibration": calibration})
     show_check(out, Console(width=200, soft_wrap=True))
     assert "does not agree with 15 touches (f1 " in capsys.readouterr().out
     assert judge_touch(RIG, touched(0))[1] == []

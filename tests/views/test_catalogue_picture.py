@@ -1,8 +1,8 @@
 """Pictures of catalogues and of pairs that cannot be told apart."""
 
-import json
 import xml.etree.ElementTree as ET
 from collections import Counter
+from functools import partial
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -40,11 +40,11 @@ from support.benches.parts import (
     L_SHAPE,
     fingers_at,
     moved,
-    objects,
     polygon,
     rectangle,
     section,
     stacked_part,
+    states_of,
 )
 from support.commands.command import missing
 
@@ -58,14 +58,7 @@ U_SHAPE = [[0, 0], [60, 0], [60, 50], [48, 50], [48, 14], [12, 14], [12, 50], [0
 
 @pytest.fixture
 def states(tmp_path: Path) -> Any:
-    """Parts as states, by way of a file."""
-
-    def of(*parts: Any) -> tuple[StateSections, ...]:
-        file = tmp_path / "parts.json"
-        file.write_text(json.dumps(objects(*parts)))
-        return state_sections(load_objects(file))
-
-    return of
+    return partial(states_of, tmp_path)
 
 
 LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"

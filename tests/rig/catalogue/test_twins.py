@@ -1,7 +1,7 @@
 """Objects that cannot be told apart, and the regions reached."""
 
-import json
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +42,11 @@ from support.benches.parts import (
     fingers_at,
     mirrored,
     moved,
-    objects,
     polygon,
     rectangle,
     section,
     stacked_part,
+    states_of,
 )
 from support.benches.rigs import firm_rig
 from support.commands.repository import EXAMPLES, SHARED_OUTLINES, needs_shared_outlines
@@ -59,14 +59,7 @@ LIMIT = 2 * BOUND_MM
 
 @pytest.fixture
 def states(tmp_path: Path) -> Any:
-    """Parts as states, by way of a file."""
-
-    def of(*parts: Any) -> tuple[StateSections, ...]:
-        file = tmp_path / "parts.json"
-        file.write_text(json.dumps(objects(*parts)))
-        return state_sections(load_objects(file))
-
-    return of
+    return partial(states_of, tmp_path)
 
 
 def compared(found: tuple[StateSections, ...], *heights: float) -> StatePair | None:

@@ -331,11 +331,6 @@ def test_slides_of_every_kind_come_to_rest_at_their_stops(model: str, mm_per_tur
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 
 
-def anywhere_on(rig: RigFile) -> RigFile:
-    assert rig.emulation is not None
-    return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"start": "anywhere"})})
-
-
 def put(session: EmulatedSession, index: int, servos: Servos) -> None:
     """Let a finger stand elsewhere before anything has moved."""
     for servo, angle in zip(session.bench.fingers[index].servos, servos, strict=True):
@@ -379,7 +374,7 @@ def test_arms_come_to_standby_from_anywhere(seed: int) -> None:
 @pytest.mark.campaign
 def test_an_arm_that_meets_the_part_backs_off_and_goes_another_way() -> None:
     """The second arm's tip stands beyond the part: the best way leads through that."""
-    session = emulated_session(seed=0, rig=anywhere_on(ARMS))
+    session = emulated_session(seed=0, rig=anywhere(ARMS))
     prepared(session)
     assert 0.1 < session.bench.fingers[1].hardest_n < 2.5
 

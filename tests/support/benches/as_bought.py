@@ -24,8 +24,7 @@ from support.commands.repository import EXAMPLES
 # What a first day on hardware brings, emulated: each row is something of adapters or mechanics.
 #
 # A run ends with the right answer, within its bounds; or with the row's own message or verdict; with torque
-# off
-# in both cases, as the emulated servos themselves say.
+# off in both cases, as the emulated servos themselves say.
 
 _TORQUE_ENABLE = 64
 
@@ -59,6 +58,10 @@ class Outcome:
 
 
 _GONE = r"failed|is gone|does not answer|do not answer|did not answer|sent no frame|has sent"
+_HELD = "did not reach|is held"
+_POWER = "hardware error|restarted|not answer"
+_TAKEN = "another program"
+_NO_ANSWER = "moving|unknown|unresolved|indistinguishable"
 _DEFLECTION = (("heading_deg = 0.02\n", "heading_deg = 0.02\ndeflection_mm_per_n = 0.06\n"),)
 
 ROWS: tuple[Row, ...] = (
@@ -97,37 +100,19 @@ ROWS: tuple[Row, ...] = (
         'array_adapter = {gone_after_s = [1, 25], comes_back_as = "other"}',
         _GONE,
     ),
-    Row("another program has the bus's port for 15 s", "bus_adapter = {grabbed_s = 15}", "another program"),
-    Row(
-        "another program has the arrays' ports for 15 s",
-        "array_adapter = {grabbed_s = 15}",
-        "another program",
-    ),
+    Row("another program has the bus's port for 15 s", "bus_adapter = {grabbed_s = 15}", _TAKEN),
+    Row("another program has the arrays' ports for 15 s", "array_adapter = {grabbed_s = 15}", _TAKEN),
     Row("arrays reset as their ports open", "array_boot_s = 1.5"),
     Row("an array resets in a run", "array_reset_s = [1, 25]\narray_boot_s = 0.8", _GONE),
-    Row(
-        "friction of 1 … 2.4 times the model's", "mechanics = {friction = [1, 2.4]}", "did not reach|is held"
-    ),
-    Row(
-        "friction of 3 … 4 times: more than max_force_n",
-        "mechanics = {friction = [3, 4]}",
-        "did not reach|is held",
-    ),
-    Row("twice the friction at rest", "mechanics = {rest_friction = [1.5, 2.3]}", "did not reach|is held"),
-    Row("3 … 4 times the friction at rest", "mechanics = {rest_friction = [3, 4]}", "did not reach|is held"),
-    Row("cogging", "mechanics = {cogging = [0.3, 1]}", "did not reach|is held"),
-    Row("warm motors", "mechanics = {torque_loss = [0.1, 0.25]}", "did not reach|is held"),
-    Row(
-        "a supply of 0.5 … 4 ohm",
-        "mechanics = {supply_ohm = [0.5, 4]}",
-        "hardware error|restarted|not answer",
-    ),
-    Row(
-        "a supply of 30 … 60 ohm",
-        "mechanics = {supply_ohm = [30, 60]}",
-        "hardware error|restarted|not answer|torque off",
-    ),
-    Row("cables that pull", "mechanics = {cable_n = [-1, 1]}", "did not reach|is held"),
+    Row("friction of 1 … 2.4 times the model's", "mechanics = {friction = [1, 2.4]}", _HELD),
+    Row("friction of 3 … 4 times: more than max_force_n", "mechanics = {friction = [3, 4]}", _HELD),
+    Row("twice the friction at rest", "mechanics = {rest_friction = [1.5, 2.3]}", _HELD),
+    Row("3 … 4 times the friction at rest", "mechanics = {rest_friction = [3, 4]}", _HELD),
+    Row("cogging", "mechanics = {cogging = [0.3, 1]}", _HELD),
+    Row("warm motors", "mechanics = {torque_loss = [0.1, 0.25]}", _HELD),
+    Row("a supply of 0.5 … 4 ohm", "mechanics = {supply_ohm = [0.5, 4]}", _POWER),
+    Row("a supply of 30 … 60 ohm", "mechanics = {supply_ohm = [30, 60]}", _POWER + "|torque off"),
+    Row("cables that pull", "mechanics = {cable_n = [-1, 1]}", _HELD),
     Row(
         "slides that give way under load",
         "mechanics = {slide_deflection_mm_per_n = [0.02, 0.06]}",
@@ -136,13 +121,13 @@ ROWS: tuple[Row, ...] = (
     Row(
         "a screw that slips",
         "mechanics = {slip_mm = [0.5, 3], slip_after_s = [3, 20]}",
-        "moving|unknown|unresolved|indistinguishable",
+        _NO_ANSWER,
         unsure="a slide that has slipped looks like a part that lies elsewhere",
     ),
     Row(
         "a screw that slips, with check_slips",
         "mechanics = {slip_mm = [0.5, 3], slip_after_s = [20, 30]}",
-        "moving|unknown|unresolved|indistinguishable|has slipped",
+        _NO_ANSWER + "|has slipped",
         bounds=(
             ("max_grips = 8", "max_grips = 8\ncheck_slips = true"),
             ("zero_mm = 40.0", "zero_mm = 40.0\nstops_mm = [42.0, 253.0]"),

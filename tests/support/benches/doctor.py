@@ -166,11 +166,11 @@ Plant = Callable[[SetUp], None]
 class Fault:
     """A fault: how it is planted, where doctor has to find it, and by which cause.
 
-    `build`: what is different in the devices that are built, beside the rig file. `causes`: any is right.
+    `build`: what is different in the devices that are built, beside the rig file.
     """
 
     name: str
-    causes: tuple[Cause, ...]
+    cause: Cause | None
     device: str
     plant: Plant = lambda _: None
     build: Change = lambda _: None
@@ -380,141 +380,121 @@ _COLUMN = [(row, 7) for row in range(8)]
 _ROW = [(3, col) for col in range(20)]
 
 WELL = (
-    Fault("nothing", (), ""),
-    Fault("nothing, calibrated", (), "", calibrated=True),
-    Fault("nothing, and joints are moved", (), "", move=True),
+    Fault("nothing", None, ""),
+    Fault("nothing, calibrated", None, "", calibrated=True),
+    Fault("nothing, and joints are moved", None, "", move=True),
 )
 """Set-ups without a fault."""
 
 FAULTS = (
     Fault(
         "the bus's adapter is not plugged in",
-        (Cause.PORT_MISSING,),
+        Cause.PORT_MISSING,
         BUS,
         _refuse(BUS, PortMissing, errno.ENOENT),
     ),
     Fault(
         "an array's port is not there",
-        (Cause.PORT_MISSING,),
+        Cause.PORT_MISSING,
         PORTS["f3"],
         _refuse(PORTS["f3"], PortMissing, errno.ENODEV),
     ),
     Fault(
-        "user not in the ports' group",
-        (Cause.PORT_FORBIDDEN,),
-        BUS,
-        _refuse(BUS, PortForbidden, errno.EACCES),
+        "user not in the ports' group", Cause.PORT_FORBIDDEN, BUS, _refuse(BUS, PortForbidden, errno.EACCES)
     ),
-    Fault("another program holds the bus", (Cause.PORT_BUSY,), BUS, _refuse(BUS, PortTaken, errno.EBUSY)),
-    Fault("another program has an array's port open, too", (Cause.PORT_BUSY,), PORTS["f2"], _shared),
-    Fault("ModemManager holds the bus", (Cause.MODEM_MANAGER,), BUS, _modem_manager_has),
-    Fault("ModemManager may probe an array", (Cause.MODEM_MANAGER,), PORTS["f1"], _modem_manager_may),
-    Fault("brltty took an array's adapter", (Cause.BRLTTY,), PORTS["f2"], _brltty),
+    Fault("another program holds the bus", Cause.PORT_BUSY, BUS, _refuse(BUS, PortTaken, errno.EBUSY)),
+    Fault("another program has an array's port open, too", Cause.PORT_BUSY, PORTS["f2"], _shared),
+    Fault("ModemManager holds the bus", Cause.MODEM_MANAGER, BUS, _modem_manager_has),
+    Fault("ModemManager may probe an array", Cause.MODEM_MANAGER, PORTS["f1"], _modem_manager_may),
+    Fault("brltty took an array's adapter", Cause.BRLTTY, PORTS["f2"], _brltty),
     Fault(
         "latency timer of 16 ms",
-        (Cause.LATENCY_TIMER,),
+        Cause.LATENCY_TIMER,
         BUS,
         lambda s: s.file("sys/class/tty/ttyUSB0/device/latency_timer", "16"),
     ),
-    Fault("a servo at another baud rate", (Cause.BAUD_RATE,), "21", _poke(21, "Baud Rate", 1)),
-    Fault("all servos at another baud rate", (Cause.BAUD_RATE,), "all servos", build=_bus_rate),
-    Fault("a servo with another id", (Cause.WRONG_ID,), "22", _poke(22, "ID", 1)),
-    Fault("two servos of one id", (Cause.DUPLICATE_ID,), "11", _poke(12, "ID", 11)),
+    Fault("a servo at another baud rate", Cause.BAUD_RATE, "21", _poke(21, "Baud Rate", 1)),
+    Fault("all servos at another baud rate", Cause.BAUD_RATE, "all servos", build=_bus_rate),
+    Fault("a servo with another id", Cause.WRONG_ID, "22", _poke(22, "ID", 1)),
+    Fault("two servos of one id", Cause.DUPLICATE_ID, "11", _poke(12, "ID", 11)),
     Fault(
-        "a servo of another model",
-        (Cause.WRONG_MODEL,),
-        "31",
-        _describe(_finger(2, "aim", model="XC330-M288")),
+        "a servo of another model", Cause.WRONG_MODEL, "31", _describe(_finger(2, "aim", model="XC330-M288"))
     ),
-    Fault("servos without power", (Cause.BUS_SILENT,), BUS, _all_servos(EmulatedServo.power_off)),
-    Fault("a servo's plug is out", (Cause.SERVO_SILENT,), "12", _one_servo(12, EmulatedServo.power_off)),
-    Fault("a cable to two servos is out", (Cause.SERVO_SILENT,), "31", _both_off),
-    Fault("a servo with old firmware", (Cause.SERVO_FIRMWARE,), "21", _one_servo(21, _old_firmware)),
-    Fault("supply too low", (Cause.SUPPLY_LOW,), "servos", _all_servos(lambda s: s.set_supply(8.0))),
-    Fault("supply too high", (Cause.SUPPLY_HIGH,), "servos", _all_servos(lambda s: s.set_supply(17.0))),
+    Fault("servos without power", Cause.BUS_SILENT, BUS, _all_servos(EmulatedServo.power_off)),
+    Fault("a servo's plug is out", Cause.SERVO_SILENT, "12", _one_servo(12, EmulatedServo.power_off)),
+    Fault("a cable to two servos is out", Cause.SERVO_SILENT, "31", _both_off),
+    Fault("a servo with old firmware", Cause.SERVO_FIRMWARE, "21", _one_servo(21, _old_firmware)),
+    Fault("supply too low", Cause.SUPPLY_LOW, "servos", _all_servos(lambda s: s.set_supply(8.0))),
+    Fault("supply too high", Cause.SUPPLY_HIGH, "servos", _all_servos(lambda s: s.set_supply(17.0))),
     Fault(
         "a bad cable: less voltage at one servo",
-        (Cause.SUPPLY_DROP,),
+        Cause.SUPPLY_DROP,
         "32",
         _one_servo(32, lambda s: s.set_supply(10.5)),
     ),
     Fault(
         "overload latched",
-        (Cause.HARDWARE_ERROR,),
+        Cause.HARDWARE_ERROR,
         "11",
         _one_servo(11, lambda s: s.report_hardware_error(0x20)),
     ),
-    Fault("a servo too hot", (Cause.TOO_HOT,), "22", _one_servo(22, lambda s: s.set_temperature(90.0))),
-    Fault("a warm servo", (Cause.WARM,), "22", _one_servo(22, lambda s: s.set_temperature(75.0))),
-    Fault("torque left on", (Cause.TORQUE_ON,), "12", _one_servo(12, lambda s: s._unit.set_torque(on=True))),
-    Fault("limits not set", (Cause.LIMITS_NOT_SET,), "32", _poke(32, "Current Limit", 1193)),
+    Fault("a servo too hot", Cause.TOO_HOT, "22", _one_servo(22, lambda s: s.set_temperature(90.0))),
+    Fault("a warm servo", Cause.WARM, "22", _one_servo(22, lambda s: s.set_temperature(75.0))),
+    Fault("torque left on", Cause.TORQUE_ON, "12", _one_servo(12, lambda s: s._unit.set_torque(on=True))),
+    Fault("limits not set", Cause.LIMITS_NOT_SET, "32", _poke(32, "Current Limit", 1193)),
     Fault(
         "a range that a servo cannot keep",
-        (Cause.LIMITS_IMPOSSIBLE,),
+        Cause.LIMITS_IMPOSSIBLE,
         "21",
         _describe(_finger(1, "aim", zero_deg=270.0)),
     ),
-    Fault("a drive mode reversed", (Cause.DRIVE_REVERSED,), "11", _poke(11, "Drive Mode", 1)),
-    Fault("a homing offset", (Cause.HOMING_OFFSET,), "21", _poke(21, "Homing Offset", 300)),
+    Fault("a drive mode reversed", Cause.DRIVE_REVERSED, "11", _poke(11, "Drive Mode", 1)),
+    Fault("a homing offset", Cause.HOMING_OFFSET, "21", _poke(21, "Homing Offset", 300)),
     Fault(
-        "a secondary id that is another servo's",
-        (Cause.SHADOW_ID,),
-        "11",
-        _poke(11, "Secondary(Shadow) ID", 21),
+        "a secondary id that is another servo's", Cause.SHADOW_ID, "11", _poke(11, "Secondary(Shadow) ID", 21)
     ),
-    Fault("protection switched off", (Cause.PROTECTION_OFF,), "12", _poke(12, "Shutdown", 0)),
-    Fault("bits flip on the bus", (Cause.BUS_LOSSY,), "bus", _bus_wire(FaultRates(flipped=0.001))),
-    Fault("packets get lost on the bus", (Cause.BUS_LOSSY,), "bus", _bus_wire(FaultRates(lost=0.02))),
-    Fault("a slide's zero is off", (Cause.ZERO_OFF,), "f2", _off_zero),
+    Fault("protection switched off", Cause.PROTECTION_OFF, "12", _poke(12, "Shutdown", 0)),
+    Fault("bits flip on the bus", Cause.BUS_LOSSY, "bus", _bus_wire(FaultRates(flipped=0.001))),
+    Fault("packets get lost on the bus", Cause.BUS_LOSSY, "bus", _bus_wire(FaultRates(lost=0.02))),
+    Fault("a slide's zero is off", Cause.ZERO_OFF, "f2", _off_zero),
     Fault(
         "a joint goes the other way",
-        (Cause.DIRECTION_WRONG,),
+        Cause.DIRECTION_WRONG,
         "21",
         _describe(_finger(1, "aim", gear_ratio=-5.0)),
         move=True,
     ),
-    Fault("an array is silent", (Cause.ARRAY_SILENT,), "f2", _array_wire("f2", FaultRates(lost=1.0))),
+    Fault("an array is silent", Cause.ARRAY_SILENT, "f2", _array_wire("f2", FaultRates(lost=1.0))),
     Fault(
         "an array at another baud rate",
-        (Cause.ARRAY_BAUD_RATE,),
+        Cause.ARRAY_BAUD_RATE,
         "f2",
         build=_finger(1, "array", baudrate_bps=115_200),
     ),
-    Fault("an array of another protocol", (Cause.ARRAY_PROTOCOL,), "f2", build=_weiss(1)),
-    Fault("a rig file that names another protocol", (Cause.ARRAY_PROTOCOL,), "f2", _describe(_weiss(1))),
-    Fault("an array for another tip", (Cause.ARRAY_GEOMETRY,), "f2", build=_finger(1, "tip", radius_mm=8.0)),
+    Fault("an array of another protocol", Cause.ARRAY_PROTOCOL, "f2", build=_weiss(1)),
+    Fault("a rig file that names another protocol", Cause.ARRAY_PROTOCOL, "f2", _describe(_weiss(1))),
+    Fault("an array for another tip", Cause.ARRAY_GEOMETRY, "f2", build=_finger(1, "tip", radius_mm=8.0)),
     Fault(
-        "an array that covers less",
-        (Cause.ARRAY_GEOMETRY,),
-        "f2",
-        build=_finger(1, "array", coverage_deg=180.0),
+        "an array that covers less", Cause.ARRAY_GEOMETRY, "f2", build=_finger(1, "array", coverage_deg=180.0)
     ),
-    Fault("an array of other rows and columns", (Cause.ARRAY_GEOMETRY,), "f2", _calibrated_with(4, 10)),
-    Fault("a dead column", (Cause.DEAD_COLUMN,), "f2", _skin(1, dead=_COLUMN)),
-    Fault("a dead row", (Cause.DEAD_ROW,), "f2", _skin(1, dead=_ROW)),
-    Fault("a dead taxel", (Cause.DEAD_TAXEL,), "f2", _skin(1, dead=[(2, 3)])),
-    Fault("a hot taxel", (Cause.HOT_TAXEL,), "f2", _skin(1, hot=[(2, 3)])),
-    Fault("an array with a broken supply", (Cause.ARRAY_HARDWARE,), "f2", _broken(SelfTestResult.SUPPLY)),
-    Fault("frames get lost", (Cause.FRAMES_LOST,), "f2", _array_wire("f2", FaultRates(lost=0.03))),
-    Fault("too much noise", (Cause.NOISE,), "f2", _skin(1, noise_counts=60.0)),
-    Fault("zeros that drift", (Cause.DRIFT,), "f2", _skin(1, drift_counts_per_s=5.0)),
-    Fault("a force scale off by ten", (Cause.FORCE_SCALE,), "f2", _says(counts_per_n=20_000.0)),
-    Fault("touches harder than parts bear", (Cause.TOUCH_TOO_HARD,), "touches", _describe(_quick_search)),
+    Fault("an array of other rows and columns", Cause.ARRAY_GEOMETRY, "f2", _calibrated_with(4, 10)),
+    Fault("a dead column", Cause.DEAD_COLUMN, "f2", _skin(1, dead=_COLUMN)),
+    Fault("a dead row", Cause.DEAD_ROW, "f2", _skin(1, dead=_ROW)),
+    Fault("a dead taxel", Cause.DEAD_TAXEL, "f2", _skin(1, dead=[(2, 3)])),
+    Fault("a hot taxel", Cause.HOT_TAXEL, "f2", _skin(1, hot=[(2, 3)])),
+    Fault("an array with a broken supply", Cause.ARRAY_HARDWARE, "f2", _broken(SelfTestResult.SUPPLY)),
+    Fault("frames get lost", Cause.FRAMES_LOST, "f2", _array_wire("f2", FaultRates(lost=0.03))),
+    Fault("too much noise", Cause.NOISE, "f2", _skin(1, noise_counts=60.0)),
+    Fault("zeros that drift", Cause.DRIFT, "f2", _skin(1, drift_counts_per_s=5.0)),
+    Fault("a force scale off by ten", Cause.FORCE_SCALE, "f2", _says(counts_per_n=20_000.0)),
+    Fault("touches harder than parts bear", Cause.TOUCH_TOO_HARD, "touches", _describe(_quick_search)),
     Fault(
-        "a calibration without bounds",
-        (Cause.BOUNDS_MISSING,),
-        "calibration",
-        _without_bounds,
-        calibrated=True,
+        "a calibration without bounds", Cause.BOUNDS_MISSING, "calibration", _without_bounds, calibrated=True
     ),
-    Fault("two arrays' cables exchanged", (Cause.ARRAYS_SWAPPED,), "f1", _swap, calibrated=True),
+    Fault("two arrays' cables exchanged", Cause.ARRAYS_SWAPPED, "f1", _swap, calibrated=True),
     Fault(
-        "an array replaced since calibration",
-        (Cause.OTHER_DEVICES,),
-        "calibration",
-        _replaced,
-        calibrated=True,
+        "an array replaced since calibration", Cause.OTHER_DEVICES, "calibration", _replaced, calibrated=True
     ),
-    Fault("an old calibration", (Cause.CALIBRATION_OLD,), "calibration", _old_calibration, calibrated=True),
+    Fault("an old calibration", Cause.CALIBRATION_OLD, "calibration", _old_calibration, calibrated=True),
 )
 """Each with the one cause that explains it."""

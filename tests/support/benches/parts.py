@@ -11,8 +11,10 @@ import shapely
 import trimesh
 
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
+from palpate.config import load_objects
 from palpate.recognizer import Contact, Finger
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
+from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from support.oracles.shapely_touches import Placed, flat
 
 # ----------------------------------------------------------------------------------------------------
@@ -159,3 +161,8 @@ def mesh_file(mesh: trimesh.Trimesh, path: Path) -> Path:
     """Write a mesh; the suffix says how."""
     mesh.export(path)
     return path
+
+
+def states_of(folder: Path, *parts: Any) -> tuple[StateSections, ...]:
+    """Parts as states, by way of a file."""
+    return state_sections(load_objects(objects_file(folder / "parts.json", *parts)))
