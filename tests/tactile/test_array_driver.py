@@ -14,6 +14,7 @@ from palpate.drivers.tactile.codec import Decoder, encode
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.messages import (
     BadTaxel,
+    Frame,
     Hello,
     Message,
     SelfTestReport,
@@ -389,7 +390,8 @@ def test_a_session_over_the_mock_wire() -> None:
     period = np.diff([f.device_time_s for f in got])
     np.testing.assert_allclose(period, 0.005, atol=2e-6)
     late = [f.host_time_s - f.device_time_s for f in got]
-    assert min(late) >= wire_time_s(347, BAUD)
+    shortest = encode(Message(0, 0, Frame(8, 20, bytes(320))))
+    assert min(late) >= wire_time_s(len(shortest), BAUD) - 1e-12
     assert max(late) < 0.012
     array.stop()
     clock.sleep(0.1)
