@@ -34,7 +34,7 @@ MODEL = (
 def _zip(model: str, *others: tuple[str, int]) -> bytes:
     """A 3MF file with further members of so many zeros."""
     whole = io.BytesIO()
-    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as archive:
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("3D/3dmodel.model", model)
         for name, size in others:
             with archive.open(name, "w", force_zip64=True) as member:

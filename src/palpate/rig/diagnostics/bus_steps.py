@@ -1,12 +1,21 @@
 """Bus steps of a diagnosis: baud rates, ids and models that answer, beside the rig file."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 
 from palpate.base.errors import quantity
 from palpate.config import RigServo
 from palpate.config.diagnosis_results import Cause, FindingOut
-from palpate.drivers.dynamixel import ALL_IDS, Bus, DamagedAnswer, FoundServo, NotAnswering, model_name, scan
+from palpate.drivers.dynamixel import (
+    ALL_IDS,
+    Bus,
+    DamagedAnswer,
+    FoundServo,
+    NotAnswering,
+    model_by_name,
+    model_name,
+    scan,
+)
 from palpate.rig.diagnostics.readings import AnsweringServos, Readings
 from palpate.rig.diagnostics.servo_bus import baudrates_to_try, list_servos
 from palpate.rig.diagnostics.steps import (
@@ -165,7 +174,8 @@ def judge_models(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Servos that are of another model."""
     seen = readings.bus
     assert seen is not None, "the step needs answers"
-    models = {dxl_id: _model(item) for dxl_id, item in seen.clear.items()}
+    of_rig = {model_by_name(servo.model).number: servo.model for servo in seen.owned}
+    models = {dxl_id: _model(item, of_rig) for dxl_id, item in seen.clear.items()}
     owned = [servo for servo in seen.owned if servo.dxl_id in models]
     other = [servo for servo in owned if models[servo.dxl_id] != servo.model]
     findings = [
@@ -192,9 +202,11 @@ def _why_other_model(servo: RigServo, models: dict[int, str], other: Sequence[Ri
     return "its limits of current and position would be wrong by the ratio of the models' units"
 
 
-def _model(item: FoundServo) -> str:
+def _model(item: FoundServo, of_rig: Mapping[int, str]) -> str:
+    """The name of a model: only the rig file's may be plug-ins', as no other plug-ins are loaded."""
     assert item.ping is not None
-    return model_name(item.ping) or f"model number {item.ping.model_number}"
+    number = item.ping.model_number
+    return of_rig.get(number) or model_name(item.ping) or f"model number {number}"
 
 
 def _name(servo: RigServo) -> NamedDevice:
