@@ -269,7 +269,7 @@ def assert_followed(
     found = recognise(catalogue, until_touched(draw, placed))
     for number in range(2):
         placed = pushed_by(catalogue, placed, motion, rng)
-        moved = found.moved(motion)
+        moved = found.move(motion)
         assert holding_truth(moved, placed) is not None, (note, number, "moved")
         found = found.extend(draw(placed), motion)
         assert holding_truth(found, placed) is not None, (note, number)
@@ -331,7 +331,7 @@ def test_without_motion_nothing_changes() -> None:
     still = Motion.none(shipped())
     found = recognise(shipped(), until_touched(grip, placed, rng))
     further = grip(placed, rng)
-    assert found.moved(still) is found
+    assert found.move(still) is found
     one, other = found.extend(further, still), found.extend(further)
     assert [item.bounds for item in one.hypotheses] == [item.bounds for item in other.hypotheses]
     assert np.array_equal(one.cells.polygon, other.cells.polygon)
@@ -432,7 +432,7 @@ def test_a_motion_widens_unpaired_contacts_too() -> None:
     catalogue, placed, contacts = round_part(1)
     found = in_steps(catalogue, contacts, SMALL)
     motion = Motion(np.array([0.2]), np.array([0.01]))
-    moved = found.moved(motion)
+    moved = found.move(motion)
     assert moved.unpaired == found.unpaired
     assert holding_truth(moved, placed) is not None
 

@@ -55,7 +55,7 @@ def check_conflict(one: Catalogue, found: ObjectExplanation) -> None:
 
 def check(one: Catalogue, found: ObjectExplanation, reason: SearchTest, contacts: Sequence[Contact]) -> None:
     """The object is ruled out, for `reason` and by a conflict; `one` is a catalogue of it alone."""
-    last = found.ruled_out
+    last = found.refuting_step
     assert last is not None
     assert last.reason is reason
     assert all(step.left > 0 for step in found.steps[:-1])
@@ -101,7 +101,7 @@ def test_a_region_that_is_empty_though_all_threes_fit() -> None:
     ]
     found = explain_object(tapered, contacts, "taper")
     check(tapered, found, SearchTest.REGION, contacts)
-    assert explain_object(tapered, contacts[:2], "taper").ruled_out is None
+    assert explain_object(tapered, contacts[:2], "taper").refuting_step is None
 
 
 @pytest.mark.parametrize("seed", [30, 38, 62])
@@ -149,7 +149,7 @@ def test_another_object_was_touched(reason: SearchTest, seed: int, name: str) ->
     )
     check(alone(name), explain_object(catalogue(), contacts, name), reason, contacts)
     true = explain_object(catalogue(), contacts, placed.model.name)
-    assert true.ruled_out is None
+    assert true.refuting_step is None
     assert true.conflict == ()
     assert {item.state.object_name for item in true.hypotheses} == {placed.model.name}
 
@@ -161,10 +161,10 @@ def test_only_the_state_that_is_asked_for() -> None:
     rng = np.random.default_rng(3)
     contacts = touching(place(RECTANGLE, rng), rng, 4)
     known = Catalogue([two])
-    assert explain_object(known, contacts, "two", "slim").ruled_out is not None
+    assert explain_object(known, contacts, "two", "slim").refuting_step is not None
     for state in ("wide", None):
         found = explain_object(known, contacts, "two", state)
-        assert found.ruled_out is None
+        assert found.refuting_step is None
         assert {item.state.state.name for item in found.hypotheses} == {"wide"}
 
 

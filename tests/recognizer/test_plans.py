@@ -15,11 +15,12 @@ from palpate.base.geometry import Floats, Ints, ObjectModel
 from palpate.base.vocabulary import Strategy
 from palpate.recognizer import (
     Confirmation,
+    Grip,
     Recognition,
     StrangerEvidence,
     confirmation_grip,
     detectable_shift_mm,
-    next_grip,
+    heuristic_grip,
     plan_grip,
     predict,
     recognise,
@@ -405,14 +406,19 @@ def test_no_candidates_give_no_grip() -> None:
     found = hypotheses_for(models, Placed(models[0], 0.0, 0.0, 0.0))
     nothing = Ring([])
     for strategy in Strategy:
-        rng = np.random.default_rng(0)
-        assert next_grip(strategy, found, nothing, RESOLUTION, GOALS, rng) is None
+        assert next_grip(strategy, found, nothing, 0) is None
     assert confirmation_grip(found, nothing, RESOLUTION, 2) is None
     assert all_twins(found, nothing)
 
 
 # ----------------------------------------------------------------------------------------------------
 # The memo's strategies, checks of an answer, and what speaks for it.
+
+
+def next_grip(strategy: Strategy, found: Recognition, reachable: Ring, seed: int) -> Grip | None:
+    if strategy is Strategy.PLANNED:
+        return plan_grip(found, reachable, RESOLUTION, GOALS)
+    return heuristic_grip(strategy, found, reachable, RESOLUTION, np.random.default_rng(seed))
 
 
 def wanted(shift_mm: float) -> Confirmation:
@@ -433,11 +439,7 @@ def test_the_strategies_choose_what_their_names_say() -> None:
     _, found = some_recognition(4, half_deg=20.0)
     reachable = ring(96)
     grips = {
-        strategy: [
-            next_grip(strategy, found, reachable, RESOLUTION, GOALS, np.random.default_rng(seed))
-            for seed in range(3)
-        ]
-        for strategy in Strategy
+        strategy: [next_grip(strategy, found, reachable, seed) for seed in range(3)] for strategy in Strategy
     }
     for several in grips.values():
         for chosen in several:
@@ -462,7 +464,7 @@ def test_rotate_stays_beside_the_last_touch_of_each_finger() -> None:
         assert math.isfinite(travel)
         contacts.append(contact_along(reachable.approaches[k], travel))
     found = recognise(Catalogue(models), contacts)
-    chosen = next_grip(Strategy.ROTATE, found, reachable, RESOLUTION, GOALS, np.random.default_rng(0))
+    chosen = next_grip(Strategy.ROTATE, found, reachable, 0)
     assert chosen is not None
     assert len(chosen.approaches) == 3
     for candidate in chosen.approaches:
@@ -590,7 +592,7 @@ def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:
         for limited in (False, True):
             some = limits if limited else None
             for chosen in (
-                next_grip(Strategy.PLANNED, found, ring(), RESOLUTION, GOALS, rng, limits=some),
+                plan_grip(found, ring(), RESOLUTION, GOALS, limits=some),
                 confirmation_grip(found, ring(), RESOLUTION, wanted(50.0), some),
             ):
                 assert chosen is not None

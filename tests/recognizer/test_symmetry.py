@@ -406,6 +406,6 @@ def test_a_rough_disc_that_is_shifted_and_turned_by_any_angle_stays(seed: int) -
         bearing, share = rng.uniform(0, 2 * math.pi), float(rng.choice([1.0, rng.random()]))
         x, y = share * shift * np.array([math.cos(bearing), math.sin(bearing)])
         placed = replace(placed, x=placed.x + x, y=placed.y + y, theta=rng.uniform(-math.pi, math.pi))
-        assert holding_truth(found.moved(motion), placed) is not None
+        assert holding_truth(found.move(motion), placed) is not None
         found = found.extend(grip(placed, rng, fingers=2, **how), motion)
         assert holding_truth(found, placed) is not None

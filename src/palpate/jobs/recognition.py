@@ -15,7 +15,7 @@ from palpate.recognizer import Budget, Contact, Finger
 from palpate.rig.catalogue.finger_model import check_known, fingers_of
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of, grips_of
-from palpate.rig.identification.grip_choice import plan_grip
+from palpate.rig.identification.grip_choice import grip_plan
 from palpate.views.recognition_text import ContactRecord
 
 Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
@@ -76,7 +76,7 @@ def plan(
     check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
     fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
     catalogue = prepare_catalogue(models.objects, fingers, progress)
-    planned = plan_grip(rig, catalogue, given.grips, parse_strategy(strategy), seed)
+    planned = grip_plan(rig, catalogue, given.grips, parse_strategy(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
 

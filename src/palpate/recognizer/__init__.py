@@ -45,7 +45,7 @@ from palpate.recognizer.recognition import (
     contact_in_motion,
     recognise,
 )
-from palpate.recognizer.strategy import Confirmation, confirmation_grip, next_grip, used_approaches
+from palpate.recognizer.strategy import Confirmation, confirmation_grip, heuristic_grip, used_approaches
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_obstacle import is_exact
@@ -101,10 +101,10 @@ __all__ = [
     "explain_object",
     "face_offsets_mm",
     "grips_before_move",
+    "heuristic_grip",
     "is_exact",
     "is_explained",
     "memo_counts",
-    "next_grip",
     "offset_from_lines",
     "plan_grip",
     "point_to_left",

@@ -140,7 +140,7 @@ def _positions(outline: OutlineRings, own: Ints) -> Ints:
 
 
 def _is_near(edges: EdgeSet, edge: Ints, pieces: EdgePieces, rho: float) -> Bools:
-    """Whether each edge (m, N) comes within ρ of its piece (m,); always so for the piece's own edge."""
+    """Mask of edges (m, N) that come within ρ of their piece (m,), as its own edge always does."""
     middle, half = (pieces.begin + pieces.end) / 2, np.hypot(*(pieces.end - pieces.begin).T) / 2
     away = (edges.start[edge] + edges.end[edge]) / 2 - middle[:, None]
     reach = edges.length[edge] / 2 + half[:, None] + rho
@@ -281,7 +281,7 @@ def _free_arcs(
 
 
 def _gaps(group: Ints, width: Floats, owner: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
-    """What is left of [0, width] in each group after the given intervals: (group, lo, hi)."""
+    """Intervals of [0, width] left in each group after the given intervals: (group, lo, hi)."""
     # A wall at either end of each window makes every gap one between two neighbours.
     walls = np.concatenate([owner, group, group])
     lo = np.concatenate([np.clip(lo, -1.0, width[owner]), group * 0.0 - 1.0, width])

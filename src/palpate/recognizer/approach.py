@@ -136,7 +136,7 @@ def near_edges(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Ints, I
 
 
 def _columns(count: int) -> int:
-    """At least `count`: a power of two or one and a half of one, so that few grids are made."""
+    """Number from `count` on, a power of two or one and a half of one, so that few grids are made."""
     whole = 1 << max(count - 1, 1).bit_length()
     return whole * 3 // 4 if count <= whole * 3 // 4 else whole
 
@@ -151,7 +151,7 @@ def offset_from_rays(rays: Rays, ray: Ints, point: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class EdgeCapsules:
-    """For r rays, up to n edges that each passes within ρ, padded: all (r, n).
+    """Edges, up to n, that each of r rays passes within ρ, padded: all (r, n).
 
     The ray is in the edge's capsule for a travel in [`enter`, `leave`] mm; `crossing`: its line crosses the
     edge. Where there is no edge, `edge` is −1, `enter` ∞ and `leave` −∞.

@@ -38,7 +38,7 @@ _ROUNDING_MM = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class BallObstacle:
-    """What can touch a ball: `layers`, polygons and the radius of the disc that each of them is met by.
+    """Obstacle of a ball: `layers`, polygons and the radius of the disc that each of them is met by.
 
     They are within `tolerance_mm` of what touches. What stops the ball is within it, too, of the `even`
     polygons grown by the least radius; these are the layer's where there is one only.
@@ -74,7 +74,7 @@ class _Part:
 
 
 def ball_obstacle(item: CatalogueState, finger: Finger) -> BallObstacle | None:
-    """What a ball can meet of a state; None where nothing is.
+    """Obstacle that a state is to a ball; None where nothing of it is met.
 
     Raises InputError where it may touch more than 60° from its equator: it would press down or up there more
     than aside, and small errors of height would be large ones of place.
@@ -122,7 +122,7 @@ def _layers(parts: Sequence[_Part]) -> tuple[tuple[tuple[Polygon, ...], float], 
 def _sagitta_mm(
     item: CatalogueState, layers: Sequence[tuple[tuple[Polygon, ...], float]], least_mm: float
 ) -> float:
-    """By how much even polygons may be inside of what they stand for."""
+    """Largest depth of even polygons inside of what they stand for."""
     most = layers[-1][1] - least_mm
     if not item.state.is_round:
         return most * (1 - math.cos(_FACET_RAD / 2))
@@ -143,7 +143,7 @@ def _steep_text(item: CatalogueState, finger: Finger, part: _Part) -> str:
 
 
 def _uncovered_parts(parts: Sequence[_Part], tolerance_mm: float) -> list[_Part]:
-    """Those that no other one, each grown by its radius, covers for certain."""
+    """Parts that no other one, each grown by its radius, covers for certain."""
     kept: list[_Part] = []
     for part in sorted(parts, key=lambda item: -item.about_mm2):
         if not any(_is_covered(part, other, tolerance_mm) for other in kept):
@@ -152,7 +152,7 @@ def _uncovered_parts(parts: Sequence[_Part], tolerance_mm: float) -> list[_Part]
 
 
 def _is_covered(part: _Part, by: _Part, tolerance_mm: float) -> bool:
-    """Whether a part grown by radius and tolerance lies in another one that is grown by less than its radius.
+    """Return whether a part, grown by radius and tolerance, lies in another, grown by less than its radius.
 
     So it does if the part lies in the other one grown by the difference of radii less twice the tolerance.
     """
@@ -193,7 +193,7 @@ def _grow_polygon(polygon: Polygon, by_mm: float, *, is_round: bool) -> list[Pol
 
 
 def _grown_shapes(polygon: Polygon, by_mm: float) -> list[shapely.Polygon]:
-    """What makes up a polygon grown by a disc: itself, strips along edges and wedges about convex vertices.
+    """Parts of a polygon grown by a disc: itself, strips along edges and wedges about convex vertices.
 
     Not a buffer, which simplifies its input by an amount that it does not state.
     """
@@ -218,6 +218,6 @@ def _strips_and_wedges(ring: OrientedRing, by_mm: float) -> list[shapely.Polygon
 
 
 def _turns(angle: Floats) -> Floats:
-    """By how much the outline turns left at the start of each edge, within ± π."""
+    """Left turns of the outline at the start of each edge, within ± π."""
     result: Floats = (angle - np.roll(angle, 1) + math.pi) % (2 * math.pi) - math.pi
     return result

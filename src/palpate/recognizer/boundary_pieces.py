@@ -63,7 +63,7 @@ class Sides(Table):
 
     @cached_property
     def length(self) -> Floats:
-        """Of each, (n,) mm."""
+        """Lengths of the sides, (n,) mm."""
         result: Floats = np.hypot(*(self.end - self.start).T)
         return result
 
@@ -106,12 +106,12 @@ class Pieces(Table):
 
     @cached_property
     def is_face(self) -> Bools:
-        """Which are edges moved out, (n,); the others are arcs about vertices."""
+        """Mask of pieces that are edges moved out, (n,); the others are arcs about vertices."""
         return self.length > 0
 
     @cached_property
     def size(self) -> Floats:
-        """How far each goes on (n,): mm along a face, rad about a vertex."""
+        """Extent of each piece (n,): mm along a face, rad about a vertex."""
         return np.where(self.is_face, self.length, self.turn_rad)
 
     def centres(self, at: Floats, radius_mm: float) -> Floats:
@@ -133,7 +133,7 @@ class Pieces(Table):
         return np.column_stack([centre, self.length / 2 + wide + self.off + CIRCLE_ROUNDING_MM])
 
     def along_at(self, point: Floats) -> Floats:
-        """How far along each a centre (n, 2) on its line or circle is, (n,)."""
+        """Distance along each piece, (n,), of a centre (n, 2) on its line or circle."""
         rel = point - self.start
         # Just before the beginning counts as such, not as a turn further on.
         half = self.turn_rad / 2
@@ -181,7 +181,7 @@ def uncovered_pieces(pieces: Pieces, sides: Sides, radius_mm: float) -> Pieces:
 
 
 def _meeting_places(pieces: Pieces, radius_mm: float) -> tuple[Ints, Floats]:
-    """Where pieces meet one another: the piece (k,) and how far along it (k,)."""
+    """Places at which pieces meet one another: the piece (k,) and how far along it (k,)."""
     one, two = _near_pairs(pieces, radius_mm)
     face = pieces.is_face
     kinds = (

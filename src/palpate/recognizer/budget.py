@@ -60,7 +60,7 @@ class Budget:
         return self.units // 32
 
     @property
-    def refined(self) -> int:
+    def refinements(self) -> int:
         """Cells, times contacts, that are cut finer at once where no configuration has been found."""
         return self.units // 30
 

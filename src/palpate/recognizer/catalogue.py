@@ -143,13 +143,13 @@ class Catalogue:
         return self._outlines[finger]
 
     def boundary(self, finger: Finger) -> TrueBoundary:
-        """Where the centre of `finger` can be when it touches, with true arcs: for `verification`."""
+        """Curves on which the centre of `finger` lies when it touches, with true arcs: for `verification`."""
         if finger not in self._boundaries:
             self._boundaries[finger] = true_boundary(self.states, finger)
         return self._boundaries[finger]
 
     def has_tolerance(self, finger: Finger) -> Bools:
-        """Which states' outlines (S,), as a finger meets them, may be off by more than rounding."""
+        """Mask of states (S,) whose outlines, as a finger meets them, may be off by more than rounding."""
         if finger not in self._tolerant:
             self._tolerant[finger] = np.array([not is_exact(state, finger) for state in self.states])
         return self._tolerant[finger]
@@ -192,7 +192,7 @@ def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
 
 
 def _reach_mm(item: CatalogueState) -> float:
-    """How far from its centroid the part's outline may be, at any height."""
+    """Largest distance of the part's outline from its centroid, at any height."""
     vertices = np.concatenate([ring for section in item.state.sections for ring in section.rings])
     return float(np.hypot(*(vertices - item.origin_mm).T).max()) + item.tolerance_mm + item.rounding_mm
 
@@ -216,7 +216,7 @@ def _prepare_state(item: ObjectModel, state: State) -> CatalogueState:
 
 
 def _normal_bound_rad(item: ObjectModel, state: State) -> float | None:
-    """By how much normals may differ from those of the polygons that stand for curves; None: not declared."""
+    """Largest deviation of normals from those of the polygons that stand for curves; None: not declared."""
     declared = item.normal_bound_rad if state.normal_bound_rad is None else state.normal_bound_rad
     return None if declared is None else declared + state.curves_turn_rad
 

@@ -43,7 +43,7 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 
-def _kept(make: Callable[[_Key], _Value]) -> Callable[[_Key], _Value]:
+def _memoize(make: Callable[[_Key], _Value]) -> Callable[[_Key], _Value]:
     """Keep what is made of an object as long as the object lives."""
     values: WeakKeyDictionary[_Key, _Value] = WeakKeyDictionary()
 
@@ -57,7 +57,7 @@ def _kept(make: Callable[[_Key], _Value]) -> Callable[[_Key], _Value]:
 
 
 def edge_arrays(edges: EdgeSet) -> tuple[NDArray[Any], ...]:
-    """What the kernel takes of an edge set, in the order of `recognizer/kernel/edges.h`."""
+    """Arrays that the kernel takes of an edge set, in the order of `recognizer/kernel/edges.h`."""
     return _contiguous(
         edges.first,
         edges.representative,
@@ -83,12 +83,12 @@ def edge_arrays(edges: EdgeSet) -> tuple[NDArray[Any], ...]:
     )
 
 
-@_kept
+@_memoize
 def _prepared_edges(edges: EdgeSet) -> object:
     return _KERNEL.prepared_edges(edge_arrays(edges))
 
 
-@_kept
+@_memoize
 def _prepared_boundary(boundary: TrueBoundary) -> object:
     """A boundary as the kernel takes it, in the order of `recognizer/kernel/boundary.c`."""
     pieces, sides = boundary.pieces, boundary.sides
@@ -121,8 +121,8 @@ def _prepared_boundary(boundary: TrueBoundary) -> object:
     )
 
 
-@_kept
-def judged_by(evidence: Query) -> tuple[tuple[object, ...], Floats]:
+@_memoize
+def evidence_arrays(evidence: Query) -> tuple[tuple[object, ...], Floats]:
     """Contacts and misses (m) as the kernel takes them: boundaries of their fingers, and rows (m, 9).
 
     Whether it touched, start and end from the anchor, bounds of position and path in mm, lowest outward
@@ -149,7 +149,7 @@ def _evidence_row(contact: Contact, x: float, y: float) -> tuple[float, ...]:
     )
 
 
-@_kept
+@_memoize
 def _free_paths(evidence: Query) -> tuple[tuple[object, ...], Floats]:
     """Outlines that may be in the way of m paths; start from the anchor, heading, bound and travel (m, 6)."""
     outlines = (evidence.catalogue.outlines(contact.finger) for contact in evidence.contacts)
@@ -184,7 +184,7 @@ def _pairings(query: Query, nodes: Interpretations, *, states: bool = False) -> 
     )
 
 
-@_kept
+@_memoize
 def _edges_and_tips(query: Query) -> tuple[tuple[object, ...], tuple[tuple[float, float, float], ...]]:
     """Edge sets that contacts are paired with, and where the contacts are."""
     return (
@@ -194,7 +194,7 @@ def _edges_and_tips(query: Query) -> tuple[tuple[object, ...], tuple[tuple[float
 
 
 def _tip(contact: Contact, anchor_mm: Floats | None) -> tuple[float, float, float]:
-    """Where a contact is, seen from the anchor, and its bound: x, y, bound (mm)."""
+    """Position of a contact, seen from the anchor, and its bound: x, y, bound (mm)."""
     x, y = contact.end_mm
     if anchor_mm is not None:
         x, y = x - float(anchor_mm[0]), y - float(anchor_mm[1])
@@ -292,7 +292,7 @@ def refine_intervals(
     return Intervals(cells.node[owner], np.frombuffer(lo), np.frombuffer(hi)), owner
 
 
-def _sifted(node: Ints, state: Ints, found: tuple[Any, ...]) -> tuple[WitnessedCells, Ints]:
+def _witnessed_cells(node: Ints, state: Ints, found: tuple[Any, ...]) -> tuple[WitnessedCells, Ints]:
     """Cells that the kernel found, of rows with a `node` and a `state` (n,); and which row each is of."""
     row, lo, hi, polygon, vertices, spot, holds = found
     row = np.frombuffer(row, np.int64)
@@ -306,7 +306,7 @@ def _parts(
 ) -> tuple[WitnessedCells, Ints]:
     lo, hi, polygon = _contiguous(cells.lo, cells.hi, cells.polygon)
     found = _KERNEL.sift_parts(lo, hi, polygon, *polygon.shape[:2], lever_mm, parts, paths)
-    return _sifted(cells.node, cells.state, found)
+    return _witnessed_cells(cells.node, cells.state, found)
 
 
 def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints]:
@@ -327,7 +327,7 @@ def sift_intervals(constraints: Constraints, intervals: Intervals, *, corners: b
         len(intervals),
         corners,
     )
-    return _sifted(intervals.node, nodes.state[intervals.node], found)[0]
+    return _witnessed_cells(intervals.node, nodes.state[intervals.node], found)[0]
 
 
 def sift_parts(constraints: Constraints, cells: Cells) -> WitnessedCells:
@@ -358,14 +358,14 @@ def may_fit(
     """
     rows = _contiguous(poses.state, poses.theta, poses.position, near.turn_rad, near.shift_mm)
     limit = -1 if most is None else most
-    found = _KERNEL.may_fit(judged_by(evidence), *rows, len(poses), _mask(skipped), limit)
+    found = _KERNEL.may_fit(evidence_arrays(evidence), *rows, len(poses), _mask(skipped), limit)
     return np.frombuffer(found, dtype=bool)
 
 
 def can_be_verified(constraints: Constraints, cells: Cells) -> Bools:
     """Cells (k,) that may hold a configuration which satisfies all contacts; in the others none does."""
     poses = Poses(cells.state, cells.middle, cells.centre)
-    near, skipped = Nearness(cells.half_width, cells.radius), constraints.skipped(cells.node)
+    near, skipped = Nearness(cells.half_width, cells.radius), constraints.null_rows(cells.node)
     return may_fit(constraints.evidence, poses, near, skipped, constraints.budget.pieces)
 
 
@@ -398,7 +398,7 @@ def search_round(
     null = constraints.null_evidence
     orders = constraints.catalogue.symmetry_orders
     row, lo, hi, polygon, *of_regions, again = _KERNEL.regions(
-        judged_by(constraints.evidence),
+        evidence_arrays(constraints.evidence),
         (*rows, component, *cells.polygon.shape[:2]),
         (
             orders,
@@ -408,7 +408,7 @@ def search_round(
             len(orders),
             *nodes.edges.shape,
         ),
-        (constraints.budget.refined, constraints.budget.pieces, refinable, constraints.has_unpaired),
+        (constraints.budget.refinements, constraints.budget.pieces, refinable, constraints.has_unpaired),
     )
     unturned = cells.select(np.frombuffer(row, np.int64))
     polygon = np.frombuffer(polygon).reshape(-1, *cells.polygon.shape[1:])

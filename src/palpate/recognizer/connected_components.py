@@ -37,7 +37,7 @@ class Boxes:
     hi: Floats
 
     def meet(self, one: Ints, two: Ints) -> Bools:
-        """Whether boxes `one` and `two` (index arrays that broadcast), known to be of one state, meet."""
+        """Return whether boxes `one` and `two` of one state (index arrays that broadcast) meet."""
         apart = self.middle[one] - self.middle[two]
         turn = self.turn[one]
         apart = np.abs(apart - turn * np.rint(apart / turn))
@@ -73,7 +73,7 @@ def component_labels(boxes: Boxes, group: Group, most_pairs: int = 40_000_000) -
 
 
 def few_in_each(state: Ints) -> bool:
-    """Whether boxes of states (k,) are so few of each that all of a state are compared with each other."""
+    """Return whether each of the states (k,) has so few boxes that all are compared with each other."""
     count = np.bincount(state).astype(float)
     return bool(count @ count <= _MAX_MEAN_PER_STATE * len(state))
 

@@ -50,7 +50,7 @@ class Constraints:
 
     @property
     def catalogue(self) -> Catalogue:
-        """What is searched."""
+        """The catalogue that is searched."""
         return self.paired.catalogue
 
     @property
@@ -65,7 +65,7 @@ class Constraints:
 
     @property
     def budget(self) -> Budget:
-        """How much may be looked at."""
+        """Limits of what is looked at."""
         return self.paired.budget
 
     @cached_property
@@ -79,7 +79,7 @@ class Constraints:
         """Contacts and misses (n, m) that say nothing of interpretations (n,); None if all say something."""
         return self.nodes.null_mask(self.evidence.contacts)
 
-    def skipped(self, node: Ints) -> Bools | None:
+    def null_rows(self, node: Ints) -> Bools | None:
         """Rows (k, m) of `null_evidence` of the interpretations `node` (k,)."""
         return None if self.null_evidence is None else self.null_evidence[node]
 
@@ -96,6 +96,6 @@ class Constraints:
 
     @cached_property
     def _columns(self) -> list[int]:
-        """Where in `evidence` the paired contacts are."""
+        """Indices of the paired contacts in `evidence`."""
         paired = {id(contact) for contact in self.touched}
         return [column for column, contact in enumerate(self.evidence.contacts) if id(contact) in paired]

@@ -40,7 +40,7 @@ class NormalRange:
 
 @dataclass(frozen=True, order=True)
 class Finger:
-    """What of a finger decides which grown cross section its centre meets (memo §3.1 and footnote 3).
+    """Properties of a finger that decide which grown cross section it meets (memo §3.1 and footnote 3).
 
     The tip is an upright cylinder of length 2 `half_length_mm`, its middle at `height_mm`; 0: a disc. It
     meets the union of all cross sections along its length (docs/recogniser.md, "A tip of some length"). Or it
@@ -169,8 +169,9 @@ class Contact(ShortRepr):
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the true direction of travel may be off: the end is within the position bound, the start
-        within the path's, which may be larger.
+        """Largest deviation of the true direction of travel.
+
+        The end is within the position bound, the start within the path's, which may be larger.
         """
         both = self.position_bound_mm + max(self.position_bound_mm, self.free_path_bound_mm)
         if self.travel_mm <= both:

@@ -49,7 +49,7 @@ class CatalogueState(ShortRepr):
 
     @property
     def symmetry_order(self) -> int:
-        """It looks the same after each nth of a turn; 0: however it is turned.
+        """Order of the symmetry: the state looks the same after each nth of a turn; 0: however it is turned.
 
         A round state is searched as the polygon that stands for it, of the order of its `symmetry`.
         """
@@ -62,7 +62,7 @@ class CatalogueState(ShortRepr):
 
     @property
     def is_exactly_symmetric(self) -> bool:
-        """Whether the allowances for rounding alone cover what the symmetry is off by."""
+        """True if the allowances for rounding alone cover what the symmetry is off by."""
         return self.symmetry.off_mm <= ROUNDING_MM / 4 and self.symmetry.lean_rad <= ROUNDING_RAD / 4
 
 
@@ -111,7 +111,7 @@ class EdgeSet:
 
     @property
     def supports_shape(self) -> tuple[int, ...]:
-        """Of a state's supports."""
+        """Shape of a state's supports."""
         return (_SUPPORT_DIRECTIONS,)
 
     def with_supports(self, supports: Floats) -> "EdgeSet":
@@ -189,7 +189,7 @@ class EdgeSet:
 
     @cached_property
     def slack_mm(self) -> Floats:
-        """How far from each edge the tip's centre may lie though nothing is mismeasured, (n,)."""
+        """Distances from edges at which the tip's centre may lie though nothing is mismeasured, (n,)."""
         return np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
 
     @cached_property
@@ -198,7 +198,7 @@ class EdgeSet:
         return self._most(np.hypot(*self.start.T)) + self.state_slack_mm
 
     def support(self, state: Ints, angle_rad: Floats) -> Floats:
-        """How far each outline (m,) reaches from its centroid in a direction (m,), mm: to about 0.01 mm.
+        """Extent of each outline (m,) from its centroid in a direction (m,), mm: to about 0.01 mm.
 
         −10⁴ where nothing is high enough.
         """

@@ -55,9 +55,10 @@ _MODEL_NOISE_MM, _MODEL_NOISE_RAD = 0.05, 0.02  # keep Cholesky's factor from de
 
 @dataclass(frozen=True, eq=False)
 class StrangerTerms:
-    """For t touches, m kinds, h hypotheses: `passing` (t, m, h): probability that a touch agrees with one.
+    """Agreement of t touches with h hypotheses, each touch by a stranger of m kinds.
 
-    `distinct` (t,): as how many all of the `count` hypotheses count, by where they predict the touch.
+    `passing` (t, m, h): probability that a touch agrees with a hypothesis. `distinct` (t,): effective number
+    of the `count` hypotheses, by where they predict the touch.
     """
 
     passing: Floats
@@ -78,8 +79,9 @@ class StrangerTerms:
 
 @dataclass(frozen=True, eq=False)
 class StrangerEvidence:
-    """What touches after the first recognition say of strangers: `agreed` (m,), by kind: its prior weight
-    times the probability of all that agreed.
+    """Evidence of strangers by touches after the first recognition.
+
+    `agreed` (m,), by kind: its prior weight times the probability of all touches that agreed.
     """
 
     agreed: Floats
@@ -118,14 +120,14 @@ class StrangerEvidence:
 def stranger_terms(
     before: Recognition, approaches: Sequence[Approach], normal_half_rad: Floats, predictions: Predictions
 ) -> StrangerTerms:
-    """What strangers that agree with `before` would make of `approaches` (t), one after the other.
+    """Outcomes that strangers which agree with `before` would give `approaches` (t), one after the other.
 
     `predictions` (t, h) are those of `before`; `normal_half_rad` (t,): half of the normal's range that each
     touch measures.
     """
     rows = np.arange(min(len(before.hypotheses), _MAX_HYPOTHESES))
     coming = _predicted_touches(before, approaches, normal_half_rad, predictions, rows)
-    every = _known_touches(before, rows).followed_by(coming)
+    every = _known_touches(before, rows).append(coming)
     passing = agreement(every, STRANGER_KINDS)[:, :, -len(approaches) :].transpose(2, 0, 1)
     return StrangerTerms(passing, _distinct_predictions(predictions, normal_half_rad), len(before.hypotheses))
 
@@ -144,11 +146,11 @@ class CandidateTouches:
         """Probability (m, n) that each candidate agrees, after those chosen (indices) have."""
         known = self.known
         for index in chosen:
-            known = known.followed_by(self.each.column(index))
-        single = self.each.mapped(lambda item: item.swapaxes(0, 1))
-        every = known.mapped(lambda item: np.repeat(item, len(single.inward_mm), axis=0))
+            known = known.append(self.each.column(index))
+        single = self.each.map(lambda item: item.swapaxes(0, 1))
+        every = known.map(lambda item: np.repeat(item, len(single.inward_mm), axis=0))
         result: Floats = (
-            agreement(every.followed_by(single), STRANGER_KINDS)[:, :, -1] * _CLEAR_PROBABILITY[:, None]
+            agreement(every.append(single), STRANGER_KINDS)[:, :, -1] * _CLEAR_PROBABILITY[:, None]
         )
         return result
 
@@ -156,7 +158,7 @@ class CandidateTouches:
 def candidate_touches(
     before: Recognition, approaches: Sequence[Approach], normal_half_rad: float, predictions: Predictions
 ) -> CandidateTouches:
-    """What may be touched next; `predictions` (n, h) are those of `before`. Pads measure no normals."""
+    """Touches that may be made next; `predictions` (n, h) are those of `before`. Pads measure no normals."""
     first = np.zeros(1, np.int64)
     measures = np.array([item.finger.tip.measures_normal for item in approaches], dtype=bool)
     halves = np.where(measures, normal_half_rad, math.pi)
@@ -166,7 +168,7 @@ def candidate_touches(
 
 
 def _distinct_predictions(predictions: Predictions, normal_half_rad: Floats) -> Floats:
-    """As how many predictions (t,) those of all hypotheses count: what they cover together, over their mean.
+    """Effective number of predictions (t,) of all hypotheses: what they cover together, over their mean.
 
     All that predict nothing to be met count as one.
     """
@@ -252,7 +254,7 @@ def _predicted_touches(
 def _predicted_places(
     before: Recognition, approaches: Sequence[Approach], rows: Ints, hits: Bools, stop_mm: Floats
 ) -> OutlinePlaces:
-    """Where the hypotheses `rows` (h,) are touched by paths that stop after `stop_mm` (h, t), where they do.
+    """Places where paths that stop after `stop_mm` (h, t) touch the hypotheses `rows` (h,), where they do.
 
     Where they do not, the places that they pass nearest.
     """
@@ -309,7 +311,7 @@ def recognised_shift_mm(before: Recognition, contacts: Sequence[Contact]) -> flo
 
 
 def _furthest_mm(catalogue: Catalogue, before: Cells, after: Cells) -> float:
-    """How far apart centroids of equally turned configurations of the same state are at most; 0: none is."""
+    """Largest distance of centroids in equally turned configurations of one state; 0: there are none."""
     furthest = 0.0
     for number in np.unique(after.state).tolist():
         state = catalogue.states[number]

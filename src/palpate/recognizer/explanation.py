@@ -27,7 +27,7 @@ _LEAST_SUSPECTS = 2
 
 
 class SearchTest(Enum):
-    """What a step of the search looks at (docs/recogniser.md)."""
+    """Test made by a step of the search (docs/recogniser.md)."""
 
     EDGES = "edges"  # that the first contact may lie on, at its height
     NORMAL = "normal"
@@ -50,7 +50,7 @@ class SearchStep(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObjectExplanation(ShortRepr):
-    """What the search makes of one object, or of one of its states.
+    """Result of the search for one object, or of one of its states.
 
     `conflict`: contacts and misses that cannot all be true of it, none of which can be left out; empty if the
     object is not ruled out. Then `hypotheses` are its own.
@@ -63,7 +63,7 @@ class ObjectExplanation(ShortRepr):
     hypotheses: tuple[Hypothesis, ...]
 
     @property
-    def ruled_out(self) -> SearchStep | None:
+    def refuting_step(self) -> SearchStep | None:
         """The step that left nothing; None if something is left."""
         return None if self.steps[-1].left else self.steps[-1]
 
@@ -88,7 +88,7 @@ def explain_object(
 def grips_before_move(
     catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious: int = 0
 ) -> int | None:
-    """How many of the first grips fit together, if the object may have moved after them.
+    """Number of the first grips that fit together, if the object may have moved after them.
 
     That is so if every grip that touched something fits an object on its own, but all together fit none. None
     otherwise.
@@ -122,7 +122,7 @@ def suspected_contacts(
 
 
 def is_explained(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> bool:
-    """Whether something explains the contacts; without a touch, or if they say too little, anything does."""
+    """Return whether something explains the contacts; anything does without a touch, or with too few."""
     touched = sum(contact.touched for contact in contacts)
     if not touched:
         return True
@@ -210,12 +210,12 @@ def _conflict(alone: Catalogue, contacts: Sequence[Contact]) -> tuple[Contact, .
         missed = [contact for contact in reversed(left) if not contact.touched]
         for contact in (*missed, *(contact for contact in reversed(left) if contact.touched)):
             fewer = [other for other in left if other is not contact]
-            if _ruled_out(alone, fewer):
+            if _is_ruled_out(alone, fewer):
                 left, shrunk = fewer, True
     return tuple(left)
 
 
-def _ruled_out(alone: Catalogue, contacts: Sequence[Contact]) -> bool:
+def _is_ruled_out(alone: Catalogue, contacts: Sequence[Contact]) -> bool:
     if not any(contact.touched for contact in contacts):
         return False
     *_, last = _steps(alone, contacts)

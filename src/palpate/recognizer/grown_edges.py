@@ -101,7 +101,7 @@ def _pairing_chords(
 
 
 def _tilt_rad(solid: shapely.Geometry, ring: Floats, radius_mm: float, band: ToleranceBand) -> float:
-    """By how much normals may be off those of the circle, β: as declared, or by its sides, and by the tip."""
+    """Largest deviation of normals from the circle's, β: as declared, or by its sides, and by the tip."""
     start, end = ring, np.roll(ring, -1, axis=0)
     half = math.pi / len(ring)
     sides = band.turns_rad(np.hypot(*(end - start).T))
@@ -129,7 +129,7 @@ def _chords(circle: Circle, radius_mm: float, sign: int, number: int) -> GrownSe
 
 
 def anchor_mask(chords: GrownSection) -> Bools:
-    """Which chords (n,) are anchors: the shortest of each circle."""
+    """Mask of chords (n,) that are anchors: the shortest of each circle."""
     shortest = np.zeros(len(chords), dtype=bool)
     for number in np.unique(chords.feature):
         of_circle = np.flatnonzero(chords.feature == number)
@@ -226,7 +226,7 @@ def _outline_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
         grown = round_outlines(met.section, radius, united=met.united)
     else:
         grown = simplify_outline(grow(met.section, radius, facet_error_mm), MAX_EDGES, facet_error_mm / 4)
-    grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
+    grown = grown.select(_normal_order(grown)).translate(-item.origin_mm)
     return _Part(
         edges=grown,
         slack_in=grown.dent + max(0.0, delta - tip),
@@ -251,7 +251,7 @@ def _pairing_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
     found = PairingEdges.join(parts)
     found = found.select(_normal_order(found.edges))
     return _Part(
-        edges=found.edges.moved(-item.origin_mm),
+        edges=found.edges.translate(-item.origin_mm),
         slack_in=found.inward,
         slack_out=found.outward,
         slack_along=found.along,
@@ -259,7 +259,7 @@ def _pairing_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
 
 
 def _renumber_features(edges: GrownSection, by: int) -> GrownSection:
-    """With numbers of features that are greater by so much, those of vertices, too."""
+    """The same edges with numbers of features that are greater by so much, those of vertices, too."""
     return replace(edges, feature=np.where(edges.feature < 0, edges.feature - by, edges.feature + by))
 
 
@@ -296,7 +296,7 @@ def _representative(part: GrownSection, item: CatalogueState) -> Bools:
 
 
 def _maps_onto_edges(part: GrownSection, chosen: Bools, order: int) -> bool:
-    """Whether turning the chosen edges by every multiple of 2π/order gives exactly the others."""
+    """Return whether turning the chosen edges by every multiple of 2π/order gives exactly the others."""
     edges = np.column_stack([part.start, part.end])
     tree = cKDTree(edges)
     for step in range(1, order):

@@ -199,7 +199,7 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
 
     @property
     def verified(self) -> Bools:
-        """Which have a witness, (h,)."""
+        """Mask of hypotheses that have a witness, (h,)."""
         return self.regions.verified
 
     @property

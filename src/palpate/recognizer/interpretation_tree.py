@@ -122,7 +122,7 @@ def _has_pockets(catalogue: Catalogue, contact: Contact) -> bool:
 
 
 def filter_by_distance(query: Query, nodes: Interpretations, level: int) -> Interpretations:
-    """Those whose last edge may be as far from the one at `level` as their contacts are from each other."""
+    """Interpretations whose last edge may be as far from the one at `level` as the contacts are apart."""
     return nodes.select(distances_fit(query, level, nodes.edges[:, level], nodes.edges[:, -1]))
 
 

@@ -45,7 +45,7 @@ class Query:
 
 @dataclass(frozen=True)
 class LevelCount:
-    """How many interpretations a level of the tree had at each step (the memo's columns n, nA, nD, M)."""
+    """Numbers of interpretations at each step of a level of the tree (the memo's columns n, nA, nD, M)."""
 
     level: int
     candidates: int
@@ -116,7 +116,7 @@ class Interpretations(Table):
         return replace(self, lo=lo, hi=hi).select(np.flatnonzero(lo <= hi))
 
     def null_mask(self, contacts: Sequence[Contact]) -> Bools | None:
-        """Which of m contacts, misses included, are null, (n, m). Misses are never null; None if none is."""
+        """Mask (n, m) of contacts, misses included, that are null. Misses are never null; None if none is."""
         null = self.edges == NULL_EDGE
         if not null.any():
             return None

@@ -93,13 +93,13 @@ def memo_counts(
 
 @dataclass(frozen=True, eq=False)
 class _Arcs(Table):
-    """For each of n edges up to a arcs of θ: `lo`, `width` (n, a) rad; no arc is a width of −1."""
+    """Arcs of θ, up to a for each of n edges: `lo`, `width` (n, a) rad; no arc is a width of −1."""
 
     lo: Floats
     width: Floats
 
     def meet(self, lo: Floats, hi: Floats) -> Bools:
-        """Whether some arc of each row meets the intervals [lo, hi], each (n, m) and not empty; (n, m)."""
+        """Mask (n, m) of intervals [lo, hi], none of them empty, that some arc of their row meets."""
         lo, hi = lo[..., None], hi[..., None]
         arc, width = self.lo[:, None], self.width[:, None]
         ahead = (arc - lo + _ROUNDING_RAD) % (2 * np.pi) <= hi - lo + 2 * _ROUNDING_RAD
@@ -116,7 +116,7 @@ def _chosen_states(catalogue: Catalogue, object_name: str | None) -> Bools:
 
 
 def _orientation_sets(catalogue: Catalogue, contact: Contact) -> list[_Arcs]:
-    """What the approach, and the normal if there is one, leave of θ for each edge (memo §2.2.2)."""
+    """Arcs of θ that the approach, and the normal if there is one, leave to each edge (memo §2.2.2)."""
     edges = catalogue.edges(contact.finger)
     sets = []
     # Edges that overlap, as those of objects with a tolerance do, have no pockets. A point on a vertex may
@@ -169,7 +169,7 @@ def _candidates(catalogue: Catalogue, nodes: Interpretations, contact: Contact) 
 
 
 def _distances_possible(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact]) -> Bools:
-    """Whether the last contact's distance from each earlier one is possible between their edges (n,)."""
+    """Mask of pairings (n,) whose edges allow the last contact's distance from each earlier one."""
     last = touched[-1]
     second, edge_b = catalogue.edges(last.finger), nodes.edges[:, -1]
     possible = np.ones(len(nodes), dtype=bool)
@@ -186,7 +186,7 @@ def _distances_possible(catalogue: Catalogue, nodes: Interpretations, touched: l
 
 
 def _orientations_meet(nodes: Interpretations, sets: list[list[_Arcs]]) -> Bools:
-    """Whether the orientation sets of all pairings have an orientation in common (n,)."""
+    """Mask of pairings (n,) whose orientation sets all have an orientation in common."""
     arcs = [
         part.select(nodes.edges[:, level]) for level in range(nodes.edges.shape[1]) for part in sets[level]
     ]

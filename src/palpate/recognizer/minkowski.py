@@ -43,7 +43,7 @@ class GrownSection(Table):
     span: Floats
     feature: Ints
 
-    def moved(self, by_mm: Floats) -> "GrownSection":
+    def translate(self, by_mm: Floats) -> "GrownSection":
         """The same, moved by (2,) mm."""
         return replace(self, start=self.start + by_mm, end=self.end + by_mm)
 

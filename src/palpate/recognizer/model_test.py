@@ -56,7 +56,7 @@ def clip_to_sinusoids(
 
 
 def _advance_to_allowed(angle: Floats, nearest: Floats, furthest: Floats) -> Floats:
-    """How far up from `angle` the first angle with nearest ≤ |angle| ≤ furthest (modulo 2π) is."""
+    """Way up from `angle` to the first angle with nearest ≤ |angle| ≤ furthest (modulo 2π)."""
     begin = angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
     at = np.maximum(begin, -furthest)
     at = np.where((at > -nearest) & (at < nearest), nearest, at)

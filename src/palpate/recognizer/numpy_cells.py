@@ -156,7 +156,7 @@ def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints
 
 @dataclass(frozen=True, eq=False)
 class StopIntervals:
-    """For k cells and m approaches: the finger stops after a travel within [`earliest`, `latest`] (k, m) mm.
+    """Stops of m approaches in k cells, each after a travel within [`earliest`, `latest`] (k, m) mm.
 
     `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
     """

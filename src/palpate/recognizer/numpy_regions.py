@@ -32,7 +32,7 @@ def search_round(
     cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
-    room = constraints.budget.refined
+    room = constraints.budget.refinements
     may_be_cut = (np.diff(first) * PARTS_PER_CELL <= room // _REGION_DIVISOR) & refinable
     regions, kept = _with_witnesses(
         constraints,
@@ -50,7 +50,7 @@ def search_round(
 
 
 def _regions_to_refine(wanted: Bools, size: Ints, room: int) -> Bools:
-    """Those of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
+    """Mask of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
     order = np.argsort(np.where(wanted, size, np.iinfo(np.int64).max), kind="stable")
     result = wanted.copy()
     result[order] &= np.cumsum(np.where(wanted, size, 0)[order]) <= room
@@ -195,7 +195,7 @@ class _Search:
 
 
 def _spread_candidates(label: Ints, rank: Floats, cell: Ints) -> Ints:
-    """Up to `_CANDIDATES` of the cells (n,) of each region, evenly among its rows; the best come first."""
+    """Candidates among the cells (n,) of each region, evenly up to `_CANDIDATES`; the best come first."""
     first = np.flatnonzero(np.diff(label, prepend=-1))
     size = np.diff(np.append(first, len(label)))
     owner = np.repeat(np.arange(len(first)), size)

@@ -89,7 +89,7 @@ def _try_places(
     )
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     both = Cells.join([cells, spots])
-    free = free_cells(constraints.evidence, both, constraints.skipped(both.node))
+    free = free_cells(constraints.evidence, both, constraints.null_rows(both.node))
     count = len(cells)
     open_to = free[count:].reshape(places.shape[:2])
     holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
@@ -135,7 +135,7 @@ _IN_CELL_MM2, _IN_CELL_RAD = 1e-9, 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Regions:
-    """Where configurations have to stay: `cells` of regions, those of region i from `first`[i] on."""
+    """Regions in which configurations have to stay: their `cells`, those of region i from `first`[i] on."""
 
     cells: Cells
     first: Ints
@@ -163,7 +163,7 @@ def polish(
     Orientations stay in the cell: beyond it normals would leave their ranges.
     """
     node = cells.node[cell]
-    skipped = constraints.skipped(node)
+    skipped = constraints.null_rows(node)
     contacts = constraints.evidence.contacts
     regions, inner = (
         _Regions(cells, first, constraints.nodes.edges < 0),
@@ -196,7 +196,7 @@ def polish(
 def _step(
     constraints: Constraints, poses: Poses, found: Verification, lo: Floats, hi: Floats
 ) -> tuple[Floats, Floats]:
-    """How far to turn (n,), within [lo, hi], and shift (n, 2) configurations towards the contacts' places.
+    """Turns (n,), within [lo, hi], and shifts (n, 2) of configurations towards the contacts' places.
 
     Least squares, with the more weight the further a contact is beyond its bound; damped where the contacts
     leave a direction free.
@@ -209,7 +209,7 @@ def _step(
     )
     bound = np.array([max(contact.position_bound_mm, _EXACT_MM) for contact in contacts])
     weight = np.where(known, np.maximum(away / bound, _LEAST_WEIGHT) / bound, 0.0)
-    seen = poses.seen(np.array([contact.end_mm for contact in contacts]), constraints.anchor_mm)
+    seen = poses.to_objects(np.array([contact.end_mm for contact in contacts]), constraints.anchor_mm)
     # At the end of the contact's range it is the point that is touched that the surface has to reach.
     radius = np.column_stack(
         [constraints.catalogue.boundary(item.finger).radius_mm[poses.state] for item in contacts]
@@ -244,6 +244,6 @@ def can_be_verified(constraints: Constraints, cells: Cells) -> Bools:
         constraints.evidence,
         Poses(cells.state, cells.middle, cells.centre),
         Nearness(cells.half_width, cells.radius),
-        constraints.skipped(cells.node),
+        constraints.null_rows(cells.node),
         constraints.budget.pieces,
     )

@@ -73,7 +73,7 @@ class OffsetParts(Table):
 
 
 def visible_parts(edges: BoundaryEdges, radius_mm: float) -> OffsetParts:
-    """What is visible of all offset curves."""
+    """Visible parts of all offset curves."""
     tree = shapely.STRtree(shapely.linestrings(np.stack([edges.start, edges.end], axis=1)))
     every = np.arange(len(edges))
     owner, begin, end = _remaining_intervals(*_hidden_of_lines(edges, tree, radius_mm), edges.length)
@@ -160,7 +160,7 @@ def _polylines(centre: Floats, radius_mm: float, first: Floats, turn: Floats) ->
 def _wholly_hidden(
     edges: BoundaryEdges, tree: shapely.STRtree, radius_mm: float, hull: Floats
 ) -> tuple[Bools, Ints]:
-    """Which curves, each in the hull of points (n, k, 2), one edge hides altogether; and which edge, (n,)."""
+    """Mask of curves (n,), each in the hull of points (n, k, 2), that one edge hides; and the edge."""
     by: Ints = tree.nearest(shapely.points(hull[:, hull.shape[1] // 2])).astype(np.int64)
     away = point_segment_distance(
         hull, edges.start[by, None], edges.direction[by, None], edges.length[by, None]
@@ -208,7 +208,7 @@ def _arcsin(value: Floats) -> Floats:
 
 
 def _remaining_intervals(owner: Ints, lo: Floats, hi: Floats, length: Floats) -> tuple[Ints, Floats, Floats]:
-    """What intervals (m,) leave of [0, length] (n,): owner, begin, end."""
+    """Parts of [0, length] (n,) that intervals (m,) leave: owner, begin, end."""
     some = (lo < length[owner]) & (hi > 0) & (hi > lo)
     every = np.arange(len(length))
     owner = np.concatenate([owner[some], every, every])
@@ -295,7 +295,7 @@ def faceted_rings(
 
 
 def _successors(begin: Floats, end: Floats) -> Ints:
-    """Of each part (n,) the one that begins where it ends; every part follows one."""
+    """Successor of each part (n,), which begins where it ends; every part follows one."""
     ways, found = cKDTree(begin).query(end, k=np.arange(1, min(_MAX_NEIGHBOURS, len(begin)) + 1))
     away, near = np.asarray(ways), np.asarray(found)
     if len(np.unique(near[:, 0])) == len(near):

@@ -47,7 +47,7 @@ class OutlinePlaces:
             *(np.concatenate([getattr(part, item.name) for part in parts], axis=1) for item in fields(cls))
         )
 
-    def mapped(self, change: Callable[[Any], Any]) -> "OutlinePlaces":
+    def map(self, change: Callable[[Any], Any]) -> "OutlinePlaces":
         """The same change of all arrays: other rows, other columns."""
         return OutlinePlaces(*(change(getattr(self, item.name)) for item in fields(self)))
 
@@ -77,7 +77,7 @@ def places_on_outlines(
 def _nearest(
     edges: EdgeRings, origin_mm: Floats, points: Floats, chosen: Sequence[bool]
 ) -> tuple[Ints, list[Floats]]:
-    """Which points (columns) are chosen, and the fields of `OutlinePlaces` for these."""
+    """Columns of the chosen points, and the fields of `OutlinePlaces` for these."""
     columns = np.flatnonzero(chosen)
     rel = points[columns][:, None] - (edges.start - origin_mm)
     at = np.clip(np.sum(rel * edges.direction, axis=2), 0.0, edges.length)
@@ -121,7 +121,7 @@ def _edges(catalogue: Catalogue, state: int, span_mm: Span) -> EdgeRings:
 
 
 def _oriented_rings(polygon: Polygon) -> list[Floats]:
-    """Its rings with the solid on the left."""
+    """Rings of a polygon with the solid on the left."""
     return [orient_ring(polygon.outer, 1.0), *(orient_ring(hole, -1.0) for hole in polygon.holes)]
 
 
@@ -164,7 +164,7 @@ class OutlineTouches:
     known_mm: Floats
     known_rad: Floats
 
-    def followed_by(self, other: "OutlineTouches") -> "OutlineTouches":
+    def append(self, other: "OutlineTouches") -> "OutlineTouches":
         """These touches, and then those of another on the same outlines."""
         numbers = [
             np.concatenate([getattr(self, item.name), getattr(other, item.name)], axis=1)
@@ -174,12 +174,12 @@ class OutlineTouches:
 
     def column(self, index: int) -> "OutlineTouches":
         """One of the touches."""
-        return self.mapped(lambda item: item[:, index : index + 1])
+        return self.map(lambda item: item[:, index : index + 1])
 
-    def mapped(self, change: Callable[[Any], Any]) -> "OutlineTouches":
+    def map(self, change: Callable[[Any], Any]) -> "OutlineTouches":
         """The same change of all arrays: other rows, other columns."""
         numbers = [change(getattr(self, item.name)) for item in fields(self)[1:]]
-        return OutlineTouches(self.places.mapped(change), *numbers)
+        return OutlineTouches(self.places.map(change), *numbers)
 
 
 def agreement(touches: OutlineTouches, deviations: Deviations) -> Floats:
@@ -226,7 +226,7 @@ def _covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
 
 
 def _smooth_covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
-    """What varies along the outline: covariance (m, h, t, 2, t, 2) of it and of the turns of the normal."""
+    """Covariance (m, h, t, 2, t, 2) of deviations that vary along the outline, and of the normal's turns."""
     same = places.ring[:, :, None] == places.ring[:, None]
     turn = 2 * np.pi / places.perimeter[:, :, None]
     u = turn * (places.along[:, :, None] - places.along[:, None])

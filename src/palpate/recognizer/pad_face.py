@@ -20,7 +20,7 @@ _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens
 
 
 def face_offsets_mm(half_width_mm: float) -> Floats:
-    """Where on a face its points are (n,), mm to the left of its middle: both ends, middle, and between."""
+    """Offsets of a face's points (n,), mm to the left of its middle: both ends, middle, and between."""
     return np.linspace(
         -half_width_mm, half_width_mm, 2 * math.ceil(half_width_mm / _MAX_POINT_SPACING_MM) + 1
     )

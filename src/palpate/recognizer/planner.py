@@ -67,11 +67,11 @@ class Reachable(Protocol):
         ...
 
     def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
-        """Whether approach `one` can be carried out with each of `others` (m,), going this far at most."""
+        """Mask of `others` (m,) that can be carried out with approach `one`, going this far at most."""
         ...
 
     def seconds(self, travels_mm: Floats) -> Floats:
-        """How long each approach (n,) takes, going this far (n,)."""
+        """Duration of each approach (n,), going this far (n,)."""
         ...
 
 
@@ -114,11 +114,11 @@ def predict_approach(recognition: Recognition, reachable: Reachable, index: int)
     """Prediction for approach `index`, and how far it has to go."""
     approaches = [reachable.approaches[index]]
     found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
-    return PredictedApproach(index, found, float(found.needed_mm(approaches)[0]))
+    return PredictedApproach(index, found, float(found.sufficient_travel_mm(approaches)[0]))
 
 
 def fits_together(reachable: Reachable, one: PredictedApproach, chosen: Sequence[PredictedApproach]) -> bool:
-    """Whether a candidate can be carried out together with all that are chosen."""
+    """Return whether a candidate can be carried out together with all that are chosen."""
     others = np.array([item.index for item in chosen], dtype=np.int64)
     travels = np.array([item.travel_mm for item in chosen])
     return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
@@ -172,7 +172,7 @@ def _indistinguishable(
     first: Ints,
     second: Ints,
 ) -> Bools:
-    """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
+    """Mask of pairs of hypotheses, `first` and `second` (n,), that no candidate of `rows` tells apart."""
     approaches = [reachable.approaches[k] for k in rows.tolist()]
     poses = witness_poses(recognition.hypotheses)
     outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
@@ -197,7 +197,7 @@ def _indistinguishable(
 def _is_decisive(
     recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
 ) -> bool:
-    """Whether a grip distinguishes every two hypotheses that some reachable approach distinguishes.
+    """Return whether a grip distinguishes every two hypotheses that some reachable approach distinguishes.
 
     Where touches may be spurious nothing is certain.
     """
@@ -250,6 +250,8 @@ def plan_grip(
     not to choose, because they were carried out before. `limits`: what pushes may do to the part; approaches
     that cannot move it, or only slide it, are preferred.
     """
+    if not reachable.approaches:
+        return None
     choice = _GripSearch(recognition, reachable, resolution, goals, limits)
     if used is not None:
         choice.open_to &= ~used
@@ -300,7 +302,7 @@ class _GripSearch:
         self.chosen: list[PredictedApproach] = []
 
     def wants_more(self, fingers: int) -> bool:
-        """Whether a further approach could be of use."""
+        """Return whether a further approach could be of use."""
         enough = self.remaining <= _MAX_CONFUSION_LEFT and len(self.chosen) >= fingers
         return bool(self.open_to.any()) and len(self.pairs.first) > 0 and not enough
 
@@ -347,7 +349,7 @@ class _GripSearch:
 
 
 def meets_other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
-    """Which candidates `rows` (m,) meet a surface that is not parallel to those that the chosen ones meet.
+    """Mask of candidates `rows` (m,) whose surface is not parallel to those that the chosen ones meet.
 
     `normal_rad` (n,): the normals that all candidates meet under the first hypothesis. Met from two sides, a
     part that has moved is noticed.

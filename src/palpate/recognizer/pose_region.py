@@ -91,7 +91,7 @@ class Cells(Table):
         return result
 
     def displacement(self, reach_mm: Floats) -> Floats:
-        """How far the object's points may be from where the cell's middle configuration puts them, (k,) mm.
+        """Largest distance of the object's points from where the middle configuration puts them, (k,) mm.
 
         Holds for all points within `reach_mm` (k,) of the centroid and every configuration in the cell.
         """
@@ -139,7 +139,7 @@ def divide_orientations(nodes: Interpretations, *, step_rad: float, least: int) 
 
 
 def intervals_to_probe(intervals: Intervals) -> Ints:
-    """Which intervals are looked at in their middle: all, or where there are many some of each node."""
+    """Rows of intervals that are probed in their middle: all, or some of each node if they are many."""
     if len(intervals) <= _MAX_ALL_PROBED:
         return np.arange(len(intervals))
     return _middle_rows(intervals.node)
@@ -185,7 +185,7 @@ class Regions:
         return len(self.theta)
 
     def select(self, rows: Ints) -> "Regions":
-        """Those at `rows` (n,), in that order."""
+        """Regions at `rows` (n,), in that order."""
         count = np.diff(self.first)[rows]
         _, cell = expand_ranges(self.first[rows], count)
         return replace(

@@ -29,7 +29,7 @@ _LEAST_LEAN_RAD = 0.1  # by which a path may lean over its stated direction wher
 
 @dataclass(frozen=True)
 class Prediction:
-    """What one approach will meet under one hypothesis, over its whole region.
+    """Outcome of one approach under one hypothesis, over its whole region.
 
     A stop comes after a travel in [`earliest_mm`, `latest_mm`]; `latest_mm` is infinite if the finger may
     miss. It cannot come after `furthest_mm`, and not at all if `earliest_mm` is infinite; then `furthest_mm`
@@ -66,17 +66,17 @@ class Predictions(Table):
         return Prediction(earliest, latest, furthest, (lo, hi))
 
     def of_approach(self, approach: int) -> tuple[Prediction, ...]:
-        """Those of one approach, for every hypothesis."""
+        """Predictions for one approach under every hypothesis."""
         return tuple(self.of(approach, hypothesis) for hypothesis in range(self.earliest.shape[1]))
 
-    def needed_mm(self, approaches: Sequence[Approach]) -> Floats:
+    def sufficient_travel_mm(self, approaches: Sequence[Approach]) -> Floats:
         """Travel (a,) after which nothing can be met any more, and a little further."""
         furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_TRAVEL_MM
         result: Floats = np.minimum(furthest, [approach.travel_mm for approach in approaches])
         return result
 
     def apart(self, normal_half_rad: float) -> Bools:
-        """Which two hypotheses (h, h) no outcome of some approach can confuse, as long as touches are sharp.
+        """Mask of hypotheses (h, h) that no outcome of some approach can confuse, if touches are sharp.
 
         That is so where the stops are disjoint, or the normals further apart than two ranges of half-width
         `normal_half_rad` reach and neither may miss. Touches must not be blunter than that, nor than their

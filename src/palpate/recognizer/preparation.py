@@ -41,17 +41,17 @@ class NamedArrays:
 
     def floats(self, name: str, shape: tuple[int, ...]) -> Floats:
         """Array of float64."""
-        return self._checked(name, np.float64, shape)
+        return self._check(name, np.float64, shape)
 
     def ints(self, name: str, shape: tuple[int, ...]) -> Ints:
         """Array of int64."""
-        return self._checked(name, np.int64, shape)
+        return self._check(name, np.int64, shape)
 
     def bools(self, name: str, shape: tuple[int, ...]) -> Bools:
         """Array of bool."""
-        return self._checked(name, np.bool_, shape)
+        return self._check(name, np.bool_, shape)
 
-    def _checked(self, name: str, kind: type[np.generic], shape: tuple[int, ...]) -> Arrays:
+    def _check(self, name: str, kind: type[np.generic], shape: tuple[int, ...]) -> Arrays:
         found = self.arrays.get(self.prefix + name)
         if found is None or found.dtype != kind or found.shape != shape:
             raise ValueError(f"{self.prefix}{name} is not {kind.__name__} of shape {shape}")
@@ -59,7 +59,7 @@ class NamedArrays:
 
 
 def read_offsets(arrays: NamedArrays, name: str, count: int) -> Ints:
-    """Where the rows of each of so many states begin, and the last one's end: (count + 1,)."""
+    """Offsets of the rows of each of so many states, and of the last one's end: (count + 1,)."""
     first = arrays.ints(name, (count + 1,))
     if first[0] != 0 or bool(np.any(np.diff(first) < 0)):
         raise ValueError(f"{name} does not ascend from 0")
@@ -81,7 +81,7 @@ DIGEST_BYTES = 16
 
 @dataclass(frozen=True, eq=False)
 class _Columns(Table):
-    """Of each state (S,): as in `CatalogueState`; `normal_bound_rad` is NaN where there is none."""
+    """Columns of S states, as in `CatalogueState`; `normal_bound_rad` is NaN where there is none."""
 
     origin_mm: Floats
     order: Ints
@@ -108,7 +108,7 @@ class PreparedStates:
 
     @classmethod
     def of(cls, objects: Sequence[ObjectModel], states: Sequence[CatalogueState]) -> "PreparedStates":
-        """As arrays, the states that were prepared of the objects."""
+        """Arrays of the states that were prepared of the objects."""
         given = [state for item in objects for state in item.states]
         columns = _Columns(
             np.array([item.origin_mm for item in states], np.float64).reshape(-1, 2),
@@ -135,18 +135,18 @@ class PreparedStates:
         )
 
     def select(self, states: Ints) -> "PreparedStates":
-        """Some of the states, in that order."""
+        """The same of the states `states`, in that order."""
         count = np.diff(self.first)[states]
         rows = expand_ranges(self.first[states], count)[1]
         return PreparedStates(self.columns.select(states), self.vertices[rows], offsets_of_counts(count))
 
     def arrays(self) -> dict[str, Arrays]:
-        """To be kept."""
+        """Arrays to be kept, by name."""
         return {**vars(self.columns), "vertices": self.vertices, "first": self.first}
 
     @classmethod
     def from_arrays(cls, arrays: NamedArrays, count: int) -> "PreparedStates":
-        """What `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
+        """Read what `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
         first = read_offsets(arrays, "first", count)
         columns = _Columns(
             arrays.floats("origin_mm", (count, 2)),
@@ -171,7 +171,7 @@ class PreparedStates:
             found.append(
                 CatalogueState(
                     item.name,
-                    self._moved(number, state),
+                    self._symmetrize(number, state),
                     self.columns.origin_mm[number],
                     Symmetry(order, off_mm, lean_rad),
                     tolerance_mm,
@@ -182,7 +182,7 @@ class PreparedStates:
             )
         return tuple(found)
 
-    def _moved(self, number: int, state: State) -> State:
+    def _symmetrize(self, number: int, state: State) -> State:
         """The state with the vertices that it was given to be exactly symmetric, if it was."""
         at, end = (int(value) for value in self.first[number : number + 2])
         if at == end:
@@ -247,8 +247,10 @@ _SUPPORTS = "supports"
 
 @dataclass(frozen=True, eq=False)
 class FingerPreparation:
-    """Of S states, for one kind of finger: `outlines` that stop it, `edges` that it may be paired with, and
-    the true `boundary`. `edges` are the `outlines` where no state has a tolerance.
+    """Outlines of S states as one kind of finger meets them, prepared.
+
+    `outlines` stop the finger, `edges` may be paired with it, `boundary` is the true one. `edges` are the
+    `outlines` where no state has a tolerance.
     """
 
     outlines: EdgeSet
@@ -260,7 +262,7 @@ class FingerPreparation:
 
     @classmethod
     def join(cls, parts: Sequence["FingerPreparation"]) -> "FingerPreparation":
-        """Of the states of all parts, one part after the other."""
+        """The same of the states of all parts, one part after the other."""
         same = all(part.outlines is part.edges for part in parts)
         supports = np.concatenate([part.outlines.supports for part in parts])
         outlines = _join_edges([part.outlines for part in parts]).with_supports(supports)
@@ -268,13 +270,13 @@ class FingerPreparation:
         return cls(outlines, edges, _join_boundaries([part.boundary for part in parts]))
 
     def select(self, states: Ints) -> "FingerPreparation":
-        """Of some of the states, in that order."""
+        """The same of the states `states`, in that order."""
         outlines = _select_edges(self.outlines, states).with_supports(self.outlines.supports[states])
         edges = outlines if self.edges is self.outlines else _select_edges(self.edges, states)
         return FingerPreparation(outlines, edges, _select_boundary(self.boundary, states))
 
     def arrays(self) -> dict[str, Arrays]:
-        """To be kept."""
+        """Arrays to be kept, by name."""
         found = _named_columns("outlines.", self.outlines) | {f"outlines.{_SUPPORTS}": self.outlines.supports}
         if self.edges is not self.outlines:
             found |= _named_columns("edges.", self.edges)
@@ -285,7 +287,7 @@ class FingerPreparation:
 
     @classmethod
     def from_arrays(cls, arrays: NamedArrays, count: int) -> "FingerPreparation":
-        """What `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
+        """Read what `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
         own, same = replace(arrays, prefix="outlines."), "edges.first" not in arrays
         outlines = _edges_from(own, count)
         outlines = outlines.with_supports(own.floats(_SUPPORTS, (count, *outlines.supports_shape)))

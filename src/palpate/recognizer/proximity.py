@@ -36,18 +36,18 @@ class _SideViews(Table):
 
     @cached_property
     def crossing(self) -> Bools:
-        """Whether the line crosses the side. Neighbours share the numbers of their corner."""
+        """True where the line crosses the side. Neighbours share the numbers of their corner."""
         result: Bools = (self.y0 > 0) != (self.y1 > 0)
         return result
 
     @cached_property
-    def crossed_at(self) -> Floats:
-        """Where it does, ahead of the line's beginning; anything where it does not."""
+    def crossing_mm(self) -> Floats:
+        """Way along the line from its beginning to the crossing; arbitrary where there is none."""
         rise = np.where(self.crossing, self.y1 - self.y0, 1.0)
         return self.x0 - self.y0 * (self.x1 - self.x0) / rise
 
     def distance(self, x: Floats) -> Floats:
-        """From the point x (k,) of the line to the side."""
+        """Distance from the point x (k,) of the line to the side."""
         u, v = self.x1 - self.x0, self.y1 - self.y0
         share = np.clip(((x - self.x0) * u - self.y0 * v) / np.maximum(u * u + v * v, 1e-300), 0.0, 1.0)
         result: Floats = np.hypot(self.x0 + share * u - x, self.y0 + share * v)
@@ -63,7 +63,7 @@ def clearances(boundary: TrueBoundary, state: Ints, point: Floats) -> Floats:
 
 
 def lines_are_free(boundary: TrueBoundary, state: Ints, begin: Floats, end: Floats) -> Bools:
-    """Which straight paths of the tip's centre (q,) are clear of the object; begin and end (q, 2)."""
+    """Mask of straight paths of the tip's centre (q,) that are clear of the object; begin and end (q, 2)."""
     count = np.diff(boundary.first_side)[state]
     cuts = np.flatnonzero(np.diff(np.cumsum(count) // _PAIRS_AT_ONCE)) + 1
     free = np.ones(len(state), dtype=bool)
@@ -94,9 +94,9 @@ def _side_views(boundary: TrueBoundary, state: Ints, begin: Floats, heading: Flo
 
 
 def _begin_inside(seen: _SideViews, lines: int) -> Bools:
-    """Whether lines begin inside: then an odd number of sides crosses them before they do."""
+    """Mask of lines that begin inside: then an odd number of sides crosses them before they do."""
     behind = seen.select(seen.crossing & (np.minimum(seen.x0, seen.x1) < 0))
-    before = behind.line[behind.crossed_at < 0]
+    before = behind.line[behind.crossing_mm < 0]
     inside: Bools = np.bincount(before, minlength=lines) % 2 == 1
     return inside
 
@@ -111,7 +111,7 @@ def _keeps_away(seen: _SideViews, travel: Floats, clearance: Floats) -> Bools:
     away = np.minimum(seen.distance(np.zeros(len(seen))), seen.distance(far))
     for x, y in ((seen.x0, seen.y0), (seen.x1, seen.y1)):
         away = np.minimum(away, np.hypot(x - np.clip(x, 0.0, far), y))
-    at = seen.crossed_at
+    at = seen.crossing_mm
     hit = (away < wide) | (seen.crossing & (at >= 0) & (at <= far))
     blocked[seen.line[hit]] = True
     return ~blocked
@@ -143,7 +143,7 @@ def _stays_shallow(seen: _SideViews, travel: Floats, depth: Floats) -> Bools:
 
 
 def _near_stretches(seen: _SideViews, wide: Floats) -> tuple[Floats, Floats]:
-    """Where lines come within `wide` (k,) of their sides, and where they leave; enter > leave: nowhere."""
+    """Stretches of lines within `wide` (k,) of their sides: enter and leave; enter > leave: none."""
     enter, leave = np.full(len(seen), np.inf), np.full(len(seen), -np.inf)
     for x, y in ((seen.x0, seen.y0), (seen.x1, seen.y1)):
         square = wide * wide - y * y
@@ -159,7 +159,7 @@ def _near_stretches(seen: _SideViews, wide: Floats) -> tuple[Floats, Floats]:
         at = x - y * u / np.where(meets, v, 1.0)
         enter = np.where(meets, np.minimum(enter, at), enter)
         leave = np.where(meets, np.maximum(leave, at), leave)
-    at = seen.crossed_at
+    at = seen.crossing_mm
     enter = np.where(seen.crossing, np.minimum(enter, at), enter)
     leave = np.where(seen.crossing, np.maximum(leave, at), leave)
     return enter, leave
@@ -205,7 +205,7 @@ class Places(Table):
 
     @classmethod
     def nowhere(cls, count: int) -> "Places":
-        """None known."""
+        """Places of so many centres, none of them known."""
         nothing = np.zeros((count, 2))
         no = np.zeros(count, dtype=bool)
         return cls(np.full(count, np.inf), nothing, nothing.copy(), no, no.copy())
@@ -318,7 +318,7 @@ def _common_normals(pieces: Pieces, lo: Floats, width: Floats) -> tuple[Ints, Fl
 
 
 def _offsets(pieces: Pieces, begin: Floats, turn: Floats, point: Floats) -> tuple[Floats, Floats]:
-    """From each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
+    """Vectors from each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
 
     Normals are from `begin` on by `turn` (k,) rad; of those that are as good it is the first one tried.
     """
@@ -352,7 +352,7 @@ def _offsets(pieces: Pieces, begin: Floats, turn: Floats, point: Floats) -> tupl
 def _is_uncovered(
     boundary: TrueBoundary, centres: TipCentres, offset: Floats, normal: Floats, off: Floats
 ) -> Bools:
-    """Whether a tip's centre within `bound` of its point, and `off` of the place, is clear of the section.
+    """Mask (k,): true if a tip within `bound` of its stated centre, and `off` of the place, may be clear.
 
     Tried are the nearest to either, and those that are furthest out.
     """

@@ -60,7 +60,7 @@ class Motion:
         return bool(self.shift_mm.any() or self.turn_rad.any())
 
     def furthest_mm(self, catalogue: Catalogue, states: Ints) -> float:
-        """How far any point of the part, in one of `states` (indices), may be moved; infinite: no bound."""
+        """Largest way of any point of the part, in one of `states` (indices); infinite: no bound."""
         return _largest(self.shift_mm + self.turn_rad * catalogue.reach_mm, states)
 
     def __add__(self, other: "Motion") -> "Motion":
@@ -109,7 +109,7 @@ def contact_in_motion(motion: Motion, catalogue: Catalogue, contact: Contact, st
 def _displacements_mm(
     motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints
 ) -> tuple[float, float]:
-    """How far a motion takes the tip with it: at its contact, and anywhere on its path beside the part."""
+    """Largest way that a motion takes the tip: at its contact, and on its path beside the part."""
     shift, turn = motion.shift_mm, motion.turn_rad
     lever = catalogue.reach_mm + contact.finger.tip_radius_mm
     # A point of the path that can be beside the moved part was no further from it before than it has moved.
@@ -152,12 +152,12 @@ class Recognition(ShortRepr):
 
     @property
     def budget(self) -> Budget:
-        """How much may be looked at."""
+        """Limits of what is looked at."""
         return self.constraints.budget
 
     @property
     def catalogue(self) -> Catalogue:
-        """What was searched."""
+        """The catalogue that was searched."""
         return self.constraints.catalogue
 
     @property
@@ -182,7 +182,7 @@ class Recognition(ShortRepr):
 
     @cached_property
     def hypotheses(self) -> Hypotheses:
-        """What may have been touched, and where; their bounds are worked out when they are read."""
+        """Objects that may have been touched, and where; their bounds are worked out when they are read."""
         return hypotheses_of(self.constraints, self._regions)
 
     @cached_property
@@ -192,7 +192,7 @@ class Recognition(ShortRepr):
 
     @property
     def interpretations(self) -> Interpretations:
-        """Those that have cells left, narrowed to them."""
+        """Interpretations that have cells left, narrowed to them."""
         return self._left[0]
 
     @property
@@ -207,7 +207,7 @@ class Recognition(ShortRepr):
 
     @property
     def has_coarse_cells(self) -> bool:
-        """Whether cells, and so bounds, are wider than they would be with a larger budget."""
+        """True if cells, and so bounds, are wider than they would be with a larger budget."""
         return _step_rad(self.constraints.nodes, self.budget) > COARSE_RAD
 
     @property
@@ -222,10 +222,10 @@ class Recognition(ShortRepr):
 
         `motion`: of the part since the last of the earlier contacts was measured; None if it lay still.
         """
-        earlier = self.moved(motion) if motion else self
+        earlier = self.move(motion) if motion else self
         return earlier._with(contacts, branches_of(earlier.interpretations, earlier.cells))
 
-    def moved(self, motion: Motion) -> "Recognition":
+    def move(self, motion: Motion) -> "Recognition":
         """All that is known after a motion of the part; its earlier contacts are widened by it."""
         if not motion:
             return self
@@ -238,7 +238,7 @@ class Recognition(ShortRepr):
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells))
 
     def _distance_mm(self, contact: Contact) -> Floats:
-        """How far from each state's centroid (S,) a contact is at most; 0 for states that are ruled out."""
+        """Largest distance of a contact from each state's centroid (S,); 0 for states that are ruled out."""
         point, reach = contact_in_object(self.cells, contact, self.anchor_mm)
         result = np.zeros(len(self.catalogue.states))
         np.maximum.at(result, self.cells.state, np.hypot(*point.T) + reach)
@@ -278,7 +278,7 @@ def anchor_of(touched: Sequence[Contact]) -> Floats:
 
 
 def intervals_of(nodes: Interpretations, budget: Budget = STANDARD_BUDGET) -> Intervals:
-    """Where the cells of interpretations of all contacts are cut: the fewer are left, the finer."""
+    """Intervals in which interpretations are cut into cells: the fewer are left, the finer."""
     least = int(np.clip(_CELLS_IF_FEW // max(len(nodes), 1), 1, _MAX_CELLS_EACH))
     return divide_orientations(nodes, step_rad=_step_rad(nodes, budget), least=least)
 
@@ -290,7 +290,7 @@ def _step_rad(nodes: Interpretations, budget: Budget) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _SearchState:
-    """What a search goes on from; `unpaired` are indices of contacts, `levels` counts per touched contact."""
+    """State of a search; `unpaired` are indices of contacts, `levels` counts per touched contact."""
 
     contacts: tuple[Contact, ...]
     unpaired: frozenset[int]

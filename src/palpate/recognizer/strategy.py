@@ -29,13 +29,11 @@ from palpate.recognizer.planner import (
     fits_together,
     make_grip,
     meets_other_side,
-    plan_grip,
     predict_approach,
 )
 from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.recognition import Recognition
 from palpate.recognizer.touch_model import (
-    Goals,
     PushLimits,
     Resolution,
     push_hazard,
@@ -49,36 +47,29 @@ _ASIDE_MM = 3.0  # a touch nearer to an earlier one than this says little new
 _LEVER_MM = 50.0  # makes turns and distances comparable, to see whose approach a contact was
 
 
-def next_grip(
+def heuristic_grip(
     strategy: Strategy,
     recognition: Recognition,
     reachable: Reachable,
     resolution: Resolution,
-    goals: Goals,
     rng: np.random.Generator,
-    fingers: int = 1,
-    limits: PushLimits | None = None,
 ) -> Grip | None:
-    """The next grip, of `fingers` or more if as many go together; None if none is of use.
+    """The next grip by a `strategy` that does not plan; None if none is of use.
 
-    Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone,
-    `limits` by `planned`.
+    Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone.
     """
     if not reachable.approaches:
         return None
-    used = used_approaches(recognition.contacts, reachable.approaches)
-    if strategy is Strategy.PLANNED:
-        return plan_grip(recognition, reachable, resolution, goals, used, fingers, limits)
-    order = _approaches_meeting(recognition, reachable, used)
+    order = _approaches_meeting(recognition, reachable)
     if strategy is Strategy.RANDOM:
-        return _first_compatible(recognition, reachable, rng.permutation(order), resolution)
-    return _first_compatible(
-        recognition, reachable, _approaches_beside(recognition, reachable, order), resolution
-    )
+        order = rng.permutation(order)
+    else:
+        order = _approaches_beside(recognition, reachable, order)
+    return _first_compatible(recognition, reachable, order, resolution)
 
 
 def used_approaches(contacts: Sequence[Contact], candidates: Sequence[FingerApproach]) -> Bools:
-    """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger.
+    """Mask of candidates (n,) that run along the path of a contact or a miss of the same kind of finger.
 
     A pad does if both ends of its face run along paths.
     """
@@ -95,10 +86,11 @@ def used_approaches(contacts: Sequence[Contact], candidates: Sequence[FingerAppr
     return result
 
 
-def _approaches_meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Ints:
+def _approaches_meeting(recognition: Recognition, reachable: Reachable) -> Ints:
     """Candidates that have not been used and may meet what lies there, as far as some configurations tell."""
     poses = sampled_poses(recognition.hypotheses)
     approaches = reachable.approaches
+    used = used_approaches(recognition.contacts, approaches)
     outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     return np.flatnonzero(outcome.hit.any(axis=1) & ~used)
 
@@ -145,7 +137,7 @@ _LEAST_FACING = 0.5  # cosine: a check meets its surface at least this squarely
 
 @dataclass(frozen=True, eq=False)
 class Confirmation:
-    """What confirming touches are for: to notice a shift of the part by `shift_mm`, and to bring what
+    """Aims of confirming touches: to notice a shift of the part by `shift_mm`, and to bring what
     `strangers` says down to `probability`.
     """
 
@@ -230,7 +222,7 @@ class _Candidates:
         return int(np.argmin(np.where(open_to, agreeing, np.inf)))
 
     def hidden_mm(self, chosen: Sequence[int]) -> float:
-        """How far a shift of the part may go unnoticed by the chosen ones."""
+        """Largest shift of the part that the chosen ones may not notice."""
         rows = list(chosen)
         direction = np.array([self.approaches[k].direction_rad for k in rows])
         return detectable_shift_mm(self.predictions.select(rows), self.normal_rad[rows], direction)
@@ -271,7 +263,7 @@ def _candidates(
         rows,
         approaches,
         predictions,
-        predictions.needed_mm(approaches),
+        predictions.sufficient_travel_mm(approaches),
         candidate_touches(recognition, approaches, resolution.normal_half_rad, predictions),
         start + outcome.travel[rows, 0][:, None] * np.column_stack([np.cos(angle), np.sin(angle)]),
         outcome.normal[rows, 0],

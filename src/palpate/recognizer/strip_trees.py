@@ -139,7 +139,7 @@ def _extremes(low: Floats, high: Floats, first: Ints, last: Ints) -> tuple[Float
 
 
 def _stray(edges: EdgeSet, ring: Ints, first: Ints, last: Ints) -> Floats:
-    """How far each run's edges, with their slack, leave the segment from its start to its end."""
+    """Distance to which each run's edges, with their slack, leave the segment from its start to its end."""
     points, ends, slack = edges.start[ring], edges.end[ring], edges.slack_mm[ring]
     result = np.empty(len(first))
     for k, (a, b) in enumerate(zip(first, last, strict=True)):

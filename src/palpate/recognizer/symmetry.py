@@ -159,7 +159,7 @@ class _Boundary:
         return np.asarray(found, dtype=np.int64) if np.all(away <= tolerance_mm) else None
 
     def spread(self, orbits: Ints) -> tuple[float, float]:
-        """How far orbits' vertices (mm) and edges' normals (rad) are from one another, when turned back."""
+        """Spread of orbits' vertices (mm) and of edges' normals (rad), when turned back."""
         order = len(orbits)
         back = np.exp(-2j * np.pi * np.arange(order) / order)[:, None]
         turned = self.points[orbits] * back
@@ -173,7 +173,7 @@ class _Boundary:
 
 
 def _stray(whole: shapely.Geometry, region: shapely.Geometry) -> tuple[float, float]:
-    """How far a region's boundary may be from the one that it simplifies (mm), and its normals (rad)."""
+    """Distance of a region's boundary from the one that it simplifies (mm), and of its normals (rad)."""
     points = shapely.get_coordinates(whole)
     boundary = region.boundary
     shapely.prepare(boundary)

@@ -15,14 +15,14 @@ class Table:
 
     @classmethod
     def _names(cls) -> tuple[str, ...]:
-        """Its fields: where small queries look them up, and often, `dataclasses.fields` shows in the time."""
+        """Names of the fields: `dataclasses.fields` would show in the time of small queries."""
         return cls.__match_args__
 
     def __len__(self) -> int:
         return len(getattr(self, self._names()[0]))
 
     def select(self, rows: Ints | Bools | slice | Sequence[int]) -> Self:
-        """Those at `rows` (indices, in that order, a mask or a slice)."""
+        """Rows of the table (indices, in that order, a mask or a slice)."""
         return type(self)(*[_rows(getattr(self, name), rows) for name in self._names()])
 
     @classmethod

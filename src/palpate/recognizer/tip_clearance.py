@@ -43,7 +43,7 @@ def _effective_distance_mm(radius_mm: float, off_mm: float) -> float:
 
 
 def worthwhile_tilt_rad(radius_mm: float, off_mm: float) -> float:
-    """What a tip leaves of the normals on a surface that is no sharper than a tip, and a quarter more."""
+    """Tilt of normals that a tip allows on a surface that is no sharper than a tip, and a quarter more."""
     far = _effective_distance_mm(radius_mm, off_mm)
     return 1.25 * math.asin(min(far / radius_mm, 1.0)) if math.isfinite(far) else 0.0
 
@@ -51,7 +51,7 @@ def worthwhile_tilt_rad(radius_mm: float, off_mm: float) -> float:
 def clearance_tilts_rad(
     solid: shapely.Geometry, start: Floats, end: Floats, radius_mm: float, off_mm: float
 ) -> Floats:
-    """By how much normals at edges of a section may be off at most, (n,); π where nothing is said.
+    """Largest deviation of normals at edges of a section, (n,); π where nothing is said.
 
     `start` and `end` (n, 2) mm, the solid on the left. A contact is with an edge where the true point that
     is touched is within `off_mm` of a point of the edge, its ends included.
@@ -145,7 +145,7 @@ def _excluded_arcs(
 
 
 def _covered_bins(rows: int, owner: Ints, lo: Floats, hi: Floats) -> Bools:
-    """Which bins of normals, from −π on, an arc [lo, hi] (m,) of their `owner` covers, (rows, bins)."""
+    """Mask (rows, bins) of normals, from −π on, that an arc [lo, hi] (m,) of their `owner` covers."""
     width = 2 * np.pi / _NORMAL_BINS
     first = np.ceil((lo + np.pi) / width).astype(np.int64)
     last = np.floor((hi + np.pi) / width).astype(np.int64)
@@ -161,7 +161,7 @@ def _covered_bins(rows: int, owner: Ints, lo: Floats, hi: Floats) -> Bools:
 def clearance_depths_mm(
     solid: shapely.Geometry, start: Floats, end: Floats, reach: Floats, depth: Floats, clear_mm: float
 ) -> Floats:
-    """How deep inside of lines from `start` to `end` (n, 2) the centre of a tip can be at most, (n,) mm.
+    """Largest depth (n,) mm of a tip's centre inside of lines from `start` to `end` (n, 2).
 
     It is known to be `depth` (n,) mm deep at most, and no further along than `reach` (n,) beyond the ends. It
     is nowhere nearer to the section than `clear_mm`, positive.

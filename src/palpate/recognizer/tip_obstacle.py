@@ -23,7 +23,7 @@ _CLEAR_DEPTH_MM = 1e-6  # far above the rounding of distances
 
 @dataclass(frozen=True, eq=False)
 class TipObstacle:
-    """What a finger can meet of a state: polygons that may overlap, where it meets whichever stands out.
+    """Obstacle of a finger: a state's polygons that may overlap, where it meets whichever stands out.
 
     `layers`: sections, and the radius (mm) of the disc that each is to be grown by; what is touched is within
     `tolerance_mm` of them, and normals are within `normal_bound_rad` where that is declared. `section` grown
@@ -40,9 +40,10 @@ class TipObstacle:
 
 
 def tip_obstacle(item: CatalogueState, finger: Finger, covered_mm: float | None = None) -> TipObstacle | None:
-    """What a finger can meet of a state; None where nothing is. Raises InputError as `met_by_ball` does.
+    """Obstacle that a state is to a finger; None if nothing is met.
 
     Left out is what others are certain to cover if outlines are within `covered_mm`; None: the tolerance.
+    Raises InputError as `ball_obstacle` does.
     """
     obstacle = implementation_for(finger.shape, _OBSTACLES, "what it meets of a part's sections")
     return obstacle(item, finger, covered_mm)
@@ -98,7 +99,7 @@ def is_exact(item: CatalogueState, finger: Finger) -> bool:
 
 
 def uncovered_polygons(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[Polygon, ...]:
-    """Those that no other one covers for certain: deeper than both may be off, or as exact as it.
+    """Polygons that no other one covers for certain: deeper than both may be off, or as exact as it.
 
     Largest first is looked at, so that of equal ones one stays.
     """
@@ -115,14 +116,14 @@ def uncovered_polygons(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tu
 
 
 def _is_covered(shape: shapely.Polygon, by: shapely.Polygon, deep_mm: float) -> bool:
-    """Whether all of a shape lies so deep inside of another one."""
+    """Return whether all of a shape lies so deep inside of another one."""
     if not by.covers(shape):
         return False
     return deep_mm == 0 or bool(shape.distance(by.boundary) > deep_mm)
 
 
 def first_occurrences(rings: Sequence[Floats]) -> tuple[bool, ...]:
-    """Which rings (n, 2) are the first of their kind: walls that go up through several sections."""
+    """Mask of rings (n, 2) that are the first of their kind: walls that go up through several sections."""
     seen: set[bytes] = set()
     found = []
     for ring in rings:
@@ -133,7 +134,7 @@ def first_occurrences(rings: Sequence[Floats]) -> tuple[bool, ...]:
 
 
 def uncovered_circles(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tuple[bool, ...]:
-    """Which rings, circles about one centre, no other polygon is certain to cover; of equal ones the first.
+    """Mask of rings, circles about one centre, that no other polygon surely covers; of equal ones the first.
 
     Unlike `standing_out` one by one: of rings round a common bore the outer circles differ.
     """
@@ -153,7 +154,7 @@ def uncovered_circles(polygons: tuple[Polygon, ...], tolerance_mm: float) -> tup
 
 
 def union_circles(polygons: tuple[Polygon, ...]) -> tuple[bool, ...]:
-    """Which rings of polygons whose outlines are circles about one centre bound their union."""
+    """Mask of rings, circles about one centre, that bound the union of their polygons."""
     reach = [_reach_mm(polygon) for polygon in polygons]
     bounds = []
     for number, (inner, outer) in enumerate(reach):
@@ -172,6 +173,6 @@ def union_circles(polygons: tuple[Polygon, ...]) -> tuple[bool, ...]:
 
 
 def _reach_mm(polygon: Polygon) -> tuple[float, float]:
-    """From which distance from the centre to which it is solid; from −1 on if it has no hole."""
+    """Distances from the centre between which it is solid; from −1 on if it has no hole."""
     radii = [curve.radius_mm for curve in polygon.curves if isinstance(curve, Circle)]
     return (min(radii[1:]) if len(radii) > 1 else -1.0), radii[0]

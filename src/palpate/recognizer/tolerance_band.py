@@ -48,13 +48,13 @@ _MAX_STRAY_TOLERANCES = (
 
 @dataclass(frozen=True)
 class ToleranceBand:
-    """By how much an outline may be off: points by `off_mm`, normals by `turn_rad` if that is stated."""
+    """Deviation that an outline may have: points by `off_mm`, normals by `turn_rad` if that is stated."""
 
     off_mm: float
     turn_rad: float | None = None
 
     def turns_rad(self, length_mm: Floats) -> Floats:
-        """By how much the normals of edges of some lengths (n,) may be off, (n,)."""
+        """Largest deviation (n,) of the normals of edges of some lengths (n,)."""
         if self.turn_rad is not None:
             return np.full(len(length_mm), self.turn_rad)
         ratio = 4 * self.off_mm / length_mm
@@ -152,7 +152,7 @@ def _tilts(
     band: ToleranceBand,
     worth_rad: float,
 ) -> tuple[Floats, Bools]:
-    """By how much normals on a ring's edges may be off, (n,), and which of their starts need no facets.
+    """Largest deviation of normals on a ring's edges, (n,), and a mask of starts that need no facets.
 
     An edge is made to hold contacts with its ends, too, where that turns its normal by `worth_rad` at most.
     """
@@ -231,7 +231,7 @@ def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -
 
 
 def _is_covered(found: PairingEdges, section: Section, radius_mm: float, facet_error_mm: float) -> Bools:
-    """Which edges, with all their slack, are inside of what is nearer to the section than `radius_mm`."""
+    """Mask of edges that lie, with all their slack, in what is nearer to the section than `radius_mm`."""
     grown = grow(section, radius_mm, facet_error_mm)
     solid = shapely.polygonize(list(shapely.linestrings(np.stack([grown.start, grown.end], axis=1))))
     inside = shapely.union_all([part for part in solid.geoms if _is_solid(part, grown)])
@@ -252,7 +252,7 @@ def _is_covered(found: PairingEdges, section: Section, radius_mm: float, facet_e
 
 
 def _is_solid(part: shapely.Polygon, grown: GrownSection) -> bool:
-    """Whether a face of the grown outlines is on their left: faces of holes are on their right."""
+    """Return whether a face of the grown outlines is on their left: faces of holes are on their right."""
     point = part.representative_point()
     return math.isfinite(point.x) and _winding(np.array([point.x, point.y]), grown) > 0
 

@@ -50,7 +50,7 @@ class TouchOutcomes:
     margin: Floats
 
     def select(self, rows: Ints, poses: Ints) -> "TouchOutcomes":
-        """Those of approaches `rows` and of `poses` (indices)."""
+        """Outcomes of approaches `rows` and `poses` (indices)."""
         return TouchOutcomes(
             self.hit[rows].take(poses, axis=1),
             self.travel[rows].take(poses, axis=1),
@@ -119,7 +119,7 @@ def similarity(
 
 
 def _margin(edges: EdgeSet, rays: Rays) -> Floats:
-    """How far each ray's line (r,) runs inside of the outline's extent, sideways; negative outside of it."""
+    """Depth of each ray's line (r,) inside of the outline's extent, sideways; negative outside of it."""
     offset = rays.heading[:, 0] * rays.start[:, 1] - rays.heading[:, 1] * rays.start[:, 0]
     left = np.arctan2(rays.heading[:, 0], -rays.heading[:, 1])
     return np.minimum(
@@ -161,8 +161,8 @@ class Goals:
     position_mm: float
     orientation_rad: float
 
-    def met_by(self, bounds: Bounds) -> bool:
-        """Whether bounds are fine enough."""
+    def are_met_by(self, bounds: Bounds) -> bool:
+        """Return whether bounds are fine enough."""
         return (
             bounds.position_half_mm <= self.position_mm
             and bounds.orientation_half_rad <= self.orientation_rad
@@ -188,7 +188,7 @@ class Pairs(Table):
 
 
 def sampled_poses(hypotheses: Hypotheses) -> SampledPoses:
-    """Some configurations of every hypothesis.
+    """Sample of configurations of every hypothesis.
 
     Half of a hypothesis's weight is its share of the volume; the other half is the same for all, because a
     well-bounded hypothesis has little volume and is none the less likely for it.
@@ -234,7 +234,7 @@ def pairs_to_distinguish(poses: SampledPoses, hypotheses: Hypotheses, goals: Goa
 
 
 def _is_coarse(poses: SampledPoses, hypotheses: Hypotheses, goals: Goals, first: Ints, second: Ints) -> Bools:
-    """Whether two poses of one object are further apart than bounds that are fine enough allow."""
+    """Mask of pairs of poses of one object that are further apart than bounds that are fine enough allow."""
     origin = hypotheses.constraints.catalogue.origins_mm[poses.cells.state]
     x, y = (poses.cells.polygon[:, 0] - origin).T
     cos, sin = np.cos(poses.cells.lo), np.sin(poses.cells.lo)
@@ -270,7 +270,7 @@ def _spread(hypotheses: Hypotheses, count: int) -> Cells:
 
 
 class PushLimits(Protocol):
-    """How states of a catalogue may be pushed."""
+    """Limits of how states of a catalogue may be pushed."""
 
     def safe_heights_mm(self, states: Ints) -> Floats:
         """Heights (n, D) up to which a push only slides states (n,), infinite if at all.
@@ -312,7 +312,7 @@ def _sliding(
     anchor_mm: Floats,
     outcome: TouchOutcomes,
 ) -> Floats:
-    """By how much (n, p) approaches exceed what holds the part, relative to what they take of it."""
+    """Excess (n, p) of approaches over what holds the part, relative to what they take of it."""
     shares = limits.slide_shares(poses.cells.state)
     if not shares.any():
         return np.zeros(outcome.hit.shape)

@@ -54,7 +54,7 @@ def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretatio
 
 
 def contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
-    """Where the contact lies in the object's frame: within reach (k,) mm of a point (k, 2), in each cell."""
+    """Place of the contact in the object's frame, in each cell: within reach (k,) mm of a point (k, 2)."""
     x, y = np.asarray(contact.end_mm) - anchor_mm
     cos, sin = np.cos(cells.middle), np.sin(cells.middle)
     point = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - cells.centre

@@ -44,7 +44,7 @@ class _Rectangles(Table):
     off: Floats
 
     def near(self, rows: Ints, point: Floats, reach: Floats) -> Bools:
-        """Whether points (m, 2) are within `reach` (m,) of the rectangles `rows` (m,)."""
+        """Mask of points (m, 2) that are within `reach` (m,) of the rectangles `rows` (m,)."""
         x, y = (point - self.centre[rows]).T
         u, v = self.out[rows].T
         out = np.maximum(np.abs(x * u + y * v) - self.half_out[rows], 0.0)
@@ -62,7 +62,7 @@ class _Boxes:
     first: Ints
 
     def near(self, rows: Ints, point: Floats, reach: Floats) -> Bools:
-        """Whether points (m, 2) are within `reach` (m,) of the boxes `rows` (m,)."""
+        """Mask of points (m, 2) that are within `reach` (m,) of the boxes `rows` (m,)."""
         x, y = np.maximum(np.maximum(self.low[rows] - point, point - self.high[rows]), 0.0).T
         result: Bools = x * x + y * y <= reach * reach
         return result
@@ -136,11 +136,12 @@ _NOTHING_MM = 1e-9  # shorter sides are none
 
 @dataclass(frozen=True, eq=False)
 class TrueBoundary:
-    """Of all S states, for one kind of finger: `pieces` and `sides`, and where each state's begin (S + 1,).
+    """Boundaries of S states for one kind of finger: `pieces` and `sides`.
 
-    `clearance_mm` (S,): how near the tip's centre may come to what `sides` enclose; negative: how deep into
-    it. That is a section and what touches is a disc of `radius_mm` (S,); or the least circle of a ball, and
-    sections that are grown by what others have more.
+    Those of each state begin at `first_piece` and `first_side` (S + 1,). `clearance_mm` (S,): how near the
+    tip's centre may come to what `sides` enclose; negative: how deep into it. That is a section and what
+    touches is a disc of `radius_mm` (S,); or the least circle of a ball, and sections that are grown by what
+    others have more.
     """
 
     radius_mm: Floats
@@ -216,7 +217,7 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
 
 
 def _all_uncertain_pieces(state: int, item: CatalogueState, met: TipObstacle) -> list[Pieces]:
-    """Of each outline by itself, met by the disc of its layer."""
+    """Uncertain pieces of each outline by itself, met by the disc of its layer."""
     pieces = []
     for section, radius_mm in met.layers:
         outlines = _outlines(section, item.origin_mm)

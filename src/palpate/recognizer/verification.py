@@ -40,7 +40,7 @@ class Poses(Table):
     theta: Floats
     position: Floats
 
-    def seen(self, point_mm: Floats, anchor_mm: Floats) -> Floats:
+    def to_objects(self, point_mm: Floats, anchor_mm: Floats) -> Floats:
         """Points of the table (m, 2) in the centred frames of the objects (n, m, 2)."""
         turned = rotate((point_mm - anchor_mm)[None], -self.theta[:, None])
         result: Floats = turned - self.position[:, None]
@@ -49,7 +49,7 @@ class Poses(Table):
 
 @dataclass(frozen=True, eq=False)
 class Verification(Table):
-    """Of n configurations and m contacts, misses included.
+    """Verification of n configurations by m contacts, misses included.
 
     `fits` (n, m): the contact is satisfied; `holds` (n,): all are, and all paths are free. `gap` (n, m) mm:
     from the stated centre to the nearest place where the tip may be, infinite if there is none near by;
@@ -129,7 +129,7 @@ def _places(
     end.
     """
     contacts = evidence.contacts
-    point = poses.seen(_ends(contacts), evidence.anchor_mm)
+    point = poses.to_objects(_ends(contacts), evidence.anchor_mm)
     ranges = [contact.outward_normals() if contact.touched else None for contact in contacts]
     first, last = np.array([(r.lo_rad, r.hi_rad) if r else (0.0, -1.0) for r in ranges]).T
     bound = np.broadcast_to([contact.position_bound_mm for contact in contacts], asked.shape)
@@ -160,8 +160,8 @@ def _paths_are_free(evidence: Query, poses: Poses, asked: Bools, offset: Floats)
     """Paths (n, m) that are free if they are moved by something, at most their bound; or are not `asked`."""
     contacts, anchor_mm = evidence.contacts, evidence.anchor_mm
     free = ~asked
-    start = poses.seen(np.array([contact.start_mm for contact in contacts]), anchor_mm)
-    end = poses.seen(_ends(contacts), anchor_mm)
+    start = poses.to_objects(np.array([contact.start_mm for contact in contacts]), anchor_mm)
+    end = poses.to_objects(_ends(contacts), anchor_mm)
     bound = np.array([contact.free_path_bound_mm for contact in contacts])
     for finger in dict.fromkeys(contact.finger for contact in contacts):
         of = np.array([contact.finger == finger for contact in contacts])

@@ -105,8 +105,8 @@ def _refine_cells(constraints: Constraints, regions: Regions) -> _FineCells:
 
 
 def _drop_empty_cells(constraints: Constraints, cells: Cells, owner: Ints) -> tuple[Cells, Ints]:
-    """Those cells that may hold a configuration that satisfies everything."""
-    skipped = constraints.skipped(cells.node)
+    """Cells that may hold a configuration that satisfies everything."""
+    skipped = constraints.null_rows(cells.node)
     free = np.flatnonzero(STEPS.free_cells(constraints.evidence, cells, skipped))
     cells, owner = cells.select(free), owner[free]
     left = np.flatnonzero(STEPS.can_be_verified(constraints, cells))

@@ -155,7 +155,7 @@ def why_lines(why: ObjectExplanation, record: ContactRecord) -> list[str]:
 
 
 def _cause(why: ObjectExplanation, record: ContactRecord) -> str:
-    step = why.ruled_out
+    step = why.refuting_step
     if step is None:
         return "not ruled out"
     missed = step.reason is SearchTest.PATH and not step.contacts[0].touched
@@ -174,7 +174,7 @@ def why_out(why: ObjectExplanation, record: ContactRecord) -> ObjectExplanationO
     return ObjectExplanationOut(
         object=why.object_name,
         state=why.state_name,
-        ruled_out=why.ruled_out is not None,
+        ruled_out=why.refuting_step is not None,
         steps=tuple(
             EliminationStepOut(
                 reason=step.reason.value,

@@ -42,7 +42,7 @@ def compiled_verify(evidence: Query, poses: Poses, skipped: np.ndarray | None = 
     """What `verify` says, by the kernel."""
     shape = (len(poses), len(evidence.contacts))
     fits, holds, gap, offset, normal, limited = _kernel().verify(
-        _steps().judged_by(evidence), *_rows(poses), len(poses), skipped
+        _steps().evidence_arrays(evidence), *_rows(poses), len(poses), skipped
     )
     return Verification(
         np.frombuffer(fits, dtype=bool).reshape(shape),
@@ -58,7 +58,7 @@ def compiled_polish(
     constraints: Constraints, cells: Cells, first: Ints, region: Ints, cell: Ints, poses: Poses
 ) -> tuple[Poses, np.ndarray]:
     """What `polish` gives, by the kernel."""
-    null, skipped = constraints.nodes.edges < 0, constraints.skipped(cells.node[cell])
+    null, skipped = constraints.nodes.edges < 0, constraints.null_rows(cells.node[cell])
     rows = [np.ascontiguousarray(item) for item in (cells.node, cells.lo, cells.hi, cells.polygon, first)]
     regions = (
         *rows,
@@ -68,7 +68,7 @@ def compiled_polish(
         *null.shape,
     )
     theta, position, holds = _kernel().polish(
-        _steps().judged_by(constraints.evidence),
+        _steps().evidence_arrays(constraints.evidence),
         regions,
         np.ascontiguousarray(region),
         np.ascontiguousarray(cell),

@@ -1,4 +1,4 @@
-/* Evidence: contacts and misses, as `compiled_steps.judged_by` lists them, and what poses have to do with
+/* Evidence: contacts and misses, as `compiled_steps.evidence_arrays` lists them, and what poses have to do with
    them. */
 
 #ifndef PALPATE_VERIFY_H

@@ -27,7 +27,8 @@ from palpate.recognizer import (
     Resolution,
     StrangerEvidence,
     confirmation_grip,
-    next_grip,
+    heuristic_grip,
+    plan_grip,
     recognise,
     twins,
     used_approaches,
@@ -207,7 +208,7 @@ class GripChooser:
     def is_fine(self, recognition: Recognition) -> bool:
         """Return whether every hypothesis is placed as finely as the rig file's goals ask."""
         goals = goals_of(self.rig)
-        return all(goals.met_by(item.search_bounds) for item in recognition.hypotheses)
+        return all(goals.are_met_by(item.search_bounds) for item in recognition.hypotheses)
 
     def is_confirmed(self, evidence: GripEvidence) -> bool:
         """Return whether enough came out as predicted, and the last grip would have detected a shift.
@@ -222,17 +223,12 @@ class GripChooser:
         return steady and strangers is not None and strangers.probability <= limits.false_match_probability
 
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
+        if self.strategy is not Strategy.PLANNED:
+            return heuristic_grip(self.strategy, recognition, self.reach, self.resolution, self.rng)
+        used, goals = used_approaches(recognition.contacts, self.reach.approaches), goals_of(self.rig)
         # A grip that may be the last one has to meet the part from two sides.
-        return next_grip(
-            self.strategy,
-            recognition,
-            self.reach,
-            self.resolution,
-            goals_of(self.rig),
-            self.rng,
-            fingers=2 if one_class else 1,
-            limits=self._limits(recognition),
-        )
+        fingers, limits = 2 if one_class else 1, self._limits(recognition)
+        return plan_grip(recognition, self.reach, self.resolution, goals, used, fingers, limits)
 
     def _is_vain(self, grip: Grip) -> bool:
         """Return whether even the best grip would hardly place things more finely."""
@@ -298,7 +294,7 @@ class GripPlan(ShortRepr):
         return self.grip is None and self.verdict is not IdentificationVerdict.IDENTIFIED
 
 
-def plan_grip(
+def grip_plan(
     rig: RigFile, catalogue: Catalogue, grips: Sequence[Sequence[Contact]], strategy: Strategy, seed: int
 ) -> GripPlan:
     """Recognise the contacts of `grips`, misses included, and choose what `identify` would do next.

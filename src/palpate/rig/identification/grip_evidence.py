@@ -73,7 +73,7 @@ class GripEvidence:
         """
         before = self.recognition
         if before is not None:
-            moved = before if motion is None else before.moved(motion)
+            moved = before if motion is None else before.move(motion)
             self.recognition = moved.extend(contacts)
             self.contacts = list(self.recognition.contacts)
             return self._compare(before, moved, self.recognition, contacts, touches or contacts)

@@ -301,7 +301,7 @@ class _Search:
         if recognition is None or not self._motions:
             return recognition
         after = self._motions[-1].after
-        return recognition.moved(after) if self._is_bounded(after) else None
+        return recognition.move(after) if self._is_bounded(after) else None
 
 
 def identify(
