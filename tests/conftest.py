@@ -66,6 +66,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return lambda *args: run_here(args, monkeypatch, capsys)
 
 
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CAD files are read in this process; tests of hostile files give each an interpreter, as users do."""
+    monkeypatch.setenv("PALPATE_READING_PROCESS", "1")
+
+
 @pytest.fixture(autouse=True)
 def no_thread_is_left_behind() -> Iterator[None]:
     """A test that leaves a thread running would disturb whichever test comes next."""

@@ -23,6 +23,8 @@ from support.benches.parts import ELL, WEDGE, mesh_file, prism
 from support.commands.command import Ended, Here, violations
 from support.commands.repository import cad_file
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 # ----------------------------------------------------------------------------------------------------
 # `palpate objects import`: from CAD files to objects files that are read again.
 

@@ -17,6 +17,8 @@ from palpate.rig.session.signals import Interrupted
 from palpate.rig.workers import in_processes
 from support.commands.command import Here, violations
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 @pytest.fixture
 def ask(here: Here) -> Here:

@@ -18,6 +18,8 @@ from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, impo
 from palpate.rig.catalogue.round_outlines import round_drawing
 from support.benches.parts import prism
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 # ----------------------------------------------------------------------------------------------------
 # Round states of imported solids: circles where the surface is round, judged by trimesh's own sections.
 
