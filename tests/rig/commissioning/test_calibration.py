@@ -188,8 +188,9 @@ def test_a_record_that_cannot_be_kept_ends_the_calibration(whole: Whole) -> None
             del record
             raise OSError(errno.ENOSPC, "No space left on device")
 
+    resumed = Full(RunRecord.model_validate_json(whole.kept.saved[3]))
     with pytest.raises(OutputError, match=r"the run record failed: .*No space left on device"):
-        calibrate(job(whole.rig), whole.world.connect, Full(), quiet)
+        calibrate(job(whole.rig), whole.world.connect, resumed, quiet)
 
 
 def test_a_record_of_other_steps_is_not_taken_up(whole: Whole) -> None:

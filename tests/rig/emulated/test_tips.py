@@ -524,7 +524,7 @@ def ended(length_mm: float | None, seed: int) -> tuple[Identification, bool]:
     return result, compare_answer(placement, left).inside_bounds
 
 
-@pytest.mark.parametrize("seed", sample(range(6), range(2)))
+@pytest.mark.parametrize("seed", sample(range(6), [0]))
 def test_a_stepped_part_is_identified_by_tips_whose_length_is_known(seed: int) -> None:
     result, inside = ended(12.0, seed)
     assert result.outcome is IdentificationVerdict.IDENTIFIED
