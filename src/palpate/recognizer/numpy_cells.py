@@ -1,20 +1,18 @@
 """Cells by whole arrays: cut from intervals of orientations, cut finer, and swept by free paths."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.recognizer.approach import Approach, Rays, capsules_of, rays_of, split_rays
+from palpate.recognizer.approach import Rays, capsules_of, rays_of, split_rays
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import free_paths_of
-from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.contact import Finger
 from palpate.recognizer.interpretations import Interpretations, Query
 from palpate.recognizer.model_test import all_half_planes, narrow, sinusoid_maximum
 from palpate.recognizer.pose_region import MAX_TRIPLED_CONTACTS, Cells, Intervals, pad_polygons
-from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.tables import expand_ranges
 
 _FURTHEST_SHARE = 1 - 1e-9  # of the furthest vertex: of those that are, but for rounding, the first is taken
@@ -154,63 +152,32 @@ def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints
     return replace(fine.select(row), polygon=polygon), owner[row]
 
 
-@dataclass(frozen=True, eq=False)
-class StopIntervals:
-    """Stops of m approaches in k cells, each after a travel within [`earliest`, `latest`] (k, m) mm.
-
-    `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
-    """
-
-    earliest: Floats
-    latest: Floats
-
-
-def sweep(
-    catalogue: Catalogue,
-    cells: Cells,
-    anchor_mm: Floats,
-    approaches: Sequence[Approach],
-    skipped: Bools | None = None,
-) -> StopIntervals:
-    """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches.
-
-    Those `skipped` (k, m) are not looked at and come back as infinite.
-    """
-    shape = (len(cells), len(approaches))
-    earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
-    for finger in dict.fromkeys(approach.finger for approach in approaches):
-        edges = catalogue.outlines(finger)
-        columns = [k for k, approach in enumerate(approaches) if approach.finger == finger]
-        rays = rays_of(edges, cells, anchor_mm, [approaches[k] for k in columns])
-        row, column = np.divmod(np.arange(len(rays.state)), len(columns))
-        column = np.array(columns)[column]
-        if skipped is not None:
-            wanted = np.flatnonzero(~skipped[row, column])
-            rays, row, column = rays.select(wanted), row[wanted], column[wanted]
-        if len(row):
-            earliest[row, column], latest[row, column] = _stops(edges, catalogue.outline_strips(finger), rays)
-    return StopIntervals(earliest, latest)
-
-
 def free_cells(evidence: Query, cells: Cells, skipped: Bools | None) -> Bools:
     """Cells (k,) that the free paths of m contacts, and of misses, do not rule out altogether.
 
     A cell goes only if every configuration in it would have stopped a finger before the end of its path.
     `skipped` (k, m): paths that are no evidence for a cell, or that are known to leave it.
     """
-    paths = free_paths_of(evidence.contacts)
-    travel = np.array([path.travel_mm for path in paths])
-    stops = sweep(evidence.catalogue, cells, evidence.anchor_mm, paths, skipped)
-    result: Bools = np.all(stops.latest >= travel, axis=1)
-    return result
+    catalogue, paths = evidence.catalogue, free_paths_of(evidence.contacts)
+    free: Bools = np.ones((len(cells), len(paths)), dtype=bool)
+    for finger in dict.fromkeys(path.finger for path in paths):
+        columns = np.array([k for k, path in enumerate(paths) if path.finger == finger])
+        some = [paths[k] for k in columns]
+        rays = rays_of(catalogue.outlines(finger), cells, evidence.anchor_mm, some)
+        row, column = np.divmod(np.arange(len(rays)), len(columns))
+        wanted = np.arange(len(rays)) if skipped is None else np.flatnonzero(~skipped[row, columns[column]])
+        travel = np.array([path.travel_mm for path in some])[column[wanted]]
+        latest = _latest_stops(catalogue, finger, rays.select(wanted))
+        free[row[wanted], columns[column[wanted]]] = latest >= travel
+    return np.asarray(free.all(axis=1))
 
 
-def _stops(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Floats, Floats]:
-    """Earliest and latest stop (r,) of rays on the edges of their states."""
-    parts = [capsules_of(edges, strips, some) for some in split_rays(edges, strips, rays)]
-    if len(parts) == 1:
-        return parts[0].earliest, parts[0].latest
-    return np.concatenate([part.earliest for part in parts]), np.concatenate([part.latest for part in parts])
+def _latest_stops(catalogue: Catalogue, finger: Finger, rays: Rays) -> Floats:
+    """Travel (r,) that rays cannot pass; infinite where the finger may miss."""
+    edges, strips = catalogue.outlines(finger), catalogue.outline_strips(finger)
+    return np.concatenate(
+        [capsules_of(edges, strips, some).latest for some in split_rays(edges, strips, rays)]
+    )
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:

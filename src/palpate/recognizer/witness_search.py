@@ -9,7 +9,7 @@ hypotheses are told apart, but widens what is said of the last ones: for their b
 more, in narrower cells, without those that cannot hold a configuration which satisfies every contact exactly.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,24 +68,19 @@ def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floa
         or not len(rows)
     ):
         return lo, hi
-    fine = _refine_cells(constraints, regions.select(rows))
-    kept = np.flatnonzero(np.diff(fine.first))
-    low, high = _region_boxes(constraints, fine.cells, fine.first[np.append(kept, -1)])
+    cells, first = _refine_cells(constraints, regions.select(rows))
+    kept = np.flatnonzero(np.diff(first))
+    low, high = _region_boxes(constraints, cells, first[np.append(kept, -1)])
     lo[rows[kept]] = np.maximum(lo[rows[kept]], low)
     hi[rows[kept]] = np.minimum(hi[rows[kept]], high)
     return lo, hi
 
 
-@dataclass(frozen=True, eq=False)
-class _FineCells:
-    """`cells` ordered by region; those of region i from `first`[i] to `first`[i + 1]."""
+def _refine_cells(constraints: Constraints, regions: Regions) -> tuple[Cells, Ints]:
+    """The regions' cells in so many narrower ones, on the regions' branches of the symmetry.
 
-    cells: Cells
-    first: Ints
-
-
-def _refine_cells(constraints: Constraints, regions: Regions) -> _FineCells:
-    """The regions' cells in so many narrower ones, on the regions' branches of the symmetry."""
+    They are ordered by region; those of region i begin at item i of the second array, (h + 1,).
+    """
     size = np.diff(regions.first)
     region = np.repeat(np.arange(len(size)), size)
     room = constraints.budget.fine
@@ -101,7 +96,7 @@ def _refine_cells(constraints: Constraints, regions: Regions) -> _FineCells:
     turned = replace(
         cells, lo=cells.lo - shift, hi=cells.hi - shift, polygon=rotate(cells.polygon, shift[:, None])
     )
-    return _FineCells(turned, np.searchsorted(region[owner], np.arange(len(size) + 1)))
+    return turned, np.searchsorted(region[owner], np.arange(len(size) + 1))
 
 
 def _drop_empty_cells(constraints: Constraints, cells: Cells, owner: Ints) -> tuple[Cells, Ints]:
