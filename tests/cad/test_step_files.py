@@ -10,6 +10,7 @@ from palpate.base.errors import InputError
 from palpate.cad.readers import read_solids
 
 HERE = Path(__file__).parent / "step"
+read_here = pytest.mark.usefixtures("read_here")  # but not what may crash its reader
 
 
 def volume(solid):
@@ -33,6 +34,7 @@ def off_cone(p):
     return np.abs(np.maximum(side, np.maximum(-p[:, 2], p[:, 2] - 30)))
 
 
+@read_here
 @pytest.mark.parametrize("curve_mm", [0.2])
 @pytest.mark.parametrize(
     ("name", "off"),
@@ -46,6 +48,7 @@ def test_chords_stay_within_what_is_said(name, off, curve_mm):
     assert off(points).max() <= solid.off_mm
 
 
+@read_here
 @pytest.mark.parametrize(
     ("unit", "scale", "units"),
     [("SI_UNIT(.CENTI.,.METRE.)", 10.0, None), ("SI_UNIT(.MILLI.,.METRE.)", 1.0, "mm")],
@@ -67,6 +70,7 @@ INCH = """#114 = ( CONVERSION_BASED_UNIT('INCH',#901) LENGTH_UNIT() NAMED_UNIT(#
 #903 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"""
 
 
+@read_here
 @pytest.mark.parametrize("size", ["LENGTH_MEASURE(25.4)", "25.4"])
 def test_inches_are_read_with_and_without_the_type_of_their_size(tmp_path, size):
     text = (HERE / "cylinder.step").read_text()
@@ -81,11 +85,13 @@ def test_inches_are_read_with_and_without_the_type_of_their_size(tmp_path, size)
     )
 
 
+@read_here
 def test_a_part_that_nobody_has_named_is_named_after_its_file():
     (solid,) = read_solids(HERE / "cylinder.step", None, 0.1)
     assert solid.name == "cylinder"
 
 
+@read_here
 def test_a_product_with_a_name_keeps_it(tmp_path):
     text = (HERE / "cylinder.step").read_text()
     path = tmp_path / "part.step"
@@ -94,6 +100,7 @@ def test_a_product_with_a_name_keeps_it(tmp_path):
     assert solid.name == "locating pin"
 
 
+@read_here
 def test_bodies_and_voids():
     assert [volume(solid) for solid in read_solids(HERE / "two.step", None, 0.1)] == pytest.approx(
         [6000, 1000]

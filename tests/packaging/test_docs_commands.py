@@ -155,7 +155,7 @@ def is_free(port: int) -> bool:
     "name",
     sample(
         sorted({shown.page.name for shown in SHOWN}),
-        ["benches.md", "emulation.md", "planning.md", "study.md", "watching.md"],
+        ["benches.md", "emulation.md", "planning.md", "watching.md"],
     ),
 )
 def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path: Path) -> None:
@@ -171,13 +171,6 @@ def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Folder in which the demo was run, and what it printed."""
-    folder = tmp_path_factory.mktemp("demo")
-    return folder, ran("identify", "--seed", "7", "--picture", "demo.svg", cwd=folder)
-
-
 def indented_after(text: str, mark: str) -> list[str]:
     """Lines of the first indented block behind `mark`."""
     lines = iter(text[text.index(mark) :].splitlines()[1:])
@@ -185,11 +178,21 @@ def indented_after(text: str, mark: str) -> list[str]:
     return [line.removeprefix("    ") for line in (first, *takewhile(lambda item: item.strip(), lines))]
 
 
-def test_the_demo_prints_what_the_readme_says(demo: tuple[Path, str]) -> None:
+def test_the_demo_prints_what_the_readme_says_and_the_moving_picture_is_of_its_session(
+    tmp_path: Path,
+) -> None:
+    printed = ran("identify", "--seed", "7", "--picture", "demo.svg", cwd=tmp_path)
     block = indented_after(README.read_text(encoding="utf-8"), "`make demo` ends with:")
     assert len(block) > 5
     shown = Shown(README, 0, ("identify", "--seed", "7"), ("…", *block))
-    assert differences(shown, demo[1]) == []
+    assert differences(shown, printed) == []
+    (session,) = (tmp_path / "palpate-sessions").iterdir()
+    drawn = tmp_path / "run.svg"
+    subprocess.run(
+        [sys.executable, ROOT / "docs/images/draw_run.py", session, drawn], check=True, timeout=200
+    )
+    picture = (ROOT / "docs/images/run.svg").read_text(encoding="utf-8")
+    assert numbers_of(drawn.read_text(encoding="utf-8")) == pytest.approx(numbers_of(picture), abs=0.02)
 
 
 def test_the_readmes_program_prints_what_stands_beneath(tmp_path: Path) -> None:
@@ -199,16 +202,6 @@ def test_the_readmes_program_prints_what_stands_beneath(tmp_path: Path) -> None:
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=200, check=True
     )
     assert done.stdout.splitlines() == indented_after(text, "print(answer)\n```")
-
-
-def test_the_moving_picture_is_of_the_demos_session(demo: tuple[Path, str], tmp_path: Path) -> None:
-    (session,) = (demo[0] / "palpate-sessions").iterdir()
-    drawn = tmp_path / "run.svg"
-    subprocess.run(
-        [sys.executable, ROOT / "docs/images/draw_run.py", session, drawn], check=True, timeout=200
-    )
-    shown = (ROOT / "docs/images/run.svg").read_text(encoding="utf-8")
-    assert numbers_of(drawn.read_text(encoding="utf-8")) == pytest.approx(numbers_of(shown), abs=0.02)
 
 
 def numbers_of(picture: str) -> list[float]:
