@@ -87,7 +87,7 @@ def test_the_vendors_sdk_moves_a_servo_from_its_own_process(tmp_path: Path) -> N
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
+def test_identify_in_real_time_over_the_ptys_and_its_replay(tmp_path: Path) -> None:
     """The rig file that the emulator writes has no emulation in it: to the host, the rig is a real one."""
     rig, parts = quick_bench(tmp_path)
     rig.write_text(small(firm_rig()))  # as fast, and as often looked at, as the shipped bench
@@ -116,6 +116,11 @@ def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
         assert lo <= value <= hi
     assert re.fullmatch(r"palpate-sessions/identify-\d{8}-\d{6}", answer["session"])
     assert log_events(tmp_path / answer["session"] / "session.jsonl.zst")[-1]["how"] == "done"
+    again = run("replay", answer["session"], "--json", cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    assert (again.json["same"], again.json["end"]) == (True, {"how": "done", "message": None})
+    assert [again.json[key] == answer[key] for key in ("verdict", "object", "state")] == [True] * 3
+    assert again.json["sent_bytes"] > 2000
 
 
 @pytest.mark.realtime

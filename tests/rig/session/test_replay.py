@@ -340,34 +340,13 @@ def test_values_are_compared_to_six_decimals(found: Any, recorded: Any, told: st
 
 
 # ----------------------------------------------------------------------------------------------------
-# A session in real time, over pseudo-terminals with another process behind them, comes about again.
+# A session in real time, over pseudo-terminals with another process behind them, comes about again: a whole
+# one in tests/rig/emulated/test_served.py.
 
 
 def the_session(folder: Path) -> Path:
     (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
     return log.parent
-
-
-@pytest.mark.realtime
-@pytest.mark.slow
-def test_a_run_of_one_grip(tmp_path: Path) -> None:
-    """However it ended: a busy machine may make a device error of it, which must come about again, too."""
-    rig, parts = quick_bench(tmp_path, fingers=2)
-    with served(tmp_path, "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"):
-        text = (tmp_path / "real.toml").read_text(encoding="utf-8")
-        (tmp_path / "real.toml").write_text(re.sub(r"max_grips = \d+", "max_grips = 1", text))
-        words = ("--rig", "real.toml", "--objects", "small-parts.json", "--json")
-        done = run("identify", *words, cwd=tmp_path)
-    again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
-    assert again.code == 0, again.out + again.err
-    told = again.json
-    assert told["same"]
-    end = log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]
-    assert told["end"] == {"how": end["how"], "message": end["message"]}
-    if done.code in (0, 1):
-        for key in ("verdict", "object", "state"):
-            assert told[key] == done.json[key]
-    assert told["sent_bytes"] > 2000
 
 
 @pytest.mark.realtime
