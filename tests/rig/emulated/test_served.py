@@ -16,7 +16,7 @@ from palpate.rig.bench import choose_placement
 from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
 from support.benches.rigs import firm_rig, quick_bench, small
-from support.commands.command import PATIENCE_S, log_events, run
+from support.commands.command import PATIENCE_S, Here, log_events, run
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate emulate --pty` in its own process: for the unmodified SDK, and for `identify` in real time.
@@ -124,9 +124,9 @@ def test_identify_in_real_time_over_the_ptys_and_its_replay(tmp_path: Path) -> N
 
 
 @pytest.mark.realtime
-def test_it_ends_by_itself_after_the_time_it_was_given(tmp_path: Path) -> None:
+def test_it_ends_by_itself_after_the_time_it_was_given(here: Here) -> None:
     begin = time.monotonic()
-    done = run("emulate", "--for", 0.5, "--rig-out", "real.toml", cwd=tmp_path)
+    done = here("emulate", "--for", 0.5, "--rig-out", "real.toml")
     assert done.code == 0
     assert done.err == ""
     assert time.monotonic() - begin > 0.5
@@ -135,10 +135,10 @@ def test_it_ends_by_itself_after_the_time_it_was_given(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
-def test_a_scene_on_the_served_rig(tmp_path: Path) -> None:
+def test_a_scene_on_the_served_rig(tmp_path: Path, here: Here) -> None:
     scene = {"format": "palpate/scene@1", "object": "no-such", "configuration": {"x": 0, "y": 0, "theta": 0}}
     (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = run("emulate", "--scene", "scene.json", "--for", 0, cwd=tmp_path)
+    done = here("emulate", "--scene", "scene.json", "--for", 0)
     assert (done.code, done.out) == (2, "")
     assert "no-such" in done.err
 
@@ -205,17 +205,17 @@ def test_given_ports_and_a_client_that_knows_nothing_of_palpate(tmp_path: Path) 
     assert f"no TCP port 127.0.0.1:{first} for an emulated device: address already in use" in taken.err
 
 
-def test_port_numbers_are_for_tcp(tmp_path: Path) -> None:
-    done = run("emulate", "--tcp-port", 5000, "--for", 0, cwd=tmp_path)
+def test_port_numbers_are_for_tcp(here: Here) -> None:
+    done = here("emulate", "--tcp-port", 5000, "--for", 0)
     assert (done.code, done.out) == (2, "")
     assert "--tcp-port is for --tcp" in done.err
 
 
-def test_a_rig_that_is_not_served_any_more(tmp_path: Path) -> None:
-    done = run("emulate", "--tcp", "--for", 0, "--rig-out", "served.toml", cwd=tmp_path)
+def test_a_rig_that_is_not_served_any_more(here: Here) -> None:
+    done = here("emulate", "--tcp", "--for", 0, "--rig-out", "served.toml")
     assert done.code == 0
     bus = done.json["ports"]["mock://bus"]
-    checked = run("check", "--rig", "served.toml", cwd=tmp_path)
+    checked = here("check", "--rig", "served.toml")
     assert checked.code == 3
     assert f"port {bus} does not exist" in checked.err
     assert "connection refused" in checked.err
@@ -232,10 +232,10 @@ def test_another_address_of_this_computer(tmp_path: Path) -> None:
             socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
 
 
-def test_an_address_that_this_computer_does_not_have_is_one_line(tmp_path: Path) -> None:
-    ended = run("emulate", "--tcp", "--host", "203.0.113.7", cwd=tmp_path)
+def test_an_address_that_this_computer_does_not_have_is_one_line(here: Here) -> None:
+    ended = here("emulate", "--tcp", "--host", "203.0.113.7")
     assert (ended.code, ended.out) == (3, "")
     warning, error = ended.err.splitlines()
     assert warning == "warning: whoever reaches 203.0.113.7 over the network can drive these devices, unasked"
     assert error.startswith("device error: no TCP port 203.0.113.7:0 for an emulated device: ")
-    assert run("emulate", "--host", "127.0.0.1", cwd=tmp_path).code == 2
+    assert here("emulate", "--host", "127.0.0.1").code == 2
