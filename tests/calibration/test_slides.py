@@ -17,7 +17,7 @@ from palpate.calibration.actuator_estimators import (
     estimate_backlash,
     estimate_friction,
     fit_homing,
-    fit_latency,
+    fit_stops,
 )
 from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMeasurement, StopMeasurement
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
@@ -357,7 +357,7 @@ def stops_of(
     mm_per_rad=st.sampled_from([MM_PER_RAD, -MM_PER_RAD]),
 )
 def test_latency_and_its_bound(fixed: float, seed: int, mm_per_rad: float) -> None:
-    found = fit_latency(stops_of(fixed, [10.0, 20.0, 40.0], 4, seed, mm_per_rad), STEP_MM, TOUCH_MM_S, 0.999)
+    found = fit_stops(stops_of(fixed, [10.0, 20.0, 40.0], 4, seed, mm_per_rad), STEP_MM, TOUCH_MM_S, 0.999)
     assert found.latency_s == pytest.approx(fixed + WAIT_S / 2, abs=0.002)
     assert found.latency_bound_s >= fixed + WAIT_S
     assert found.latency_bound_s < fixed + 4 * WAIT_S
@@ -368,8 +368,8 @@ def test_latency_and_its_bound(fixed: float, seed: int, mm_per_rad: float) -> No
 
 
 def test_bounds_cover_further_stops() -> None:
-    found = fit_latency(stops_of(0.006, [20.0], 8, 1), STEP_MM, TOUCH_MM_S, 0.999)
-    later = fit_latency(stops_of(0.006, [20.0], 500, 2), STEP_MM, TOUCH_MM_S, 0.999)
+    found = fit_stops(stops_of(0.006, [20.0], 8, 1), STEP_MM, TOUCH_MM_S, 0.999)
+    later = fit_stops(stops_of(0.006, [20.0], 500, 2), STEP_MM, TOUCH_MM_S, 0.999)
     assert later.overshoots[0].largest_mm <= found.overshoots[0].bound_mm
 
 
@@ -387,10 +387,10 @@ def test_scatter_beyond_the_wait_widens_the_bound() -> None:
         )
         for s in calm
     ]
-    bounds = [fit_latency(stops, STEP_MM, TOUCH_MM_S, 0.999).latency_bound_s for stops in (calm, late)]
+    bounds = [fit_stops(stops, STEP_MM, TOUCH_MM_S, 0.999).latency_bound_s for stops in (calm, late)]
     assert bounds[1] > 2 * bounds[0]
 
 
 def test_slow_stops_say_nothing() -> None:
     with pytest.raises(InputError, match="finger f1: 2 stops were faster"):
-        fit_latency(stops_of(0.006, [5.0, 20.0], 2, 1), STEP_MM, TOUCH_MM_S, 0.999)
+        fit_stops(stops_of(0.006, [5.0, 20.0], 2, 1), STEP_MM, TOUCH_MM_S, 0.999)

@@ -18,6 +18,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.calibration.measurements import LEG_FREE, LEG_IN, LEG_OUT, PressMeasurement, StopMeasurement
 from palpate.config import Overshoot, SlideFingerConfig
+from palpate.config.calibration_finger import StopsCalibration
 from palpate.drivers.kinematics import TICK_RAD
 
 _FORCE_SLICES = 8  # of the force, each of which weighs the same
@@ -271,31 +272,22 @@ def line_through_stops(
 
 _MIN_STOPS = 3  # stops that are faster than a touch
 _FASTER = 1.5  # times as fast as a touch, to count
+_SETTLE_MARGIN = 1.5  # times the longest of a few
 
 
-@dataclass(frozen=True)
-class StopLatency:
-    """Latency of a finger: the mean, and a bound on that of single stops.
-
-    `overshoots` go by growing speed, mm beyond where the slowest touch stands; they hold for the speeds that
-    were tried: faster, braking adds to them.
-    """
-
-    latency_s: float
-    latency_bound_s: float
-    overshoots: list[Overshoot]
-
-
-def fit_latency(
+def fit_stops(
     stops: Sequence[StopMeasurement], step_mm: float, touch_speed_mm_s: float, coverage: float
-) -> StopLatency:
-    """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at
-    `contact_mm`; `step_mm`: by what an encoder step moves the tip.
+) -> StopsCalibration:
+    """Fit one latency to the stops of a finger, and bound how far and how long it goes on.
+
+    `touch_speed_mm_s`: that of the touches at `contact_mm`; `step_mm`: by what an encoder step moves the tip.
 
     A slow touch runs on as well, and dents what it touches, so a stop is further than it by (speed − touch
     speed) × latency. Stops weigh as the wait for the next look and the encoder's steps let them. The bound
     covers one more stop with probability `coverage`: Student's, one-sided, with a deviation of no less than
-    that wait has, and no less than the mean plus half the wait. Raises InputError for too few stops.
+    that wait has, and no less than the mean plus half the wait. Overshoots go by growing speed, mm beyond
+    where the slowest touch stands, and hold for the speeds that were tried: faster, braking adds to them.
+    Raises InputError for too few stops.
     """
     used = [stop for stop in stops if stop.speed_mm_s > _FASTER * touch_speed_mm_s]
     if len(used) < _MIN_STOPS:
@@ -311,9 +303,23 @@ def fit_latency(
     each = further / (speed - touch_speed_mm_s)
     latency = max(0.0, float(np.average(each, weights=known**-2.0)))
     bound = _bound_s(each, latency, known, float(wait.max()), coverage)
-    return StopLatency(
-        latency, bound, _overshoots_by_speed(speed, further + touch_speed_mm_s * latency, bound, step_mm)
+    return StopsCalibration(
+        latency_s=latency,
+        latency_bound_s=bound,
+        settle_s=_settle_s(stops, step_mm),
+        overshoots=_overshoots_by_speed(speed, further + touch_speed_mm_s * latency, bound, step_mm),
     )
+
+
+def _settle_s(stops: Sequence[StopMeasurement], step_mm: float) -> float:
+    """Longest time from a stop that was sent to standing still, from the slowest speed, with some room.
+
+    It is for touches, which are slower still; from higher speeds a slide takes longer to brake.
+    """
+    slowest = min((stop.speed_mm_s for stop in stops), default=0.0)
+    stops = [stop for stop in stops if stop.speed_mm_s == slowest]
+    ran_on = [(abs(stop.stood_mm - stop.felt_mm) + step_mm) / stop.speed_mm_s for stop in stops]
+    return _SETTLE_MARGIN * max(ran_on, default=0.0)
 
 
 def _deviations_s(speed: Floats, touch_speed: float, wait: Floats, step_mm: float) -> Floats:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from palpate.base.errors import InputError
-from palpate.calibration.actuator_estimators import StopStalls, fit_latency
+from palpate.calibration.actuator_estimators import StopStalls, fit_stops
 from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import ActuatorMeasurements, FingerModel
@@ -24,7 +24,6 @@ from palpate.config.calibration_finger import Actuators
 _STALLS_PER_STOP = 2
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
 _STOPS_PER_SPEED = 2
-_SETTLE_MARGIN = 1.5  # times the longest of a few
 
 
 def measure_actuators(
@@ -63,8 +62,7 @@ def measure_actuators(
         touched = [k for k, item in enumerate(found.touched) if item.finger == spec.name]
         measured = ActuatorMeasurements(
             own,
-            fit_latency(stops[spec.name], step_mm, touch_speed_mm_s, coverage),
-            _settle_s(stops[spec.name], step_mm),
+            fit_stops(stops[spec.name], step_mm, touch_speed_mm_s, coverage),
             stalls[index],
             frictions[index],
             [found.touched[k] for k in touched],
@@ -115,14 +113,3 @@ def _stops(
         for _ in range(_STOPS_PER_SPEED):
             stops += prober.stop(contacts, speed)
     return stops
-
-
-def _settle_s(stops: Sequence[StopMeasurement], step_mm: float) -> float:
-    """The longest time from a stop that was sent to standing still, from the slowest speed, with some room.
-
-    It is for touches, which are slower still; from higher speeds a slide takes longer to brake.
-    """
-    slowest = min((stop.speed_mm_s for stop in stops), default=0.0)
-    stops = [stop for stop in stops if stop.speed_mm_s == slowest]
-    ran_on = [(abs(stop.stood_mm - stop.felt_mm) + step_mm) / stop.speed_mm_s for stop in stops]
-    return _SETTLE_MARGIN * max(ran_on, default=0.0)

@@ -28,7 +28,7 @@ from palpate.calibration.finger_model import (
 )
 from palpate.calibration.measurements import PressMeasurement
 from palpate.config import ArmFingerConfig, JointConfig, RotaryCalibration
-from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration, StopsCalibration
+from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration
 from palpate.drivers.kinematics import TICK_RAD
 
 UPPER, FORE, ELBOW_ZERO, SHOULDER_PLAY, ELBOW_PLAY = 4, 5, 6, 7, 8
@@ -163,16 +163,10 @@ class ArmModel(FingerModel):
 
     def describe_actuators(self, measured: ActuatorMeasurements) -> ArmActuatorsCalibration:
         """Both joints; their plays stay as described, for the fit of the fingers to narrow down."""
-        latency = measured.latency
         return ArmActuatorsCalibration(
             shoulder=_joint(self.spec.shoulder, measured.presses, 0),
             elbow=_joint(self.spec.elbow, measured.presses, 1),
-            stops=StopsCalibration(
-                latency_s=latency.latency_s,
-                latency_bound_s=latency.latency_bound_s,
-                settle_s=measured.settle_s,
-                overshoots=latency.overshoots,
-            ),
+            stops=measured.stops,
         )
 
     def describe_place(

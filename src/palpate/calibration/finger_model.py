@@ -16,10 +16,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.calibration.actuator_estimators import StopLatency, StopStalls
+from palpate.calibration.actuator_estimators import StopStalls
 from palpate.calibration.measurements import PressMeasurement, TouchMeasurement
 from palpate.config import FingerConfig
-from palpate.config.calibration_finger import Actuators, FingerPlace, RotaryCalibration
+from palpate.config.calibration_finger import Actuators, FingerPlace, RotaryCalibration, StopsCalibration
 from palpate.config.rig_servos import SlideConfig
 
 BASE, HEADING, RADIUS = slice(0, 2), 2, 3
@@ -174,8 +174,7 @@ class ActuatorMeasurements:
     """
 
     presses: Sequence[PressMeasurement]
-    latency: StopLatency
-    settle_s: float
+    stops: StopsCalibration
     stalls: StopStalls | None
     aim_friction_a: float
     touched: Sequence[TouchMeasurement]

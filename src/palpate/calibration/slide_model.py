@@ -196,7 +196,7 @@ class SlideModel(FingerModel):
 
     def describe_actuators(self, measured: ActuatorMeasurements) -> ActuatorsCalibration:
         """Slide and aim."""
-        spec, presses, stalls, latency = self.spec, measured.presses, measured.stalls, measured.latency
+        spec, presses, stalls = self.spec, measured.presses, measured.stalls
         backlash = combine_backlash(
             [estimate_backlash(press, press.counts.sum(axis=(1, 2)), _FRAME_LAG_SAMPLES) for press in presses]
         )
@@ -215,10 +215,7 @@ class SlideModel(FingerModel):
             touch_zero_mm=seen.zero_mm,
             touch_covariance=seen.covariance.tolist(),
             friction_a=abs(friction.push_n) / abs(presses[0].newton_per_a[1]),
-            latency_s=latency.latency_s,
-            latency_bound_s=latency.latency_bound_s,
-            settle_s=measured.settle_s,
-            overshoots=latency.overshoots,
+            **dict(measured.stops),
         )
         half = spec.aim.backlash_deg / 2
         aim = RotaryCalibration(

@@ -109,8 +109,8 @@ class StopsCalibration(FileModel):
     overshoots: Items[Overshoot] = Field(default=[], description="What was seen at each speed.")
 
 
-class SlideCalibration(FileModel):
-    """Calibration of a slide."""
+class SlideTravel(FileModel):
+    """Travel of a slide as it was measured."""
 
     direction_confirmed: Flag = Field(description="It was seen to move the way the rig file says.")
     mm_per_turn: TravelPerTurn = Field(description="Travel per servo turn; as described if not homed.")
@@ -129,12 +129,10 @@ class SlideCalibration(FileModel):
         description="2 x 2, of touch_zero_mm and of mm_per_turn's error as a share."
     )
     friction_a: MeasuredLength = Field(description="Current that it needs to move through free space.")
-    latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
-    latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
-    settle_s: UpLength = Field(
-        description="Bound: in a touch, from the stop that is sent to standing still, at most this."
-    )
-    overshoots: Items[Overshoot] = Field(default=[], description="What was seen at each speed.")
+
+
+class SlideCalibration(StopsCalibration, SlideTravel):
+    """Calibration of a slide: its travel, and how its tip comes to stand."""
 
 
 class RotaryCalibration(FileModel):

@@ -8,7 +8,7 @@ connected range of angles round 0 counts at which every finger's home is clear.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
@@ -166,20 +166,8 @@ def free_ranges(
         if i < j
     }
     ranges: list[tuple[int, int] | None] = [None] * len(standby)
-
-    def fits(finger: int, aim: int) -> bool:
-        if not 0 <= aim < len(standby[finger].aims_rad) or not clear[finger][aim]:
-            return False
-        for other, found in enumerate(ranges):
-            if other == finger or found is None:
-                continue
-            pair = meets[finger, other][aim] if finger < other else meets[other, finger][:, aim]
-            if pair[found[0] : found[1] + 1].any():
-                return False
-        return True
-
     for finger, poses in enumerate(standby):
-        if fits(finger, poses.home):
+        if _fits(finger, poses.home, clear, meets, ranges):
             ranges[finger] = (poses.home, poses.home)
     growing = [(finger, step) for finger in range(len(standby)) for step in (-1, 1)]
     while growing:
@@ -189,11 +177,30 @@ def free_ranges(
             if now is None:
                 continue
             aim = now[0] - 1 if step < 0 else now[1] + 1
-            if fits(finger, aim):
+            if _fits(finger, aim, clear, meets, ranges):
                 ranges[finger] = (min(now[0], aim), max(now[1], aim))
                 still.append((finger, step))
         growing = still
     return ranges
+
+
+def _fits(
+    finger: int,
+    aim: int,
+    clear: Sequence[Bools],
+    meets: Mapping[tuple[int, int], Bools],
+    ranges: Sequence[tuple[int, int] | None],
+) -> bool:
+    """True if an aim is clear, and the finger there is apart from all places in the other fingers' ranges."""
+    if not 0 <= aim < len(clear[finger]) or not clear[finger][aim]:
+        return False
+    for other, found in enumerate(ranges):
+        if other == finger or found is None:
+            continue
+        pair = meets[finger, other][aim] if finger < other else meets[other, finger][:, aim]
+        if pair[found[0] : found[1] + 1].any():
+            return False
+    return True
 
 
 def _clashing_pairs(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:

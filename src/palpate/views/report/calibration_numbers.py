@@ -20,6 +20,7 @@ from palpate.config.calibration_finger import (
     PlaceCalibration,
     PlaceInHandFrame,
     RotaryCalibration,
+    StopsCalibration,
     TactileCalibration,
 )
 from palpate.views.numerals import at_most, decimal
@@ -220,6 +221,10 @@ def _parts_of_type(kind: type[Part], parts: Sequence[object]) -> list[Part | Non
     return [part if isinstance(part, kind) else None for part in parts]
 
 
+def _latency(stops: StopsCalibration) -> str:
+    return f"{1000 * stops.latency_s:.1f} ms, {at_most(1000 * stops.latency_bound_s, 1)} ms"
+
+
 def _overshoots(rows: Sequence[Overshoot]) -> str:
     return (
         "; ".join(f"{at_most(row.bound_mm, 2)} mm at {row.speed_mm_s:g} mm/s" for row in rows) or "not tried"
@@ -296,10 +301,7 @@ _JOINTS: tuple[tuple[str, Callable[[ArmActuatorsCalibration], str]], ...] = (
     ("play of the shoulder, either way", lambda a: _play(a.shoulder)),
     ("play of the elbow, either way", lambda a: _play(a.elbow)),
     ("friction, shoulder and elbow", lambda a: f"{a.shoulder.friction_a:.3f} A, {a.elbow.friction_a:.3f} A"),
-    (
-        "latency, mean and bound",
-        lambda a: f"{1000 * a.stops.latency_s:.1f} ms, {at_most(1000 * a.stops.latency_bound_s, 1)} ms",
-    ),
+    ("latency, mean and bound", lambda a: _latency(a.stops)),
     ("overshoot, bound", lambda a: _overshoots(a.stops.overshoots)),
 )
 
@@ -313,10 +315,7 @@ _ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
     ),
     ("play of the aim, either way", lambda a: plus_minus(a.aim.backlash_deg, a.aim.backlash_sigma_deg) + "°"),
     ("friction, slide and aim", lambda a: f"{a.slide.friction_a:.3f} A, {a.aim.friction_a:.3f} A"),
-    (
-        "latency, mean and bound",
-        lambda a: f"{1000 * a.slide.latency_s:.1f} ms, {at_most(1000 * a.slide.latency_bound_s, 1)} ms",
-    ),
+    ("latency, mean and bound", lambda a: _latency(a.slide)),
     ("overshoot, bound", lambda a: _overshoots(a.slide.overshoots)),
 )
 
