@@ -92,7 +92,7 @@ def combine_backlash(plays: Sequence[Backlash]) -> Backlash:
 
 
 def _select_samples(press: PressMeasurement, force: Floats) -> tuple[Bools, Ints, Ints]:
-    """Which samples (n,) count; of those the leg (0 in, 1 out) and the slice of force."""
+    """Samples (n,) that count; of those the leg (0 in, 1 out) and the slice of force."""
     noise = float(np.std(force[press.leg == LEG_FREE])) if (press.leg == LEG_FREE).sum() > 1 else 0.0
     legs = [force[press.leg == leg] for leg in (LEG_IN, LEG_OUT)]
     if min(len(leg) for leg in legs) < _FORCE_SLICES:

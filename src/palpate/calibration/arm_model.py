@@ -102,7 +102,7 @@ class ArmModel(FingerModel):
         )
 
     def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
-        """At the end of both links."""
+        """Tips at the end of both links."""
         upper, fore = self._links(values, servos_rad, ways)
         result: Floats = values[:, BASE] + upper + fore
         return result
@@ -219,7 +219,7 @@ class ArmModel(FingerModel):
 
 
 def _joint(spec: JointConfig, presses: Sequence[PressMeasurement], which: int) -> RotaryCalibration:
-    """What the free paths of presses show of a joint; a joint that never moved on them is not confirmed."""
+    """Calibration of a joint by free paths of presses; a joint that never moved on them is not confirmed."""
     current = np.array([press.free_a[which] for press in presses])
     moved = np.isfinite(current)
     middle = float(np.median(current[moved])) if moved.any() else 0.0

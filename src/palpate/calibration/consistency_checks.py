@@ -92,7 +92,7 @@ def estimate_growth(
     fit: FingerFit,
     which: Bools,
 ) -> tuple[float, float]:
-    """How much larger all round the references of some placings (n,) look than given, and its deviation; mm.
+    """Excess radius of the references of some placings (n,), as touches show it, and its deviation; mm.
 
     The value of one more unknown, by linear least squares round the fit.
     """

@@ -43,7 +43,7 @@ class ContactUncertainty:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceContacts:
-    """Where n touches met a surface: finger (n,), the surface's outward normal and the travel (n, 2), in W.
+    """Contacts of n touches with a surface: finger (n,), its outward normal and the travel (n, 2), in W.
 
     `dent_mm` (n,): by how much the tip's dent may be other than it is taken to be. `tolerance_mm`: how far
     the surface may be from what is said of it. `shared_mm` (n, m): standard deviations along the normal that
@@ -60,7 +60,7 @@ class SurfaceContacts:
 
 @dataclass(frozen=True, eq=False)
 class DriftTest:
-    """How far n touches are from a known shape at its best pose, and how far they may be; mm.
+    """Distances of n touches from a known shape at its best pose, with their bounds; mm.
 
     `residual_mm` (n,): what is left of each, outward positive. `rms_mm` is their root mean square and
     `expected_rms_mm` what the calibration lets expect. `drifted`: `chi_square` with `freedom` degrees is
@@ -75,7 +75,7 @@ class DriftTest:
 
     @property
     def drifted(self) -> bool:
-        """Whether the touches differ by more than the calibration explains."""
+        """True if the touches differ by more than the calibration explains."""
         return self.chi_square > float(chdtri(self.freedom, FALSE_ALARM_RATE))
 
 

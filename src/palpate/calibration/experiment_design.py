@@ -70,7 +70,7 @@ def predict_touches(
     number: int,
     approaches: Sequence[ServoPath],
 ) -> PredictedTouches:
-    """Where approaches meet the reference of placing `number`, as far as a fit can tell."""
+    """Predict where approaches meet the reference of placing `number`, as far as a fit can tell."""
     table = ApproachTable(approaches)
     finger, length = table.finger, table.length_mm
 
@@ -145,7 +145,7 @@ def probes_towards(
     models: Sequence[FingerModel],
     values: Floats,
 ) -> list[Probe]:
-    """For each finger the approach that has a point nearest to `aside_mm` on its left, as far as it goes.
+    """Approach of each finger that has a point nearest to `aside_mm` on its left, as far as it goes.
 
     What an approach ends too early by counts like what it passes the point at.
     """
@@ -247,7 +247,7 @@ def locate_reference(
 def probes_at_bearing(
     found: LocatedReference, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
 ) -> list[tuple[Probe, float]]:
-    """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
+    """Approach of each finger that meets the reference nearest to a bearing, and its bearing.
 
     A bearing is the direction from the tip's axis to the contact, from the direction of travel. A tip that
     is pressed touches some millimetres of a face, and where a plate stands is hardly known along its faces:

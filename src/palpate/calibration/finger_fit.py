@@ -236,7 +236,7 @@ class _Problem:
         return result
 
     def result(self, x: Floats, used: Bools, outlier: Bools) -> FingerFit:
-        """What has been found."""
+        """Fit that has been found."""
         values, poses = self.split(x)
         slope = self._weighed(x, used)[1]
         covariance = np.asarray(np.linalg.pinv(slope.T @ slope, hermitian=True), dtype=np.float64)
@@ -324,7 +324,7 @@ class TouchLoads:
 
 
 def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[FingerConfig]) -> TouchLoads:
-    """By the rig file's bounds, taken for uniform distributions; arrays' headings need not be well known."""
+    """Loads of touches by the rig file's bounds, taken for uniform; arrays' headings may be ill known."""
     by_name = {spec.name: spec for spec in specs}
     own = [by_name[item.finger] for item in touched]
     towards = np.array(

@@ -39,7 +39,7 @@ _PINNED_SIGMA = 1e-3  # of values that a kind has no use for: nothing moves them
 
 @dataclass(frozen=True, eq=False)
 class FingerModel(ABC):
-    """What of a finger is known: how its values and its servos place the tip.
+    """Model of a finger: how its values and its servos place the tip.
 
     `prior` (k,) of the values, and its `covariance` (k, k). `values` (n, k), `servos_rad` (n, 2) and `ways`
     (n, 2) are of n touches: from which side each joint came, +1 from below, -1 from above, 0 in the middle of
@@ -122,7 +122,7 @@ class FingerModel(ABC):
 
     @abstractmethod
     def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
-        """By what a turn of each joint moves the tip, mm/rad: (n, 2, 2), the one next to the base first.
+        """Travel of the tip per turn of each joint, mm/rad: (n, 2, 2), the one next to the base first.
 
         A slide's second joint is its servo.
         """
@@ -130,12 +130,12 @@ class FingerModel(ABC):
 
     @abstractmethod
     def rounding_mm(self, values: Floats, servos_rad: Floats, normal: Floats, /) -> Floats:
-        """What encoder steps leave of a touch's distance along a surface's normal (n, 2): deviations (n,)."""
+        """Deviations (n,) of touches along a surface's normal (n, 2) by the steps of encoders."""
         ...
 
     @abstractmethod
     def repeated_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
-        """How far a touch that was made again stands from the first one, along its way, and what explains.
+        """Distance of a repeated touch from the first one, along its way, and what explains.
 
         Servo angles (2,) of both; `facing_rad`: where the finger faces, from its direction of travel. A way
         that is a little elsewhere, or the other flank of the play, lets an oblique touch be further.
@@ -162,7 +162,7 @@ class FingerModel(ABC):
     def joint_bounds(
         self, values: Floats, covariance: Floats, levers_mm: Floats, sigmas: float, slow: "SlowTouch"
     ) -> "JointBounds":
-        """What the joints add to the bound on contacts; `levers_mm` (2,): the largest of each joint."""
+        """Share of the joints in the bound on contacts; `levers_mm` (2,): the largest of each joint."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,7 @@ class SlowTouch:
 
 @dataclass(frozen=True)
 class JointBounds:
-    """What servos, plays and stops add to the bound on a finger's contacts: mm of the place, rad of the turn.
+    """Share of servos, plays and stops in the bound on contacts: mm of the place, rad of the turn.
 
     `turned_sigma_rad`: deviation of where it faces.
     """

@@ -38,7 +38,7 @@ _REFERENCE_RADIUS_SHARE = 0.4  # of the workspace's radius: where references lie
 
 
 def plan_placements(disc: Reference, plate: Reference, radius_mm: float) -> list[ReferencePlacement]:
-    """Where references are to lie: the disc on three sides of the middle, then the plate between these."""
+    """Plan where references lie: the disc on three sides of the middle, then the plate between these."""
     away = min(_REFERENCE_RADIUS_SHARE * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
     found = []
     for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):
@@ -180,6 +180,6 @@ def _with_give_alike(
 
 
 def hold_out(count: int) -> Bools:
-    """Which of `count` touches (count,) are predicted rather than fitted."""
+    """Choose those of `count` touches (count,) that are predicted rather than fitted."""
     result: Bools = np.arange(count) % _HELD_OUT_EVERY == _HELD_OUT_EVERY - 1
     return result

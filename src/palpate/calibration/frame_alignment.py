@@ -34,7 +34,7 @@ HEADING_ARM_MM = 100.0
 
 @dataclass(frozen=True)
 class BasePose:
-    """Where a finger stands: its base (mm) and its heading (rad)."""
+    """Place of a finger: its base (mm) and its heading (rad)."""
 
     base_mm: tuple[float, float]
     heading_rad: float
@@ -76,12 +76,12 @@ def align_to_nominal(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> 
 
 
 def nominal_poses(specs: Sequence[FingerConfig]) -> list[BasePose]:
-    """Where the rig file says that fingers stand."""
+    """Places of fingers by the rig file."""
     return [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
 
 
 def fitted_poses(values: Floats) -> list[BasePose]:
-    """Where fingers stand by values (fingers, k) of a fit."""
+    """Places of fingers by values (fingers, k) of a fit."""
     return [BasePose((x, y), heading) for x, y, heading in values[:, :3].tolist()]
 
 
@@ -142,7 +142,7 @@ def estimate_array_headings(
     specs: Sequence[FingerConfig],
     fit: FingerFit,
 ) -> list[tuple[float, float]]:
-    """Where each finger's array looks from where the finger faces, by normals of touches.
+    """Estimate each array's heading, from where its finger faces, by normals of touches.
 
     Friction carries what is felt towards the way: half of what it may is taken back, and the rest counts as
     far as touches on the left and on the right do not make up for it.
@@ -172,13 +172,13 @@ def calibrate_place(
 
 
 def calibrate_plays(model: FingerModel, before: Actuators, hand: AlignedFit, index: int) -> Actuators:
-    """What touches from both sides have shown of the plays of an aim, or of an arm's joints."""
+    """Calibrate the plays of an aim, or of an arm's joints, by touches from both sides."""
     return model.fit_plays(before, hand.values[index], np.sqrt(np.diag(hand.of(index))))
 
 
 @dataclass(frozen=True)
 class TouchErrors:
-    """What touches of all fingers are off by, and the probability with which bounds hold.
+    """Errors of all fingers' touches, and the probability with which bounds hold.
 
     `tolerance_mm`: how far references may be from what is said of them, which no fit makes smaller.
     """
@@ -262,7 +262,7 @@ def summarise_residuals(
     names: list[str],
     frame: RigidMotion,
 ) -> Residuals:
-    """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
+    """Summarise how well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
     used = ~fit.outlier
     predicted = without.residual_mm[held_out & used]
     own = fit.residual_mm[used]

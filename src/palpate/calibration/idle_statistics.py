@@ -84,7 +84,7 @@ class IdleFit:
 
 
 def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
-    """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
+    """Analyse idle recordings of one finger, in any order but by one clock; `max_count`: the array's.
 
     Noise is the median of the live taxels' standard deviations about straight lines of half a minute, and
     never less than that of rounding. Drift is the largest slope of a line, or of a zero from one line to
@@ -145,7 +145,7 @@ def _line(counts: Floats, time_s: Floats) -> _Window:
 
 
 def _is_suspicious(others: Floats, still: int, frames: int) -> bool:
-    """Whether noise like that of other taxels would have moved a taxel that never moved."""
+    """True if noise like that of other taxels would have moved a taxel that never moved."""
     if not still or not len(others):
         return False
     noise = max(float(np.median(others)), 1e-3)

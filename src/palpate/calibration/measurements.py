@@ -243,7 +243,7 @@ class RunRecord(FileModel):
     )
 
     def is_for(self, other: "RunRecord") -> bool:
-        """Whether this is about the same rig, references, devices and steps as another one."""
+        """True if this is about the same rig, references, devices and steps as another one."""
         return (
             self.steps == other.steps
             and self.geometry_sha256 == other.geometry_sha256

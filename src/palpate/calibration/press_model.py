@@ -56,7 +56,7 @@ def distribute_pressure(
     dent: Floats,
     curvature: Floats,
 ) -> PressureDistribution:
-    """How contacts spread over columns at `columns_rad` (cols,), each `pitch_rad` wide.
+    """Distribute contacts over columns at `columns_rad` (cols,), each `pitch_rad` wide.
 
     `towards_rad` (n,): direction from the axis to the contact, as the columns'. In tip radii: `dent`
     (n,) is the deepest dent, in 0 … 1 (both excluded); `curvature` (n,) is tip radius over the
@@ -135,7 +135,7 @@ _NUMERIC = (_PHASE, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS)  # whose derivativ
 
 @dataclass(frozen=True, eq=False)
 class PressFit:
-    """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
+    """Fit to n presses with m levels; sigmas are standard deviations, some of logarithms.
 
     `gain` (cols,) ± `gain_log_sigma`. `friction`: of tip on reference; `softness`: how far the tip gives way
     (a slide's sideways, an arm's all round), over how far the same force dents it. `touch_mm` (n,): travel at
@@ -298,7 +298,7 @@ class _Model:
         return gains, touch, bearing, friction, stretch
 
     def counts(self, x: Floats) -> Floats:
-        """What columns should read, (m, cols)."""
+        """Expected readings of columns, (m, cols)."""
         gains, touch, bearing, _, stretch = self.parts(x)
         load, _ = self._forces(x[:_SHARED_UNKNOWNS], touch, bearing, stretch)
         result: Floats = load * np.exp(gains) * self._counts_per_n
@@ -370,7 +370,7 @@ class _Model:
         return counts, pushes - (off[:, -1] * common.T).T
 
     def residuals(self, x: Floats) -> Floats:
-        """What is off, in standard deviations: counts (m · cols), pushes (m), what is likely."""
+        """Residuals in standard deviations: counts (m · cols), pushes (m), what is likely."""
         gains, touch, bearing, friction, stretch = self.parts(x)
         load, push = self._forces(x[:_SHARED_UNKNOWNS], touch, bearing, stretch)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight

@@ -26,7 +26,7 @@ class ReferenceDisc:
     repeats: int = 1
 
     def curvature_per_mm(self) -> float:
-        """That of its rim."""
+        """Curvature of its rim."""
         return 1 / self.radius_mm
 
     def distance_mm(self, points_mm: Floats) -> tuple[Floats, Floats, Floats]:
@@ -72,7 +72,7 @@ class ReferencePlate:
         return self._start
 
     def curvature_per_mm(self) -> float:
-        """Its faces are flat."""
+        """Curvature of its faces, which are flat."""
         return 0.0
 
     def distance_mm(self, points_mm: Floats) -> tuple[Floats, Floats, Floats]:

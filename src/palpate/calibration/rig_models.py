@@ -70,7 +70,7 @@ class KnownFingers:
 
     @classmethod
     def from_calibration(cls, specs: Sequence[FingerConfig], calibrated: Sequence[FingerCalibration]) -> Self:
-        """By a calibration file, of which `specs` are the rig's fingers; each finger's errors for themselves.
+        """Fingers by a calibration file; `specs`: the rig's fingers; each finger's errors for themselves.
 
         All must have places and actuators.
         """

@@ -299,7 +299,7 @@ class SlideInContact:
 
     @classmethod
     def from_calibration(cls, found: SlideCalibration) -> "SlideInContact":
-        """What a calibration says of a slide."""
+        """Slide by its calibration."""
         per_rad = found.mm_per_turn / (2 * math.pi)
         return cls(found.touch_zero_mm, per_rad, np.array(found.touch_covariance))
 
@@ -307,7 +307,7 @@ class SlideInContact:
 def slide_in_contact(
     spec: SlideFingerConfig, backlash: Backlash | None = None, stalls: StopStalls | None = None
 ) -> SlideInContact:
-    """What is known of a slide by the rig file, its backlash and its stops, as far as they were measured."""
+    """Slide by the rig file, its backlash and its stops, as far as they were measured."""
     described = spec.slide
     if backlash is not None and stalls is not None:
         # At the front stop the carriage is pushed back, as in a touch; at the back stop the other flank

@@ -170,16 +170,16 @@ class _Linear:
 
     @property
     def chi_square(self) -> float:
-        """Of what is left."""
+        """Chi square of the residuals."""
         return float(self.residual_mm @ self.rest @ self.residual_mm)
 
     @property
     def freedom(self) -> int:
-        """Its degrees."""
+        """Degrees of freedom of the fit."""
         return len(self.residual_mm) - _UNKNOWNS
 
     def explained(self, columns: Floats) -> tuple[float, Floats]:
-        """How far chi square would fall with k more unknowns, and these; `columns` (m, k): their slopes."""
+        """Fall of chi square with k more unknowns, and these; `columns` (m, k): their slopes."""
         normal = columns.T @ self.rest @ columns
         towards = columns.T @ self.rest @ self.residual_mm
         more: Floats = -np.linalg.lstsq(normal, towards, rcond=1e-9)[0].astype(np.float64)
@@ -220,7 +220,7 @@ class _Problem:
         return residual, slopes, values, per_disc, per_rad
 
     def covariance(self, values: Floats, per_rad: Floats, used: Bools, share: float) -> Floats:
-        """What used touches are expected to be off by (m, m), those of each by itself times a share; mm²."""
+        """Expected covariance (m, m) of used touches, that of each by itself times a share; mm²."""
         stop, given = self._stop[used], self.given
         angle = given.angle_covariance[np.ix_(stop, stop)] * np.outer(per_rad[used], per_rad[used])
         fingers = values[used] @ self._known.covariance @ values[used].T
@@ -283,7 +283,7 @@ def _reject_outliers(problem: _Problem, start: Floats) -> tuple[Floats, Bools]:
 
 
 def _is_enough(given: StageTouches, used: Bools) -> bool:
-    """Whether few touches were left out, and not half of any stop's: that would be a disc that moved."""
+    """True if few touches were left out, and not half of any stop's: that would be a disc that moved."""
     stop = given.touches.placing
     left_out, made = np.bincount(stop[~used], minlength=len(given.angle_rad)), np.bincount(stop)
     few = int(left_out.sum()) <= max(1, _MAX_OUTLIER_SHARE * len(used))

@@ -37,7 +37,7 @@ _KNOWN_SIGMA_MM = 1e-3
 
 
 def place_disc(rig: RigFile, disc: ReferenceDisc) -> tuple[float, float]:
-    """Where the disc is to lie, in W: beside the axis, where fingers see it well inside at all angles."""
+    """Place the disc, in W: beside the axis, where fingers see it well inside at all angles."""
     stage = _stage_of(rig)
     radius = rig.workspace.radius_mm
     away = max(min(_DISC_RADIUS_SHARE * radius, radius - disc.radius_mm - 10.0), 1.0)
@@ -181,7 +181,7 @@ def _angles(turned: Prober) -> list[float]:
 
 
 def _approach_side(stage: StageConfig, turned_rad: float) -> int:
-    """From which side the stage has come, if it turned by more than all of its play."""
+    """Side from which the stage has come, if it turned by more than all of its play."""
     least = 2 * math.radians(stage.backlash_deg) + 2 * TICK_RAD / abs(stage.gear_ratio)
     return int(math.copysign(1, turned_rad)) if abs(turned_rad) > least else 0
 

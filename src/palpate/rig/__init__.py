@@ -1,4 +1,4 @@
-"""What is done with a rig: drives, reach, guarded motion, identification, sessions, the emulated bench.
+"""Work with a rig: drives, reach, guarded motion, identification, sessions, the emulated bench.
 
 `bench` is the composition root: it alone connects a rig file to real ports or to emulated devices.
 """

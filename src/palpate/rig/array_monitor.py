@@ -38,7 +38,7 @@ _RATE_WINDOW_S = 2.0
 
 
 class TareState(Enum):
-    """Whether it is known what the untouched array reads."""
+    """Knowledge of what the untouched array reads."""
 
     NONE = "not tared"
     UNDER_WAY = "taring"
@@ -74,7 +74,7 @@ class FingerView(ShortRepr):
 
     @property
     def silent(self) -> bool:
-        """Whether frames have stopped coming."""
+        """True if frames have stopped coming."""
         return self.age_s > SILENT_AFTER_S
 
 
@@ -176,7 +176,7 @@ def _counter_difference(now: ArrayCounters, then: ArrayCounters) -> ArrayCounter
 
 @dataclass(frozen=True, eq=False)
 class ArrayPorts:
-    """Where a rig's arrays are: the clock, and how to open a port. It keeps `devices` alive."""
+    """Access to a rig's arrays: the clock, and how to open a port. It keeps `devices` alive."""
 
     clock: Clock
     open_port: Callable[[str, int], SerialBase]

@@ -42,12 +42,12 @@ class RecordedArrays:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more was recorded of these arrays."""
+        """True if nothing more was recorded of these arrays."""
         return all(port.ended for port in self._ports)
 
     @property
     def doing(self) -> str:
-        """What the run was doing at this time, in words; "" before its first grip."""
+        """Activity of the run at this time, in words; "" before its first grip."""
         now = self.clock.now()
         return next((words for t_s, words in reversed(self._stages) if t_s <= now), "")
 

@@ -135,7 +135,7 @@ def _height_problem(description: Description, length_mm: float | None) -> str | 
 
 
 def shape_warning(spec: FingerConfig, description: Description) -> str | None:
-    """What is odd about a flat array on a tip that is no pad; None if there is nothing."""
+    """Warning about a flat array on a tip that is no pad; None if there is none."""
     if spec.tip.kind.has_face or description.shape is not Shape.FLAT:
         return None
     return (
@@ -147,7 +147,7 @@ def shape_warning(spec: FingerConfig, description: Description) -> str | None:
 def threshold_problem(
     extractor: ContactExtractor, closing: ClosingConfig, tip: TipConfig | None = None
 ) -> str | None:
-    """What is wrong with contact_force_n for an array that is tared: untouched, it would exceed it.
+    """Problem with contact_force_n for an array that is tared: untouched, it would exceed it.
 
     Or, on a pad, it may not be felt at all where it is spread over the whole face, at the end of a way.
     """
@@ -197,7 +197,7 @@ def _apparent_stiffness(tip: TipConfig) -> tuple[float, float]:
 
 
 def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -> TipCalibration:
-    """What the rig file says of a finger's array: of every taxel where it was calibrated, else of all alike.
+    """Calibration of a finger's array: of every taxel where it was calibrated, else of all alike.
 
     Raises InputError if the calibrated taxels are not as many as the array's.
     """

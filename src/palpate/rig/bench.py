@@ -38,7 +38,7 @@ class BenchRig:
 
 
 def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
-    """What lies on the table of an emulated rig; None for a real one.
+    """Choose what lies on the table of an emulated rig; None for a real one.
 
     Raises InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that
     is too high for an arm's links to pass above it, and for one that is not known where a finger is.
@@ -88,7 +88,7 @@ def environment(
     latency_s: float | None = None,
     check: Callable[[], None] = lambda: None,
 ) -> Environment:
-    """What a run gets from a bench; with a sink, all that comes from clock and ports is recorded.
+    """Environment of a run on a bench; with a sink, all that comes from clock and ports is recorded.
 
     `latency_s`: as `bus_latency_s` gave it, None to ask now. `check`: called in recorded calls, may raise.
     """

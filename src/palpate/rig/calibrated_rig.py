@@ -34,7 +34,7 @@ class RigOnBench:
 
     @property
     def calibration_path(self) -> Path | None:
-        """Where the calibration was read from; None without one."""
+        """Path that the calibration was read from; None without one."""
         if self.calibration is None or not isinstance(self.path, Path):
             return None
         return calibration_path(self.path)

@@ -28,7 +28,7 @@ from palpate.rig.mechanisms import mechanism_of
 
 
 def bus_latency_s(rig: RigFile) -> float:
-    """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
+    """Latency that the bus's adapter may add to an answer, by the rig file, else by the system."""
     if rig.bus.latency_ms is not None:
         return rig.bus.latency_ms / 1e3
     if rig.emulation is None:
@@ -38,7 +38,7 @@ def bus_latency_s(rig: RigFile) -> float:
 
 
 def array_latency_s(rig: RigFile) -> float:
-    """For how long the arrays' adapters may hold the end of a frame back: as the system tells, else 0."""
+    """Time for which the arrays' adapters may hold the end of a frame back: as the system tells, else 0."""
     if rig.emulation is None:
         return max(latency_timer_s(finger.array.port) or 0.0 for finger in rig.fingers)
     adapter = rig.emulation.array_adapter
@@ -88,13 +88,13 @@ def _inertial_n(finger: FingerConfig, model: str, profile_rad_s: float) -> float
 
 
 def _friction_allowance_n(finger: FingerConfig) -> float:
-    """What a slide's servo may push with beside max_force_n, in case its friction does not take it."""
+    """Force that a slide's servo may push with beside max_force_n, in case its friction does not take it."""
     slide = mechanism_of(finger).push
     return 0.0 if slide is None else slide_force_n(slide, slide.friction_a)
 
 
 def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:
-    """How fast a finger's slowest servo can brake its tip, an arm's when it is stretched."""
+    """Deceleration of the tip by a finger's slowest servo, of an arm when it is stretched."""
     return min(
         (max_force_n * abs(lever_mm) / 1e3 + motor.friction_nm) / motor.inertia_kg_m2 * abs(lever_mm)
         for model, lever_mm in mechanism_of(finger).levers
@@ -103,5 +103,5 @@ def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:
 
 
 def travel_step_mm(finger: FingerConfig) -> float:
-    """How finely a finger's servos tell where its tip is along its way."""
+    """Step in which a finger's servos report where its tip is along its way."""
     return max(abs(lever_mm) for _, lever_mm in mechanism_of(finger).levers) * RAD_PER_TICK

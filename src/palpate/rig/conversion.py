@@ -55,7 +55,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 
 
 def finger_of(finger: FingerConfig) -> Finger:
-    """What of a finger decides which grown section it meets."""
+    """Finger as far as it decides which grown section it meets."""
     tip = finger.tip
     return Finger(tip.radius_mm, finger.height_mm, tip.half_length_mm, tip.shape)
 
@@ -66,7 +66,7 @@ def line_of(approach: Approach) -> Line:
 
 
 def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:
-    """How an array that does not describe itself sits on its tip."""
+    """Mounting of an array that does not describe itself."""
     return Mounting(
         shape=Shape.FLAT if array.shape == "flat" else Shape.CYLINDER,
         tip_radius_mm=tip_radius_mm,
@@ -89,7 +89,7 @@ def calibrated_direction_rad(finger: FingerConfig) -> float | None:
 
 
 def tip_bound_mm(finger: FingerConfig) -> float:
-    """How much further off than its centre the tip's surface may be: what its radius may be off."""
+    """Distance by which the tip's surface may be further off than its centre: what its radius may be off."""
     # What a calibration finds of the place is of the surface: touches show nothing else.
     tip = finger.tip
     if tip.kind.has_face:
@@ -117,12 +117,12 @@ def stiffest_n_per_mm(tip: TipConfig) -> float:
 
 
 def array_bound_rad(finger: FingerConfig) -> float:
-    """How much further off than the finger's direction the array's may be, turned on its tip."""
+    """Angle by which an array, turned on its tip, may be further off than the finger's direction."""
     return math.radians(finger.array.heading_bound_deg) if finger.bounds.direction_deg is None else 0.0
 
 
 def undetected_force_n(closing: ClosingConfig) -> float:
-    """How hard something may have pressed on a moving tip without being felt.
+    """Force with which something may have pressed on a moving tip without being felt.
 
     Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
     """
@@ -135,7 +135,7 @@ def largest_on_skin_n(tip: TipConfig, closing: ClosingConfig) -> float:
 
 
 def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
-    """How deep something may have dented a moving tip without being felt.
+    """Depth to which something may have dented a moving tip without being felt.
 
     Pads are refused whose arrays may miss more than the threshold, spread over the whole face
     (`threshold_problem`); both may be read too low by what gains may be off.
@@ -145,7 +145,7 @@ def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
 
 
 def shear_rad(tip: TipConfig, pressing_n: float) -> float:
-    """How far round the tip friction may have carried the skin at most, while `pressing_n` presses on it.
+    """Angle round the tip by which friction may have carried the skin at most, under `pressing_n`.
 
     Skin sticks up to friction times that force, and its stiffness along the surface is `SHEAR_SHARE` of that
     across it or more (Mindlin 1949; Johnson, Contact Mechanics, ch. 7).
@@ -155,12 +155,12 @@ def shear_rad(tip: TipConfig, pressing_n: float) -> float:
 
 
 def deflection_mm(finger: FingerConfig, pressing_n: float) -> float:
-    """How far what carries a tip may bend under a force: measured is what presses, friction comes on top."""
+    """Deflection of what carries a tip under a force: measured is what presses, friction comes on top."""
     return finger.bounds.deflection_mm_per_n * _force_with_friction_n(finger.tip, pressing_n)
 
 
 def deflection_rad(finger: FingerConfig, pressing_n: float) -> float:
-    """By how much that may turn the array."""
+    """Angle by which that may turn the array."""
     return math.radians(finger.bounds.deflection_deg_per_n) * _force_with_friction_n(finger.tip, pressing_n)
 
 
@@ -174,5 +174,5 @@ def measured_force_share(finger: FingerConfig) -> float:
 
 
 def goals_of(rig: RigFile) -> Goals:
-    """What the rig file calls fine enough."""
+    """Goals that the rig file calls fine enough."""
     return Goals(rig.search.goal_position_mm, math.radians(rig.search.goal_orientation_deg))

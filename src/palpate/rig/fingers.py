@@ -235,7 +235,7 @@ _SERVO_STOP_S = 0.010  # from the goal that stops a servo to its standing still
 
 
 def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
-    """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
+    """Allowance for what an ordinary slow touch adds to the kinematics' bound of its contact and its path.
 
     The tip presses with the threshold's force and what comes on top until it stands: two sample periods and
     the servo's own stop. The force is known to within the gains' spread and the crosstalk. In a notch the
@@ -258,7 +258,7 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
 
 
 def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
-    """How far what presses on a pad's skin is from the middle of a column and of the dent, at most.
+    """Distance of what presses on a pad's skin from the middle of a column and of the dent, at most.
 
     And what the place of a column is off by where the face does not look as it should, and that of an edge.
     """
@@ -269,7 +269,7 @@ def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
 
 
 def resolution_of(rig: RigFile) -> Resolution:
-    """What the rig can feel, for planning: by how much two measurements of one thing may differ."""
+    """Resolution of the rig, for planning: by how much two measurements of one thing may differ."""
     bounds = []
     for finger in rig.fingers:
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
@@ -285,5 +285,5 @@ def resolution_of(rig: RigFile) -> Resolution:
 
 
 def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:
-    """By how much a normal may be off besides what the array shows, at a force."""
+    """Error of a normal besides what the array shows, at a force."""
     return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)

@@ -38,7 +38,7 @@ class PadTouch:
 
     @property
     def way(self) -> Contact:
-        """As far as nothing was in the face's way."""
+        """Way on which nothing was in front of the face."""
         far = math.dist(self.start_mm, self.stop_mm)
         share = max(far - self.deepest_mm, 0.0) / max(far, 1e-9)
         (x, y), (u, v) = self.start_mm, self.stop_mm
@@ -96,7 +96,7 @@ def face_contact(touch: PadTouch, point_bound_mm: float) -> Contact:
 
 
 def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Contact:
-    """What presses is a point of the part, within its range across and up to the deepest dent in the skin."""
+    """Point of the part that presses, within its range across and up to the deepest dent in the skin."""
     left, half = _middle(across_mm), (across_mm[1] - across_mm[0]) / 2
     off = math.hypot(half, touch.deepest_mm / 2) + touch.tilt_rad * widest_mm
     x, y = point_to_left(touch.stop_mm, touch.facing_rad, left)
@@ -116,7 +116,7 @@ def _touched_point(touch: PadTouch, across_mm: Range, widest_mm: float) -> Conta
 
 
 def _clip_to_face(across_mm: Range, widest_mm: float) -> Range:
-    """What of a range is on the face; all of the face if nothing is."""
+    """Part of a range that is on the face; all of the face if none is."""
     low, high = max(across_mm[0], -widest_mm), min(across_mm[1], widest_mm)
     return (low, high) if low <= high else (-widest_mm, widest_mm)
 

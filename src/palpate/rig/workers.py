@@ -64,7 +64,7 @@ class Background(Generic[_T]):
 
     @property
     def busy_s(self) -> float:
-        """For how long it has been at the present batch."""
+        """Time that it has been at the present batch."""
         since = None if self.failure is not None else self._busy_since_s
         return 0.0 if since is None else time.monotonic() - since
 
@@ -143,7 +143,7 @@ class BackgroundCall:
         return self._failure(_COMPLETE_TEXT)
 
     def _failure(self, run: str) -> PalpateError | None:
-        """What went wrong, and what became of the run; palpate's own errors say it themselves."""
+        """Description of what went wrong and became of the run; palpate's own errors say it themselves."""
         error = self._background.failure
         if error is None or isinstance(error, PalpateError):
             return error

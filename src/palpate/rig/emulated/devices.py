@@ -75,7 +75,7 @@ def attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices,
 
 
 def adapter_truth(config: AdapterConfig, rng: np.random.Generator) -> AdapterTruth:
-    """What a table declares, with what the seed draws."""
+    """Adapter as a table declares it, with what the seed draws."""
     share = float(rng.uniform())
     gone = None
     if config.gone_after_s is not None:
@@ -261,7 +261,7 @@ def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedS
 
 
 def _reset_s(rig: RigFile, seed: int) -> Mapping[str, float]:
-    """Which finger's array resets by itself, and when."""
+    """Finger whose array resets by itself, and when."""
     if rig.emulation is None or rig.emulation.array_reset_s is None:
         return {}
     rng = np.random.default_rng([seed, 10])
@@ -270,7 +270,7 @@ def _reset_s(rig: RigFile, seed: int) -> Mapping[str, float]:
 
 
 def _board(array: SampledArray, emulation: EmulationConfig, reset_s: float | None) -> Device:
-    """What the array's port leads to."""
+    """Board that the array's port leads to."""
     if emulation.array_boot_s == 0 and reset_s is None:
         return array
     return BootingBoard(
@@ -298,7 +298,7 @@ def _row_pitch_mm(finger: FingerConfig) -> float:
 
 
 def description_of(finger: FingerConfig, seed: int) -> Description:
-    """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
+    """Description of an emulated array: 8 rows of 20 taxels over its part of the tip's circumference.
 
     Another seed is another array, and its id tells.
     """

@@ -44,7 +44,7 @@ class DrivenTip:
 
     @property
     def force_n(self) -> float:
-        """What its taxels bear together."""
+        """Force that its taxels bear together."""
         return 0.0 if self.press is None else float(self.press.load.by_ray_n.sum())
 
     def move_to(self, centre_mm: Floats) -> None:
@@ -53,7 +53,7 @@ class DrivenTip:
         self._found.clear()
 
     def gap_mm(self, displacement: Displacement) -> float:
-        """How far it is from touching the part; negative where it does."""
+        """Distance from touching the part; negative where it does."""
         if self._outline is None:
             return math.inf
         return separation_mm(self._outline, displacement.back(self._centre)) - self.skin.radius_mm
@@ -63,7 +63,7 @@ class DrivenTip:
         self.press = self._press(displacement)
 
     def forces_on(self, displacement: Displacement) -> list[PointForce]:
-        """What it would do to the part at a displacement."""
+        """Forces on the part at a displacement."""
         found = self._press(displacement)
         return [] if found is None else found.on_part(self._centre, displacement, self._height_mm)
 
@@ -87,12 +87,12 @@ class DrivenTips:
 
     @property
     def displacement(self) -> Displacement:
-        """How far the part has been moved."""
+        """Displacement of the part."""
         return self.part.displacement
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether nothing has moved the part in the last step."""
+        """True if nothing has moved the part in the last step."""
         return self._at_rest
 
     def step(self, centres_mm: Sequence[Floats], dt_s: float) -> None:
@@ -119,7 +119,7 @@ _COLUMNS = 3  # on which a light contact is read
 
 @dataclass(frozen=True, eq=False)
 class ArrayNoise:
-    """What an array does not notice: forces up to `least_n` in one frame, and less in the mean of more.
+    """Noise of an array, which misses forces up to `least_n` in one frame, and less in the mean of more.
 
     `sigma_n`: standard deviation of what a frame reads. `shares` (n,): how much of it is left in the mean of
     1, 2, … frames.
@@ -130,12 +130,12 @@ class ArrayNoise:
     shares: Floats
 
     def share(self, frames: int) -> float:
-        """In the mean of so many frames."""
+        """Share of it in the mean of so many frames."""
         return float(self.shares[frames - 1])
 
 
 def noise_of(rig: RigFile, finger: FingerConfig) -> ArrayNoise:
-    """Of a finger's array.
+    """Noise of a finger's array.
 
     A rig file that says nothing of emulated arrays has one that notices no less than the rig's threshold.
     """

@@ -146,7 +146,7 @@ def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
 
 
 def sticks_out_mm(rig: RigFile, placement: Placement) -> float:
-    """How far the part sticks out of the workspace at the heights of fingers; 0 if it does not."""
+    """Distance by which the part sticks out of the workspace at the heights of fingers; 0 if it does not."""
     met = shapely.union_all([_region(placement, at.span_mm) for at in at_heights(rig)])
     if met.is_empty:
         return 0.0

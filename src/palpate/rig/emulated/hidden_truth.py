@@ -119,7 +119,7 @@ def _is_free(
     parts: Sequence[shapely.Geometry],
     posts: Sequence[shapely.Geometry],
 ) -> bool:
-    """Whether fingers are apart, and clear of the part, above which links of arms pass, and of posts."""
+    """True if fingers are apart, and clear of the part, above which links of arms pass, and of posts."""
     bodies = [
         finger.kinematics.body(angles, finger.spec.tip.radius_mm)
         for finger, angles in zip(fingers, postures, strict=True)

@@ -29,7 +29,7 @@ _MIN_MARGIN_SHARE = 0.3  # of the way from under the centre of mass to the base'
 
 @dataclass(frozen=True)
 class PartTruth:
-    """How the emulated part moves: `seed` decides where its feet are."""
+    """Truth of how the emulated part moves: `seed` decides where its feet are."""
 
     engine: str
     mass_kg: float
@@ -109,7 +109,7 @@ def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:
 
 
 def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
-    """Where it is in W (2,), and its height above the table, mm."""
+    """Centre of mass in W (2,), and its height above the table, mm."""
     shapes = [shape_of(placement, section) for section in placement.state.sections]
     lows, highs = np.array([section.z_mm for section in placement.state.sections]).T
     volume = shapely.area(shapes) * (highs - lows)
@@ -118,7 +118,7 @@ def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
 
 
 def _margin_mm(hull: shapely.Geometry, point: Floats) -> float:
-    """How far a point is from the edge of a convex region; negative outside of it."""
+    """Distance of a point from the edge of a convex region; negative outside of it."""
     at = shapely.Point(*point)
     away = float(shapely.distance(shapely.boundary(hull), at))
     return away if shapely.contains(hull, at) else -away
@@ -157,7 +157,7 @@ def _box(base: shapely.Geometry) -> tuple[Floats, Floats, Floats]:
 
 
 def _without_pull(points: Floats, centre: Floats) -> tuple[Floats, Floats]:
-    """Those points that bear something, and what they bear (n,)."""
+    """Points that bear something, and what they bear (n,)."""
     while True:
         share = _balance_loads(points, np.ones(len(points)), centre)
         if share.min() >= 0:

@@ -100,7 +100,7 @@ def _dilate(shape: shapely.Geometry, by_mm: float) -> shapely.Geometry:
 
 
 def _owners(grown: Sequence[shapely.Geometry], middle: Floats) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Which of the shapes each place (n, 2) is on the outline of: the nearest, of equal ones the last."""
+    """Shape that each place (n, 2) is on the outline of: the nearest, of equal ones the last."""
     points = shapely.points(middle)
     away = np.array([shapely.distance(shapely.boundary(shape), points) for shape in grown])
     away = np.where(away < _OWNER_TOLERANCE_MM, 0.0, away)
@@ -130,7 +130,7 @@ class Placement:
 
     @property
     def configuration(self) -> Configuration:
-        """Where the object frame is."""
+        """Configuration of the object frame."""
         return Configuration(self.x_mm, self.y_mm, self.theta_rad)
 
     @cached_property
@@ -147,7 +147,7 @@ class Placement:
 
 
 def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
-    """What the scene file says. Raises InputError for an object or a state that there is none of."""
+    """Placement by a scene file. Raises InputError for an object or a state that there is none of."""
     objects = catalogue if scene.objects is None else load_objects(scene.objects)
     models = {model.name: model for model in objects.objects}
     model = models.get(scene.object)
@@ -204,7 +204,7 @@ def _draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.rando
 
 
 def _furthest_mm(lies: Placement, section: Section) -> float:
-    """From W's origin to the section's furthest point."""
+    """Distance from W's origin to the section's furthest point."""
     return float(np.hypot(*shapely.get_coordinates(shape_of(lies, section)).T).max())
 
 
@@ -286,7 +286,7 @@ def shape_of(placement: Placement, section: Section) -> shapely.Geometry:
 
 
 def displace(placement: Placement, displacement: Displacement) -> Placement:
-    """Where the object is after a displacement; the same value if there was none."""
+    """Displace the object; the same value if there was no displacement."""
     if displacement.is_none:
         return placement
     x, y = displacement.place(np.array([placement.x_mm, placement.y_mm])).tolist()

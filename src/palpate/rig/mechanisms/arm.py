@@ -162,7 +162,7 @@ class ArmMechanism(Mechanism):
         return None
 
     def start_rad(self, radius_mm: float) -> Servos:
-        """Where it waits, next to its base."""
+        """Servo angles where it waits, next to its base."""
         return self.kinematics.servos_at(point_on_circle(self.wait_radius_mm(radius_mm), self.home_rad))
 
     def draw_posture(self, rng: np.random.Generator) -> Servos:

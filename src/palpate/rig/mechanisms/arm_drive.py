@@ -60,7 +60,7 @@ class _TrapezoidalProfile:
         return self.length_mm / top + top / 2 / _ACCELERATION_MM_S2 + first_s
 
     def travel_mm(self, now: float) -> float:
-        """How far the tip should be."""
+        """Travel that the tip should have made."""
         after = min(max(now - self.begun_s, 0.0), self.duration_s)
         left = self.duration_s - after
         top = self._top_mm_s
@@ -140,7 +140,7 @@ class ArmDrive:
         self._limit([k.servos_at(point_on_circle(self._wait_mm, angle))])
 
     def retract(self) -> ServoGoals:
-        """Nothing: between approaches an arm is where it waits already."""
+        """Write nothing: between approaches an arm is where it waits already."""
         return {}
 
     def aim(self, line: Line, present: Servos, now: float) -> ServoGoals:
@@ -178,17 +178,17 @@ class ArmDrive:
         return self._begin(_TrapezoidalProfile(posture, float(travel_mm[-1]), speed_mm_s, now))
 
     def slow_down(self, speed_mm_s: float, now: float) -> ServoGoals:
-        """From the next goal on."""
+        """Slow down from the next goal on."""
         if self._motion is not None and (slower := self._motion.slowed(speed_mm_s, now)) is not self._motion:
             return self._begin(slower)
         return self.goals(now)
 
     def slowing_mm(self, from_mm_s: float, to_mm_s: float) -> float:
-        """By the ramp of the streamed goals, which the tip lags behind."""
+        """Travel on the ramp of the streamed goals, which the tip lags behind."""
         return max(from_mm_s**2 - to_mm_s**2, 0.0) / 2 / _ACCELERATION_MM_S2
 
     def goals(self, now: float) -> ServoGoals:
-        """Where both servos should be now."""
+        """Goals of both servos now."""
         if self._motion is None:
             return {}
         travel = self._motion.travel_mm(now)

@@ -41,7 +41,7 @@ ACCELERATION_RAD_S2 = 6.0
 
 @dataclass(frozen=True, slots=True)
 class ServoLimits:
-    """What a servo's EEPROM must say before torque goes on: runs write it, set-up and check know it."""
+    """Limits in a servo's EEPROM before torque goes on: runs write them, set-up and check know them."""
 
     mode: OperatingMode
     current_a: float
@@ -68,7 +68,7 @@ class ServoLimits:
 
 
 class Drive(Protocol):
-    """What moves one finger.
+    """Drive of one finger.
 
     Parameters are given by position, so that a kind of drive may name those that it does not use `_…`.
     """
@@ -80,7 +80,7 @@ class Drive(Protocol):
 
     @property
     def closing_servos(self) -> tuple[Servo, ...]:
-        """Those that move while the finger closes; the others only aim it."""
+        """Servos that move while the finger closes; the others only aim it."""
         ...
 
     @property
@@ -89,7 +89,7 @@ class Drive(Protocol):
         ...
 
     def limits(self) -> Mapping[Servo, ServoLimits]:
-        """What each servo may do."""
+        """Limits of each servo."""
         ...
 
     def prepare(self) -> None:
@@ -117,23 +117,23 @@ class Drive(Protocol):
         ...
 
     def slowing_mm(self, from_mm_s: float, to_mm_s: float, /) -> float:
-        """How far the tip goes while it changes from one speed to a lower one."""
+        """Travel of the tip while it changes from one speed to a lower one."""
         ...
 
     def goals(self, now: float, /) -> ServoGoals:
-        """What to write now; empty if the servos know enough."""
+        """Goals to write now; empty if the servos know enough."""
         ...
 
     def under_way(self, now: float, /) -> bool:
-        """Whether further goals will come."""
+        """True if further goals will come."""
         ...
 
     def targets(self) -> ServoGoals:
-        """Where the servos that move should stand at the end."""
+        """Goals of the servos that move, at the end."""
         ...
 
     def reached_rad(self, servo: Servo, gap_mm: float, /) -> float:
-        """By how much a servo may be off its target for the tip to be off by about `gap_mm`."""
+        """Angle by which a servo is off its target if the tip is off by about `gap_mm`."""
         ...
 
 
@@ -284,7 +284,7 @@ class Mechanism(ABC):
 
     @property
     def middle_bound_mm(self) -> float:
-        """How far off the tip's centre may be in the middle of the table; nan if it does not get there."""
+        """Bound on the tip's centre in the middle of the table; nan if it does not get there."""
         x, y = self.spec.base_mm
         servos = self.kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
         return self.kinematics.position_bound_mm(servos)

@@ -114,7 +114,7 @@ class SlideMechanism(Mechanism):
     def start_problem(
         self, radius_mm: float, dxl_ids: tuple[int, int], angles_rad: Servos, *, is_homed: bool
     ) -> str | None:
-        """It must be retracted, because its servo knows its angle within one turn only, or be homed."""
+        """Slide must be retracted, because its servo knows its angle within one turn only, or be homed."""
         del radius_mm  # it waits retracted, wherever the workspace ends
         if is_homed and self.homing is not None:
             return None
@@ -288,12 +288,12 @@ class SlideDrive:
         return self._targets
 
     def slowing_mm(self, from_mm_s: float, to_mm_s: float) -> float:
-        """At the profile's acceleration."""
+        """Travel at the profile's acceleration."""
         rate = ACCELERATION_RAD_S2 * abs(self._kinematics.mm_per_rad)
         return max(from_mm_s**2 - to_mm_s**2, 0.0) / 2 / rate
 
     def goals(self, _now: float) -> ServoGoals:
-        """Nothing: one goal is enough."""
+        """No goals: one is enough."""
         return {}
 
     def under_way(self, _now: float) -> bool:

@@ -33,13 +33,13 @@ class BodyCapsules:
     owner: Ints
 
     def of(self, rows: Ints | Bools) -> "BodyCapsules":
-        """Some of the capsules."""
+        """Part of the capsules."""
         return BodyCapsules(self.start[rows], self.end[rows], self.half_width[rows], self.owner[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """What n approaches sweep, as a function of how far each goes.
+    """Room that n approaches sweep, as a function of how far each goes.
 
     `capsules` that count from a travel of `since` (s,) on. `grows` (s,): this capsule's end moves on along
     `heading` (n, 2) of its approach; all other capsules stay as they are.
@@ -51,11 +51,11 @@ class Swept:
     heading: Floats
 
     def of(self, rows: Bools) -> "Swept":
-        """Some of the capsules, of all approaches."""
+        """Part of the capsules, of all approaches."""
         return Swept(self.capsules.of(rows), self.since[rows], self.grows[rows], self.heading)
 
     def only(self, which: Ints) -> "Swept":
-        """Of some approaches (indices, ascending), which count from 0 then."""
+        """Room of some approaches (indices, ascending), which count from 0 then."""
         some = self.of(np.isin(self.capsules.owner, which))
         owner = np.searchsorted(which, some.capsules.owner)
         capsules = replace(some.capsules, owner=owner)
@@ -94,7 +94,7 @@ def capsules_of(bodies: Sequence[FingerBody], *, between: bool = False) -> BodyC
 
 
 def is_apart(one: FingerBody, other: FingerBody, clearance_mm: float) -> bool:
-    """Whether all capsules of one body are at least `clearance_mm` from all of the other.
+    """True if all capsules of one body are at least `clearance_mm` from all of the other.
 
     The same as by `gap_mm`, for the few capsules of two fingers, in a loop that drives servos: there arrays
     cost more than they save.
@@ -157,7 +157,7 @@ def polygon_gap_mm(capsules: BodyCapsules, corners: Floats) -> Floats:
 
 
 def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[BodyCapsules], Bools]) -> Floats:
-    """How far (n,) each approach may go at most, up to `travel_mm` (n,), for all its capsules to be free.
+    """Longest way (n,) of each approach, up to `travel_mm` (n,), on which all its capsules are free.
 
     `free` tells for every capsule by itself. −1 where not even the waiting finger is free. What is swept only
     grows, so the ways are halved until they are exact to a fraction of a millimetre, rounded down.

@@ -86,7 +86,7 @@ _MAX_SILENCE_FRAMES = 3  # that long at least, for slow arrays
 
 
 class ArrayReading(NamedTuple):
-    """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
+    """Reading of an array since the look before: frames, oldest first, and the newest one's force."""
 
     frames: Sequence[TactileFrame]
     force_n: float
@@ -138,7 +138,7 @@ class ArrayGuard:
         self._readings = {finger: self._since(finger) for finger in self._heard_s}
 
     def reading(self, finger: HostFinger) -> ArrayReading:
-        """What a finger's array has sent since `forget`."""
+        """Reading of a finger's array since `forget`."""
         return self._readings.get(finger, _NO_READING)
 
     def take(self, finger: HostFinger) -> ArrayReading:
@@ -167,7 +167,7 @@ class ArrayGuard:
         return ArrayReading(frames, force)
 
     def sampled_s(self, finger: HostFinger) -> float:
-        """Up to when, at least, all has been read that a finger's array has sampled."""
+        """Instant up to which, at least, all has been read that a finger's array has sampled."""
         return self._times[finger].sampled_s
 
     def feel(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> float:

@@ -81,7 +81,7 @@ class _CreepMover(TipMover):
         return super().until(now)
 
     def held(self, _now: float) -> MoveEnd:
-        """It is measured where it rests."""
+        """Measure it where it rests."""
         return MoveEnd.STALL
 
     def mean(self, now: float) -> ContactPatch | None:
@@ -105,7 +105,7 @@ class _CreepMover(TipMover):
 
     @property
     def counted(self) -> Ints:
-        """Which looks count; none if the slide went on unseen, as while the computer was paused."""
+        """Looks that count; none if the slide went on unseen, as while the computer was paused."""
         ticks = np.array(self._ticks)
         return np.flatnonzero((ticks > _RUN_IN_STEPS) & (ticks <= _RUN_IN_STEPS + _AVERAGED_STEPS))
 
@@ -210,14 +210,14 @@ class _SlipMover(TipMover):
         return MoveEnd.STALL
 
     def push(self) -> SlipPush:
-        """What came of it."""
+        """Result of it."""
         frames = [frame for group in self._frames[self._first() :] for frame in group]
         patch = self.finger.extractor.extract(frames)
         slid = self._is_flat and patch is not None and self._incidence_rad(patch) < _MAX_INCIDENCE_RAD
         return SlipPush(self.finger, slid, patch)
 
     def _incidence_rad(self, patch: ContactPatch) -> float:
-        """How far from head-on the tip has met the part."""
+        """Angle from head-on at which the tip has met the part."""
         spec, kinematics = self.finger.spec, self.finger.kinematics
         heading = kinematics.facing_rad(self.run.servos) + math.radians(spec.array.heading_deg)
         return abs(math.remainder(heading + patch.angle_rad - self.run.line.direction_rad, 2 * math.pi))
@@ -231,7 +231,7 @@ class _SlipMover(TipMover):
 
 
 def is_sliding(travel_mm: Floats, force_n: Floats, soft_n_per_mm: float) -> bool:
-    """Whether forces (n,) no longer rise with travels (n,) as against a part that stands.
+    """True if forces (n,) no longer rise with travels (n,) as against a part that stands.
 
     `soft_n_per_mm`: the least stiffness that the skin may have.
     """

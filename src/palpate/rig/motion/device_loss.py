@@ -157,7 +157,7 @@ class HandArrays:
         return describe_renaming(before, now_at) if before and now_at and now_at != before else None
 
     def _found_again(self, finger: HostFinger, lost: ArrayLost) -> Description:
-        """What an array says of itself that answers again; raises `lost` if it does not."""
+        """Description of an array that answers again; raises `lost` if it does not."""
         deadline = self._clock.now() + _RECONNECT_TIMEOUT_S
         while self._clock.now() < deadline:
             try:

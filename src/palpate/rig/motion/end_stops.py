@@ -108,7 +108,7 @@ _STALL_REPEATABILITY_MM = 0.1  # a stall at a stiff stop comes back to within a 
 
 
 def slides_at_stops(hand: Hand) -> dict[HostFinger, float]:
-    """Where each slide's servo stalls (rad) at its back stop; slides without one are left out.
+    """Angles at which slides' servos stall at their back stops; slides without one are left out.
 
     Fingers must be retracted, and stay so. Raises what `stall` raises.
     """

@@ -30,7 +30,7 @@ _SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos
 
 
 class SensingHand(Protocol):
-    """What movers need of a hand: its rig, and what arrays feel."""
+    """Part of a hand that movers need: its rig, and what arrays feel."""
 
     @property
     def rig(self) -> RigFile:
@@ -38,7 +38,7 @@ class SensingHand(Protocol):
         ...
 
     def reading(self, finger: HostFinger, /) -> ArrayReading:
-        """What an array has sent in the last pause."""
+        """Reading of an array in the last pause."""
         ...
 
     def take_reading(self, finger: HostFinger, /) -> ArrayReading:
@@ -47,7 +47,7 @@ class SensingHand(Protocol):
 
 
 class _FingerMover:
-    """What moves one finger by its drive."""
+    """Mover of one finger by its drive."""
 
     def __init__(self, finger: HostFinger, begin: Callable[[float], ServoGoals]) -> None:
         self.finger = finger
@@ -61,7 +61,7 @@ class _FingerMover:
 
     @property
     def streams(self) -> bool:
-        """As the drive does."""
+        """True if the drive does."""
         return self.finger.drive.streams
 
     def start(self, now: float) -> ServoGoals:
@@ -70,18 +70,18 @@ class _FingerMover:
         return self._begin(now)
 
     def stream(self, now: float) -> ServoGoals:
-        """What the drive writes now."""
+        """Goals that the drive writes now."""
         return self.finger.drive.goals(now)
 
     def is_late(self, now: float) -> bool:
-        """Whether the move has gone on for longer than it should."""
+        """True if the move has gone on for longer than it should."""
         return now - self.started_s > self.longest_s()
 
     def stopped(self, now: float) -> None:
-        """Nothing: it is read again."""
+        """Do nothing: it is read again."""
 
     def longest_s(self) -> float:
-        """How long it may take."""
+        """Time that it may take."""
         return _MOVE_TIMEOUT_S
 
 
@@ -127,7 +127,7 @@ class FreeMover(_FingerMover):
         return tuple(self.finger.drive.targets())
 
     def sense(self, _now: float) -> MoveEnd | None:
-        """Nothing ends it but arrival."""
+        """Go on: nothing ends it but arrival."""
         return None
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
@@ -181,7 +181,7 @@ class TipMover(_FingerMover):
         self._others = [other for other in others if other is not run]
 
     def longest_s(self) -> float:
-        """By its way and speed."""
+        """Time by its way and speed."""
         return max(super().longest_s(), _DEADLINE_FACTOR * self.limit_mm / self._speed_mm_s)
 
     @property
@@ -207,7 +207,7 @@ class TipMover(_FingerMover):
         return MoveEnd.CONTACT
 
     def stopped(self, now: float) -> None:
-        """From now on the tip stands or goes back; until the order was confirmed it may have gone on."""
+        """Note that the tip stands or goes back from now on; until that was confirmed it may have gone on."""
         self.run.note_stopped(now)
 
     @final
@@ -229,14 +229,14 @@ class TipMover(_FingerMover):
         return end
 
     def until(self, now: float) -> MoveEnd | None:
-        """What ends this kind of motion: here arrival at the limit, or standing still."""
+        """End of this kind of motion: here arrival at the limit, or standing still."""
         at_limit = abs(self.limit_mm - self.run.travel_mm) < ARRIVED_MM
         if at_limit and not self.finger.drive.under_way(now):
             return MoveEnd.REACHED
         return self.held(now) if now - self.run.moved_s > _STALL_S else None
 
     def held(self, _now: float) -> MoveEnd:
-        """What it means that the finger stands still on its way: here that all motion ends."""
+        """End of the motion of a finger that stands still on its way: here of all motion."""
         # one that has not begun to move at all may be held by its own friction
         remedy = "" if self.run.travel_mm > _MAX_CROSS_TRACK_MM else "; if it is clear, raise max_force_n"
         raise SafetyStop(
@@ -249,7 +249,7 @@ class TipMover(_FingerMover):
         return self.finger.drive.go(run.line, run.travel_mm, self.limit_mm, self._speed_mm_s, now)
 
     def is_crowded(self) -> bool:
-        """Whether another finger is nearer than the rig file's clearance_mm, or may be at the next look.
+        """True if another finger is nearer than the rig file's clearance_mm, or may be at the next look.
 
         Until then both go on about as far as they have come since the last one.
         """
@@ -285,7 +285,7 @@ class SearchMover(TipMover):
         super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
 
     def longest_s(self) -> float:
-        """As if it were slow all the way."""
+        """Time as if it were slow all the way."""
         return max(super().longest_s(), _DEADLINE_FACTOR * self.limit_mm / self._search_mm_s)
 
     def sense(self, now: float) -> MoveEnd | None:

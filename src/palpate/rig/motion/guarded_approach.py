@@ -298,7 +298,7 @@ def _touch_again(hand: Hand, backed: Mapping[ApproachState, float]) -> None:
 def measure_at_rest(
     hand: Hand, runs: Sequence[ApproachState]
 ) -> list[tuple[ApproachState, ContactPatch | None]]:
-    """What the arrays feel while fingers rest; None for those that do not touch."""
+    """Measure what the arrays feel while fingers rest; None for those that do not touch."""
     measured = hand.collect([run.finger for run in runs], MEASURE_FRAMES)
     return [
         (run, run.finger.extractor.extract(frames) if run.touched else None)

@@ -203,7 +203,7 @@ class Hand:
 
     @property
     def turn(self) -> Turn:
-        """Where the turning stage stands now; raises DeviceError if it does not answer."""
+        """Turn of the stage now; raises DeviceError if it does not answer."""
         return self.stage.turn(self.states(self.stage.servos))
 
     def servos_of(self, fingers: Sequence[HostFinger]) -> dict[HostFinger, Servos]:
@@ -227,7 +227,7 @@ class Hand:
             servo.disarm_watchdog()
 
     def states(self, servos: Sequence[Servo]) -> dict[int, ServoState]:
-        """What the servos measure now, by id, read at one instant.
+        """States of the servos now, by id, read at one instant.
 
         Raises NotAnswering for silent ones, HardwareAlert for one with a hardware error, Restarted for one
         that has lost its power meanwhile, WatchdogTripped for one that heard nothing for too long.
@@ -293,7 +293,7 @@ class Hand:
             )
 
     def _owner(self, servo: Servo) -> str:
-        """What the rig file calls a servo."""
+        """Name of a servo in the rig file."""
         (own,) = (item for item in self.rig.servos if item.dxl_id == servo.dxl_id)
         return "the stage" if own.finger is None else f"finger {own.finger}, {own.joint}"
 
@@ -369,7 +369,7 @@ class Hand:
             self.pause(1 / self.rig.closing.sample_rate_hz)
 
     def reading(self, finger: HostFinger) -> ArrayReading:
-        """What an array that streams has sent in the last pause."""
+        """Reading of an array that streams, of the last pause."""
         return self._array_guard.reading(finger)
 
     def take_reading(self, finger: HostFinger) -> ArrayReading:
@@ -420,7 +420,7 @@ class Hand:
         return HostFinger(mechanism, drive, mechanism.home(self.rig.clear_radius_mm), array, extractor)
 
     def _after_restart(self, error: Restarted) -> str:
-        """What is to be done about a servo that has lost its turns."""
+        """Advice about a servo that has lost its turns."""
         for finger in self.fingers:
             if finger.drive.servos[1].dxl_id == error.dxl_ids[0]:
                 return finger.mechanism.restart_advice

@@ -53,7 +53,7 @@ _RAM_RESTORE = 0x02  # bit of Startup Configuration: RAM, and with it the mark, 
 
 
 class HomingPolicy(Enum):
-    """Which slides are homed before a run: those whose turn is unknown, all that have stops, or none."""
+    """Choice of slides that are homed before a run: of unknown turn, all that have stops, or none."""
 
     UNKNOWN = "unknown"
     ALL = "all"
@@ -61,7 +61,7 @@ class HomingPolicy(Enum):
 
 
 class _Hand(Protocol):
-    """What homing needs of a hand."""
+    """Part of a hand that homing needs."""
 
     @property
     def bus(self) -> Bus: ...
@@ -101,7 +101,7 @@ def forget_turn(bus: Bus, finger: HostFinger) -> None:
 
 
 def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
-    """Whether a slide's tip can stand at the distance that its servo's angle says."""
+    """True if a slide's tip can stand at the distance that its servo's angle says."""
     stops = _stops(finger)
     slack = _stop_tolerance_mm(stops.slide)
     distance = stops.kinematics.distance_mm(angle_rad)
@@ -157,7 +157,7 @@ def home_slides(hand: _Hand, fingers: Sequence[HostFinger]) -> None:
 
 
 def back_stop_distances_mm(slide: SlideConfig, reading_mm: float) -> list[tuple[float, int]]:
-    """Where a slide may meet its back stop, as it reads distances now, and in which turn; nearest first.
+    """Distances at which a slide may meet its back stop, as it reads them now, with turns; nearest first.
 
     `reading_mm`: distance from the base as it reads, off by a number of whole turns, the second of each pair.
     """
@@ -266,7 +266,7 @@ def _marked_turns(bus: Bus, slide: Servo) -> int | None:
 
 
 def _stop_tolerance_mm(slide: SlideConfig) -> float:
-    """How far from its declared place the back stop may be met, either way, as the servo reads it."""
+    """Tolerance of the back stop's declared place, either way, as the servo reads it."""
     back, _ = _stops_mm(slide)
     return slide.off_mm(back) + 2 * slide.backlash_mm + _STOP_YIELD_MM
 

@@ -93,7 +93,7 @@ class LoadTrace:
 
     @property
     def felt(self) -> bool:
-        """Whether anything was noticed."""
+        """True if anything was noticed."""
         return bool(self.force_n.any())
 
 
@@ -108,7 +108,7 @@ def friction_factor(friction: float) -> float:
 
 
 def drag_shares(ahead_rad: Floats, friction: float = TIP_FRICTION) -> Floats:
-    """What a tip that goes back drags a part with, at most, as a share of what presses on it.
+    """Largest force with which a tip that goes back drags a part, as a share of what presses on it.
 
     `ahead_rad` (n,): how far from straight ahead that is at most. What presses from ahead only gets lighter;
     from atan(1/friction) on, 55° with 0.7, friction may drag the part by more than that. Infinite behind
@@ -132,7 +132,7 @@ class QuietMean:
 
     @property
     def count(self) -> int:
-        """How many they are."""
+        """Number of frames."""
         return len(self._newest)
 
     def add(self, readings: Floats) -> tuple[Floats, int]:
@@ -214,7 +214,7 @@ class LoadMeter:
         return self._quiet.add(readings)
 
     def dragging_n(self, extractor: ContactExtractor, frame: TactileFrame, readings: Floats) -> float:
-        """What a noticed force may drag the part with as the tip goes back (N), at most; infinite: all of it.
+        """Largest drag (N) of a noticed force on the part as the tip goes back; infinite: all of it.
 
         By the columns on which it is felt, and by what noise may hide at the tip's back.
         """
@@ -230,7 +230,7 @@ class LoadMeter:
         return beside_n + self._sheared * extractor.windows_most_n(mean, self._behind, count)
 
     def steady_dragging_n(self, extractor: ContactExtractor, mean: Floats, frames: int) -> float:
-        """Likewise, of what is noticed in the mean readings (n,) of so many frames only."""
+        """Largest dragging force of what is noticed in the mean readings (n,) of so many frames only."""
         if self._drags is None:
             return math.inf
         if not self._beside.any():
@@ -238,7 +238,7 @@ class LoadMeter:
         return self._sheared * extractor.windows_most_n(mean, self._beside, frames)
 
     def may_touch(self, since_s: float) -> bool:
-        """Whether the tip may have been at the part since an instant (s).
+        """True if the tip may have been at the part since an instant (s).
 
         Unless the way is known to be free wherever it has been seen since then.
         """
@@ -328,7 +328,7 @@ class LoadMeter:
         )
 
     def _by_frames(self) -> Floats:
-        """What was noted of the n frames, (6, n): as in `_forces`."""
+        """Notes of the n frames, (6, n): as in `_forces`."""
         return np.array(self._forces).reshape(-1, _NUMBERS_PER_FRAME).T
 
     def _times_s(self, latest_s: Floats) -> Floats:
@@ -337,7 +337,7 @@ class LoadMeter:
         return latest - self._late_s / 2
 
     def _unfelt_mm(self, times: Floats, noticed: Floats) -> float:
-        """How far the tip had come at least when the last frame was sampled before anything was noticed."""
+        """Least travel of the tip when the last frame was sampled before anything was noticed."""
         if not noticed.any():
             return math.inf
         before_s = times[max(int(np.argmax(noticed > 0)) - 1, 0)] - self._late_s / 2
@@ -346,7 +346,7 @@ class LoadMeter:
         return float(travels[last]) if last >= 0 else 0.0  # it may have stood since, so nothing in between
 
     def _free_within(self, times: Floats) -> Floats:
-        """For how large a motion of the part the way is free wherever the tip may have been at a frame (n,).
+        """Motion of the part within which the way is free wherever the tip may have been at a frame (n,).
 
         A read of the servos may be as old as the read before it, so that the second one after an instant
         is the first that is certainly younger.
@@ -366,7 +366,7 @@ class LoadMeter:
         return np.array([1.0] + [self._noise_share(frames) for frames in range(1, STEADY_FRAMES + 1)])
 
     def _advances(self, times: Floats, travels: Floats) -> Floats:
-        """How far the tip can have gone forward before each frame (n,).
+        """Largest advance of the tip before each frame (n,).
 
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
@@ -387,13 +387,13 @@ class LoadMeter:
         return result
 
     def _sideways(self, times: Floats) -> Floats:
-        """How far the tip was seen to go sideways before each frame (n,), either way."""
+        """Distance that the tip was seen to go sideways before each frame (n,), either way."""
         aside = np.interp(times, self._seen_s, self._aside_mm)
         result: Floats = np.abs(np.diff(aside, prepend=aside[0]))
         return result
 
     def _retreats(self, times: Floats, travels: Floats) -> Floats:
-        """How far the tip can have gone back before each frame (n,).
+        """Largest retreat of the tip before each frame (n,).
 
         After the order to stop it goes on and turns where it is seen furthest; of one that stands, reads may
         jump.
@@ -438,7 +438,7 @@ def _largest_between(values: Floats, first: Ints, last: Ints) -> Floats:
 
 
 def _excess_travel(excess_mm: Floats, step_mm: float) -> Floats:
-    """How much further than usual (n,) a tip has come that is seen by steps: what is in excess of one."""
+    """Travel beyond the usual (n,) of a tip that is seen by steps: what is in excess of one."""
     result, pending = np.zeros(len(excess_mm)), 0.0
     for row, excess in enumerate(excess_mm.tolist()):
         pending = max(pending + excess, 0.0)
@@ -448,14 +448,14 @@ def _excess_travel(excess_mm: Floats, step_mm: float) -> Floats:
 
 
 def _window_maximum(values: Floats) -> Floats:
-    """What is said of the mean of frames (n,) at the last of them holds at those before it as well."""
+    """Maximum (n,) of the windows that a frame is in: a mean of frames holds at each of them."""
     padded = np.concatenate([values, np.zeros(STEADY_FRAMES - 1)])
     result: Floats = np.lib.stride_tricks.sliding_window_view(padded, STEADY_FRAMES).max(axis=1)
     return result
 
 
 def _quiet_run_lengths(quiet: Bools) -> Ints:
-    """Of each frame (n,), how many quiet ones are together there, STEADY_FRAMES at most; 1 if it is not."""
+    """Number of quiet frames together at each frame (n,), STEADY_FRAMES at most; 1 if it is not quiet."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
     result = np.ones(len(quiet), dtype=np.int64)
     for first, last in zip(edges[::2], edges[1::2], strict=True):

@@ -156,7 +156,7 @@ class _PressMover(TipMover):
         return self.start(now)
 
     def press(self, placing: int) -> PressMeasurement:
-        """What was kept."""
+        """Press that was kept."""
         leg = np.array(self._legs, dtype=np.int64)
         drive = _PressMechanics(self.run, np.array(self._servos), np.array(self._currents), leg)
         return PressMeasurement(
@@ -177,7 +177,7 @@ class _PressMover(TipMover):
 
 
 class _PressMechanics:
-    """What servos' angles and currents (n, 2) of a press say of its tip, along its way.
+    """Motion and push of a tip along its way, by servos' angles and currents (n, 2) of a press.
 
     A force f on the tip loads servo k with f · e, where e is what a turn of it moves the tip by: currents and
     the postures' Jacobian tell the force (virtual work). What servos need on the free way is their friction.
@@ -216,7 +216,7 @@ class _PressMechanics:
 
 
 def _jacobian_mm(kinematics: FingerKinematics, servos_rad: Servos) -> Floats:
-    """What turns of both servos move the tip by, mm/rad: columns of (2, 2)."""
+    """Travel of the tip per turn of both servos, mm/rad: columns of (2, 2)."""
     near, far = servos_rad
     ends = [
         np.subtract(kinematics.centre_mm((near + a, far + b)), kinematics.centre_mm((near - a, far - b)))

@@ -39,7 +39,7 @@ _M = TypeVar("_M", bound=Mover)
 
 
 class _Hand(Protocol):
-    """What coming to standby needs of a hand."""
+    """Part of a hand that coming to standby needs."""
 
     @property
     def rig(self) -> RigFile: ...
@@ -169,7 +169,7 @@ def _by_hand(finger: HostFinger) -> str:
 
 @dataclass
 class _MetObstacles:
-    """What a finger has met so far: where its tip stood, and in which direction from there."""
+    """Obstacles that a finger has met so far: where its tip stood, and in which direction from there."""
 
     places: list[tuple[Floats, float]] = field(default_factory=list)
 
@@ -275,7 +275,7 @@ class _WayMover(FreeMover):
         return abs(state.position_rad - goal_rad) <= self.tolerance_rad(servo)
 
     def met(self) -> tuple[Floats, float]:
-        """Where the tip stood when it met something, and in which direction that is."""
+        """Place of the tip when it met something, and the direction of that."""
         kinematics, servos = self.finger.kinematics, self._at()
         at = np.array(kinematics.centre_mm(servos))
         if self._patch_rad is not None:
@@ -290,7 +290,7 @@ class _WayMover(FreeMover):
         return near, far
 
     def _forces_n(self) -> Floats:
-        """What each servo's current would press with at the tip, (2,), friction and all."""
+        """Force at the tip by each servo's current, (2,), friction and all."""
         levers_mm = self.finger.kinematics.levers_mm(self._at())
         return np.array(
             [
@@ -300,7 +300,7 @@ class _WayMover(FreeMover):
         )
 
     def _is_pressing(self, now: float) -> bool:
-        """Whether a servo needs more than its friction, as the last seconds have shown that."""
+        """True if a servo needs more than its friction, as the last seconds have shown that."""
         before = [needed for when, needed in self._needed if when < now - _FRICTION_WINDOW_S[0]]
         if not before or now - self.started_s < 2 * _FRICTION_WINDOW_S[0]:
             return False

@@ -79,12 +79,12 @@ class ApproachState:
 
     @property
     def centre_mm(self) -> tuple[float, float]:
-        """Where the tip's centre was seen last."""
+        """Place of the tip's centre when it was seen last."""
         return self._centre_mm
 
     @property
     def start_mm(self) -> tuple[float, float]:
-        """Where the way began that is known to be straight.
+        """Start of the way that is known to be straight.
 
         A tip that is steered along may stand a little beside its line until friction is overcome; it does so
         outside of the workspace, where it waits.
@@ -120,11 +120,11 @@ class ApproachState:
 
     @property
     def cross_track_error_mm(self) -> float:
-        """How far the tip is beside its line."""
+        """Distance of the tip from its line."""
         return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
 
     def drags(self, light_n: float) -> Floats | None:
-        """What a force on each column (cols,) of the array drags the part with as the tip goes back, at most.
+        """Largest drag on the part, as the tip goes back, of a force on each column (cols,) of the array.
 
         As a share of what presses there, anywhere on the way, if `light_n` is measured at most: then friction
         carries the skin round the tip by little, and what carries the array turns it by little. Infinite at
@@ -163,7 +163,7 @@ class ApproachState:
 
     @property
     def unfelt_mm(self) -> float:
-        """How far along the line the tip had come before anything was noticed; infinite if nothing was."""
+        """Travel along the line before anything was noticed; infinite if nothing was."""
         trace = self.trace
         return math.inf if trace is None else trace.unfelt_mm
 
@@ -185,7 +185,7 @@ class ApproachState:
         return self._body[1]
 
     def largest_cross_track_error_mm(self, far_mm: float) -> float:
-        """How far the tip was off the straight way from `start_mm` to where it is, up to `far_mm` of it.
+        """Largest distance of the tip from the straight way from `start_mm` on, up to `far_mm` of it.
 
         That is what was seen; and between two looks, half the way between them.
         """
@@ -213,7 +213,7 @@ _TWO_EDGE_FLAGS = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 @dataclass(frozen=True, repr=False)
 class Touch(ShortRepr):
-    """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
+    """Result of a touch: the contact for the recogniser, and the patch that it rests on (None for a miss).
 
     `servos`: angles (rad) at which the finger's servos stood then; `stage_rad`: the turning stage's, by its
     servo. `loads`: on the part, in order of time; `trace`: frame by frame, None where it was not metered.
@@ -303,7 +303,7 @@ def dent_range_mm(
 
 
 def _pressing_n(patch: ContactPatch, tip: TipConfig, closing: ClosingConfig) -> float:
-    """How hard the tip may be pressed, all its patches together: this one is the strongest."""
+    """Force that may press the tip, all its patches together: this one is the strongest."""
     if tip.kind.has_face and PatchFlag.SEVERAL_PATCHES in patch.flags:
         return closing.max_force_n
     edges = _MAX_EDGES_TOUCHED if PatchFlag.SEVERAL_PATCHES in patch.flags else 1
@@ -311,12 +311,12 @@ def _pressing_n(patch: ContactPatch, tip: TipConfig, closing: ClosingConfig) -> 
 
 
 def may_touch_two_edges(patch: ContactPatch) -> bool:
-    """Whether a tip may be dented along two normals, as in a notch."""
+    """True if a tip may be dented along two normals, as in a notch."""
     return bool(patch.flags & _TWO_EDGE_FLAGS)
 
 
 def _bound_mm(run: ApproachState, turn: Turn) -> float:
-    """How far the tip's surface may be off anywhere on its way, by the mechanics and its radius alone."""
+    """Bound on the tip's surface anywhere on its way, by the mechanics and its radius alone."""
     kinematics = run.finger.kinematics
     centre = max(
         kinematics.position_bound_mm(servos) + turn.position_bound_mm(kinematics.centre_mm(servos))
@@ -349,7 +349,7 @@ def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
 
 
 def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, turn: Turn) -> Contact:
-    """Where the tip's centre would be if it just touched: the dent is taken back along the normal.
+    """Contact with the tip's centre as if it just touched: the dent is taken back along the normal.
 
     Friction may have carried the felt contact round the tip, and the force bent what carries it: to which
     side is not known, so that both widen the bounds either way.

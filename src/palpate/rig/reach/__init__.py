@@ -1,1 +1,1 @@
-"""Which approaches the fingers of a rig can take: swept volumes, free space, standby poses."""
+"""Approaches that the fingers of a rig can take: swept volumes, free space, standby poses."""

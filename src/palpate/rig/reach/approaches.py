@@ -35,7 +35,7 @@ from palpate.rig.mechanisms.swept_volume import (
 
 
 def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
-    """What several paths sweep, numbered in their order."""
+    """Room that several paths sweep, numbered in their order."""
     count = [len(path.since) for path in paths]
     empty = np.empty((0, 2))
     return Swept(
@@ -115,7 +115,7 @@ class WaitingFingers:
 
     @property
     def unsure_mm(self) -> float:
-        """How far off a finger may be from an obstacle, because the stage's angle and centre are."""
+        """Error of fingers' distances from obstacles, because the stage's angle and centre are off."""
         widest = max(map(abs, self.stage.range_rad))
         shifted = 2 * math.sin(min(widest, math.pi) / 2) * self.stage.centre_bound_mm
         return self.stage.planned_turn(0.0).angle_bound_rad * self.reach_radius_mm + shifted
@@ -154,7 +154,7 @@ def clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: f
 def free_ranges(
     standby: Sequence[StandbyPoses], clear: Sequence[Bools], clearance_mm: float
 ) -> list[tuple[int, int] | None]:
-    """For each finger the first and last aim of its range, by index; None where not even home is clear.
+    """First and last aim of each finger's range, by index; None where not even home is clear.
 
     The ranges grow from home, each by one aim in turn at either end, as long as the new aim is clear and
     apart from all places in the other fingers' ranges.
@@ -204,7 +204,7 @@ def _fits(
 
 
 def _clashing_pairs(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:
-    """Whether the finger at each aim (m,) of one may meet the other finger at each of its aims: (m, n)."""
+    """Matrix (m, n): True where a finger at an aim of one may meet the other finger at one of its aims."""
     near = gaps_mm(one.capsules, other.capsules) < clearance_mm
     result = np.zeros((len(one.aims_rad), len(other.aims_rad)), dtype=bool)
     rows, columns = np.nonzero(near)
@@ -230,7 +230,7 @@ def _paths_at(
     aims: int,
     known: dict[tuple[int, float, float], list[ApproachPath]],
 ) -> list[ApproachPath]:
-    """What all fingers can do, in the frame that carries them, with the stage at an angle.
+    """Paths of all fingers, in the frame that carries them, with the stage at an angle.
 
     `known`: paths by finger and range of aims, without what stands in their way.
     """
@@ -327,7 +327,7 @@ class Reach:
         return np.flatnonzero(self.stage_rad == stage_rad).tolist()
 
     def only(self, rows: Ints) -> "Reach":
-        """Some of the approaches: `rows` (indices), ascending."""
+        """Part of the approaches: `rows` (indices), ascending."""
         swept = self.swept.only(rows)
         return Reach(
             tuple(self.approaches[k] for k in rows.tolist()), self.aiming_s[rows], swept, self.closing
@@ -339,7 +339,7 @@ class Reach:
         return float(self.stage_rad[np.argmin(np.abs(self.stage_rad))])
 
     def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
-        """Whether approach `one`, going `travel_mm` at most, and each of `others` (n,) never come too near.
+        """True where approach `one`, going `travel_mm` at most, never comes too near to `others` (n,).
 
         `travels_mm` (n,): how far the others go at most. False for the same finger and for another stage
         angle. What fingers sweep up to their ends is compared, so their timing does not matter.

@@ -47,7 +47,7 @@ class StandbyWay:
         return float((np.diff(self.travel_mm) * each).sum())
 
     def keeps_off(self, point_mm: Floats, by_mm: float) -> bool:
-        """Whether its places all keep so far from a point (2,), or as far as the first of them is."""
+        """True if its places all keep so far from a point (2,), or as far as the first of them is."""
         away = np.hypot(*(self.places_mm - point_mm).T)
         return bool((away >= min(by_mm, float(away[0]) - _APPROACH_ALLOWANCE_MM)).all())
 
@@ -75,7 +75,7 @@ class StandbyWay:
 
 @dataclass(frozen=True, eq=False)
 class Standby:
-    """Where the fingers of a rig may wait, with the stage at an angle.
+    """Ranges in which the fingers of a rig may wait, with the stage at an angle.
 
     `ranges`: of each finger the first and last aim of its range, by index into its poses; None where it has
     no room. `obstacles` as they look from the ring, each within `unsure_mm`.
@@ -88,14 +88,14 @@ class Standby:
 
     @classmethod
     def of(cls, rig: RigFile, turn: Turn) -> "Standby":
-        """Where fingers may wait with the stage at `turn`."""
+        """Ranges in which fingers may wait with the stage at `turn`."""
         waiting = WaitingFingers.of(rig)
         unsure_mm = turn.angle_bound_rad * waiting.reach_radius_mm + turn.centre_bound_mm
         obstacles = waiting.obstacles(turn.angle_rad)
         return cls(waiting, tuple(waiting.free_ranges(obstacles, unsure_mm)), tuple(obstacles), unsure_mm)
 
     def is_there(self, index: int, servos_rad: Servos) -> bool:
-        """Whether a finger waits, or a slide is aimed, within its range."""
+        """True if a finger waits, or a slide is aimed, within its range."""
         found = self.ranges[index]
         if found is None:
             return False
@@ -125,7 +125,7 @@ class Standby:
                 yield way
 
     def _stands_alone(self, index: int, servos_rad: Sequence[Servos]) -> bool:
-        """Whether a finger stands in nothing by the drawing: else there is no telling which way is out."""
+        """True if a finger stands in nothing by the drawing: else there is no telling which way is out."""
         bodies = [
             capsules_of([item.kinematics.body(servos, item.spec.tip.radius_mm)])
             for item, servos in zip(self.waiting.mechanisms, servos_rad, strict=True)
