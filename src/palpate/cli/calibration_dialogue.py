@@ -16,6 +16,7 @@ from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibr
 from palpate.config.commissioning_results import CalibratedFingerOut, CalibratedStageOut, CalibrateOut
 from palpate.jobs.calibration import CalibrationAnswer, CalibrationPaths
 from palpate.rig.commissioning.calibration_run import STEPS, build_references
+from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
 from palpate.views.numerals import at_most
 from palpate.views.tables import table
@@ -142,12 +143,12 @@ def calibrate_out(
 
 
 def _stage(found: StageCalibration | None, rig: RigFile) -> CalibratedStageOut | None:
-    if found is None or rig.stage is None:
+    if found is None:
         return None
     return CalibratedStageOut(
         centre_mm=found.centre_mm,
         centre_bound_mm=found.centre_bound_mm,
-        moved_mm=math.dist(found.centre_mm, rig.stage.centre_mm),
+        moved_mm=math.dist(found.centre_mm, Stage.of(rig).centre_mm),
         backlash_deg=found.backlash_deg,
         touches=found.touches,
         rms_mm=found.rms_mm,

@@ -107,6 +107,11 @@ class Stage:
             spec.centre_bound_mm,
         )
 
+    @property
+    def turns(self) -> bool:
+        """True if there is a range in which it can turn."""
+        return self.range_rad[0] < self.range_rad[1]
+
     def servo_rad(self, angle_rad: float) -> float:
         """Servo angle for a stage angle."""
         return self.zero_rad + self.gear_ratio * angle_rad

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.config import FingerConfig, RigFile
+from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
 from palpate.views.svg import (
     AXIS,
@@ -98,9 +99,10 @@ def _table(rig: RigFile, plan: _Plan) -> Iterator[str]:
         yield element("line", x1=x, y1=y, x2=end[0], y2=end[1], stroke=AXIS, stroke_width=LINE)
         label = plan.at(0.34 * radius * np.array(along))
         yield text(name, label[0], label[1] + 4, size=12, fill=MUTED, anchor="middle")
-    if rig.stage is not None:
-        centre = plan.at(np.array(rig.stage.centre_mm))
-        far = max(math.dist(finger.base_mm, rig.stage.centre_mm) for finger in rig.fingers)
+    stage = Stage.of(rig)
+    if stage.turns:
+        centre = plan.at(np.array(stage.centre_mm))
+        far = max(math.dist(finger.base_mm, stage.centre_mm) for finger in rig.fingers)
         yield element(
             "circle",
             cx=centre[0],
@@ -163,9 +165,10 @@ def _cards(rig: RigFile, left: float) -> Iterator[str]:
             y += _LINE_HEIGHT
             yield text(shorten_middle(row, 11, _COLUMN_WIDTH), left, y + 11, size=11)
         y += 1.8 * _LINE_HEIGHT
-    if rig.stage is not None:
-        yield text(f"stage: servo {rig.stage.dxl_id}, {rig.stage.model}", left, y + 11, size=11)
-        y += 1.8 * _LINE_HEIGHT
+    for servo in rig.servos:
+        if servo.finger is None:
+            yield text(f"{servo.joint}: servo {servo.dxl_id}, {servo.model}", left, y + 11, size=11)
+            y += 1.8 * _LINE_HEIGHT
     yield from _side(rig, left, y)
 
 

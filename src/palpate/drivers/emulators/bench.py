@@ -310,9 +310,9 @@ class Bench:
         self.fingers = tuple(fingers)
         self.stage = stage
         self.part = part or StillPart()
-        self._servos = [servo for finger in self.fingers for servo in finger.servos]
-        self._servos += [] if stage is None else [stage.servo]
-        for servo in self._servos:
+        self.servos = [servo for finger in self.fingers for servo in finger.servos]
+        self.servos += [] if stage is None else [stage.servo]
+        for servo in self.servos:
             servo.lag(self.catch_up)
         self._steps = self._due = self._free = 0
         self._now = -math.inf
@@ -375,7 +375,7 @@ class Bench:
             return 0
         if self.supply is not None:
             return 0  # it follows what motors take in each step
-        steps = min(servo.quiet_steps(_STEP_S) for servo in self._servos)
+        steps = min(servo.quiet_steps(_STEP_S) for servo in self.servos)
         steps = min(steps, _MAX_STEPS)
         for finger in self.fingers:
             steps = finger.free_steps(_STEP_S, steps, self.part.displacement)

@@ -55,6 +55,7 @@ from palpate.config.loading import load_json
 from palpate.drivers.tactile import ContactExtractor, Description, TactileFrame
 from palpate.rig.arrays import calibration_of, doubt_warning
 from palpate.rig.commissioning.hand_prober import HandProber, TableOperator, approaches_of
+from palpate.rig.fingers import Stage
 from palpate.rig.motion.hand import Environment
 from palpate.rig.session.calibration_drift import devices_of
 from palpate.rig.workers import BackgroundCall
@@ -141,7 +142,7 @@ def steps_of(rig: RigFile, asked: Sequence[str]) -> list[str]:
     Or if it has pads: what they touch of a disc, and what their arrays then show, is not modelled.
     """
     rig.require("calibrate")
-    found = [step for step in STEPS if step in asked and (step != "stage" or rig.stage is not None)]
+    found = [step for step in STEPS if step in asked and (step != "stage" or Stage.of(rig).turns)]
     if not found:
         raise InputError(f'rig "{rig.name}" has no turning stage to calibrate: calibrate the other steps')
     return found
@@ -284,8 +285,7 @@ class _CalibrationRun:
     def _stage_of(self, touched: Sequence[TouchMeasurement], rig: RigFile) -> StageCalibration:
         """The stage by its touches; `rig`: with its fingers where they were found."""
         drawn = self._job.rig
-        assert drawn.stage is not None
-        offset_mm = frame_offset_bound_mm(drawn, drawn.stage.centre_mm)
+        offset_mm = frame_offset_bound_mm(drawn, Stage.of(drawn).centre_mm)
         return calibrate_stage(
             drawn, self._known_fingers(rig), rig.fingers, touched, self._disc, offset_mm, self._job.coverage
         )

@@ -196,9 +196,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
     add_imperfections(bench, rig, seed)
-    servos = [servo for finger in fingers for servo in finger.servos]
-    servos += [] if stage is None else [stage.servo]
-    chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
+    chain = ServoChain(bench.servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     reset_s = _reset_s(rig, seed)
     for finger, emulated in zip(rig.fingers, fingers, strict=True):

@@ -35,13 +35,11 @@ def add_imperfections(bench: Bench, rig: RigFile, seed: int) -> None:
     if drawn is None:
         return
     rng = np.random.default_rng([seed, 13])
-    servos = [servo for finger in bench.fingers for servo in finger.servos]
-    servos += [] if bench.stage is None else [bench.stage.servo]
-    for servo in servos:
+    for servo in bench.servos:
         _add_servo_imperfections(servo, drawn, rng)
     ohm = draw(drawn.supply_ohm, 0.0, rng)
     if ohm:
-        bench.supply = _SharedSupply(servos, ohm).sag
+        bench.supply = _SharedSupply(bench.servos, ohm).sag
     slipping = bench.fingers[int(rng.integers(len(bench.fingers)))]
     at, by = float(rng.uniform(*drawn.slip_after_s)), draw(drawn.slip_mm, 0.0, rng)
     if by:

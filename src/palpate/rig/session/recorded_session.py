@@ -5,7 +5,6 @@ calibration lie beside each other as the originals do, so that the folder's rig 
 command. Samples are what its bytes say of servos and taxels, beside its events, on one clock.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from datetime import datetime
@@ -41,6 +40,7 @@ from palpate.drivers.transport import (
 from palpate.recognizer import Contact, Finger, NormalRange
 from palpate.rig.arrays import array_of
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile
 
@@ -271,7 +271,8 @@ class _Tips:
     """Where tips are, from the last known angles of their servos and of the stage."""
 
     def __init__(self, rig: RigFile) -> None:
-        self._stage = rig.stage
+        self._stage = Stage.of(rig)
+        self._stage_ids = {servo.dxl_id for servo in rig.servos if servo.finger is None}
         self._turn = Turn()
         self._angles: dict[int, float] = {}
         self._fingers: dict[int, tuple[str, FingerKinematics, tuple[int, ...]]] = {}
@@ -283,10 +284,8 @@ class _Tips:
     def after(self, t_s: float, dxl_id: int, position_rad: float) -> Iterator[TipSample]:
         """The tip that a servo's new angle places; none while the other angle is not known."""
         self._angles[dxl_id] = position_rad
-        stage = self._stage
-        if stage is not None and dxl_id == stage.dxl_id:
-            zero = math.radians(stage.zero_deg) - math.pi
-            self._turn = Turn(stage.centre_mm, (position_rad - zero) / stage.gear_ratio)
+        if dxl_id in self._stage_ids:
+            self._turn = self._stage.turn(position_rad)
         if dxl_id not in self._fingers:
             return
         name, kinematics, (near, far) = self._fingers[dxl_id]
