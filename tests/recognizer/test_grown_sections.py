@@ -14,7 +14,8 @@ from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.geometry.plane import wrap_angle
 from palpate.config import load_objects
 from palpate.recognizer import Catalogue, Finger
-from palpate.recognizer.minkowski import GrownSection, grow
+from palpate.recognizer.minkowski import grow
+from palpate.recognizer.offset_curves import GrownSection
 from palpate.recognizer.outline_deviations import in_centred_frame, places_on_outlines
 from palpate.recognizer.proximity import ALLOWANCE_MM, TipCentres, nearest_places
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad

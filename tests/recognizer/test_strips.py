@@ -12,7 +12,8 @@ from palpate.base.geometry.plane import point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.minkowski import GrownSection, grow, simplify_outline
+from palpate.recognizer.minkowski import grow, simplify_outline
+from palpate.recognizer.offset_curves import GrownSection
 from palpate.recognizer.recognition import Recognition, recognise
 from palpate.recognizer.strip_trees import StripForest
 from support.campaign.sampling import sample

@@ -29,9 +29,7 @@ from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.minkowski import OrientedRing, oriented_rings
 
-_LEAN_TOLERANCES = (
-    3.0  # tolerances by which a wall that leans in its section may be off from where the disc touches
-)
+_LEAN_TOLERANCES = 3.0  # by which a wall that leans in its section may be off from where the disc touches
 _FACET_RAD = math.pi / 24  # of an arc that stands for a difference of radii
 _ROUNDING_MM = 1e-6
 

@@ -25,7 +25,8 @@ from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import cross, rotation_matrix
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
-from palpate.recognizer.minkowski import GrownSection, grow, simplify_outline
+from palpate.recognizer.minkowski import grow, simplify_outline
+from palpate.recognizer.offset_curves import GrownSection
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.tip_obstacle import is_exact, tip_obstacle, uncovered_circles, union_circles

@@ -1,8 +1,8 @@
 """The memo's pruning statistics (Tables I and II): how many interpretations each test leaves at each level.
 
-The counts are those of the memo's own algorithm, with
-distance and angle tests on their own and the model test at the end, where `tree` mixes them for speed. Angle
-pruning uses conservative pockets and, where a contact has one, its range of normals.
+The counts are those of the memo's own algorithm, with distance and angle tests on their own and the model
+test at the end, where `interpretation_tree` mixes them for speed. Angle pruning uses conservative pockets
+and, where a contact has one, its range of normals.
 """
 
 from collections.abc import Iterator, Sequence

@@ -17,35 +17,11 @@ from scipy.spatial import cKDTree
 from palpate.base.geometry import Floats, Ints, Section
 from palpate.base.geometry.outlines import oriented_rings_of, region_of
 from palpate.base.geometry.plane import cross, signed_area, wrap_angle
-from palpate.recognizer.offset_curves import BoundaryEdges, faceted_rings, visible_parts
-from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.offset_curves import BoundaryEdges, GrownSection, faceted_rings, visible_parts
+from palpate.recognizer.tables import expand_ranges
 
 _MERGE_MM = 1e-7  # vertices nearer than this are one
 _STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
-
-
-@dataclass(frozen=True, eq=False)
-class GrownSection(Table):
-    """Edges of a grown section in the object's frame; n edges, the solid on the left of each.
-
-    `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` and `dent` (n,) mm: how
-    far the true boundary may stand out over the edge, or back behind it, `span` (n,) rad: half of the turn of
-    the true normal along the edge. `feature` (n,): edge k of the section is k, an arc about vertex k is
-    −1 − k; edges are counted through the section's polygons in the order given, outer ring first.
-    """
-
-    start: Floats
-    end: Floats
-    direction: Floats
-    length: Floats
-    bulge: Floats
-    dent: Floats
-    span: Floats
-    feature: Ints
-
-    def translate(self, by_mm: Floats) -> "GrownSection":
-        """The same, moved by (2,) mm."""
-        return replace(self, start=self.start + by_mm, end=self.end + by_mm)
 
 
 def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSection:
@@ -56,21 +32,7 @@ def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSect
         return GrownSection(
             edges.start, edges.end, edges.direction, edges.length, nothing, nothing, edges.lean, edges.edge
         )
-    parts = visible_parts(edges, radius_mm)
-    rings = faceted_rings(edges, parts, radius_mm, facet_error_mm)
-    source = parts.source[rings.part]
-    arc = parts.arc[rings.part] > 0
-    lean = np.where(arc, np.maximum(edges.lean, edges.lean[edges.previous])[source], edges.lean[source])
-    return GrownSection(
-        start=rings.start,
-        end=rings.end,
-        direction=rings.direction,
-        length=np.hypot(*(rings.end - rings.start).T),
-        bulge=rings.bulge + rings.gap,
-        dent=rings.gap,
-        span=rings.half_turn + lean,
-        feature=np.where(arc, -1 - edges.vertex[source], edges.edge[source]),
-    )
+    return faceted_rings(edges, visible_parts(edges, radius_mm), radius_mm, facet_error_mm)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ another edge. Visible parts are joined end to end to closed rings, with facets i
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,7 @@ _HIDDEN_DEPTH_MM = 1e-11  # than this a curve has to be below another one to be 
 _SHORTEST_INTERVAL = 1e-12  # an interval (mm or rad) that is shorter is none
 _ARC_STEP_RAD = 0.1  # of the polylines by which an arc's neighbours are sought
 _MAX_HULL_ARC_RAD = 3.0
-_BREAKS_PER_EDGE = (
-    12  # of a circle at an edge: two at each end of it, on each side, and at the circle about each end
-)
+_BREAKS_PER_EDGE = 12  # of a circle: two at each end and side of an edge, and at the circle about each end
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,21 +228,27 @@ _MAX_NEIGHBOURS = 4  # as many ends may meet in a point where a section touches 
 
 
 @dataclass(frozen=True, eq=False)
-class FacetedRings(Table):
-    """Edges (n) of closed rings, neighbours meeting in the same numbers.
+class GrownSection(Table):
+    """Edges of a grown section in the object's frame; n edges, the solid on the left of each.
 
-    `part` (n,): which part an edge belongs to; `start`, `end` (n, 2) mm; `direction` (n, 2): of the part, or
-    of the arc in the facet's middle; `bulge` (n,) mm of the arc over its facet; `half_turn` (n,) rad of its
-    normal; `gap` (n,) mm: how far the part's ends have been moved to meet others.
+    `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` and `dent` (n,) mm: how
+    far the true boundary may stand out over the edge, or back behind it, `span` (n,) rad: half of the turn of
+    the true normal along the edge. `feature` (n,): edge k of the section is k, an arc about vertex k is
+    −1 − k; edges are counted through the section's polygons in the order given, outer ring first.
     """
 
-    part: Ints
     start: Floats
     end: Floats
     direction: Floats
+    length: Floats
     bulge: Floats
-    half_turn: Floats
-    gap: Floats
+    dent: Floats
+    span: Floats
+    feature: Ints
+
+    def translate(self, by_mm: Floats) -> "GrownSection":
+        """The same, moved by (2,) mm."""
+        return replace(self, start=self.start + by_mm, end=self.end + by_mm)
 
 
 def facet_turn(radius_mm: float, facet_error_mm: float) -> float:
@@ -256,8 +260,10 @@ def facet_turn(radius_mm: float, facet_error_mm: float) -> float:
 
 def faceted_rings(
     edges: BoundaryEdges, parts: OffsetParts, radius_mm: float, facet_error_mm: float
-) -> FacetedRings:
-    """The parts as rings, with no arc further than `facet_error_mm` from its facet."""
+) -> GrownSection:
+    """The parts as rings, neighbours meeting in the same numbers, with no arc further than `facet_error_mm`
+    from its facet.
+    """
     every = np.arange(len(parts))
     begin = parts.at(edges, radius_mm, parts.begin, every)
     end = parts.at(edges, radius_mm, parts.end, every)
@@ -280,16 +286,18 @@ def faceted_rings(
     finish[:-1] = start[1:]
     finish[last] = corner[order]
     middle = parts.begin[part] + (facet + 0.5) * step
-    arc = parts.arc[part] > 0
+    arc, source = parts.arc[part] > 0, parts.source[part]
     tangent = np.column_stack([-np.sin(middle), np.cos(middle)])
-    found = FacetedRings(
-        part=part,
+    lean = np.where(arc, np.maximum(edges.lean, edges.lean[edges.previous])[source], edges.lean[source])
+    found = GrownSection(
         start=start,
         end=finish,
-        direction=np.where(arc[:, None], tangent, edges.direction[parts.source[part]]),
-        bulge=np.where(arc, radius_mm * (1 - np.cos(step / 2)), 0.0),
-        half_turn=np.where(arc, step / 2, 0.0),
-        gap=gap[part],
+        direction=np.where(arc[:, None], tangent, edges.direction[source]),
+        length=np.hypot(*(finish - start).T),
+        bulge=np.where(arc, radius_mm * (1 - np.cos(step / 2)), 0.0) + gap[part],
+        dent=gap[part],
+        span=np.where(arc, step / 2, 0.0) + lean,
+        feature=np.where(arc, -1 - edges.vertex[source], edges.edge[source]),
     )
     return found.select(np.any(start != finish, axis=1))
 

@@ -226,10 +226,8 @@ _LEAST_FURTHER_GAIN = 0.08  # and every further one this
 _MAX_CONFUSION_LEFT = 0.1  # where less is confused, no further finger is worth its touch
 _EQUAL_PLAN_SHARE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _HAZARD_WEIGHT = 0.2  # a plan may leave this share more, times the hazard that it saves
-_MAX_COMPARISONS, _SHORTLIST_LENGTH = (
-    250_000,
-    20,
-)  # where there is more to compare, only the most promising candidates are
+_MAX_COMPARISONS = 250_000  # where there is more to compare, only the most promising candidates are
+_SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known

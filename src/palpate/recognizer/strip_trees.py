@@ -1,9 +1,9 @@
 """Strip trees of outlines with very many edges (memo §3.3; Ballard 1981).
 
-A strip stands for a run of neighbouring
-edges: a segment from the run's start to its end, how far the run strays from it, and the range of its
-normals. Distance and angle are tested on strips first, and only the halves of strips that pass are looked at
-further, down to single edges. What the flat search would keep is in what the strips leave.
+A strip stands for a run of neighbouring edges: a segment from the run's start to its end, how far the run
+strays from it, and the range of its normals. Distance and angle are tested on strips first, and only the
+halves of strips that pass are looked at further, down to single edges. What the flat search would keep is in
+what the strips leave.
 """
 
 from collections.abc import Callable

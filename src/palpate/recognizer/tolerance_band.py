@@ -1,9 +1,8 @@
 """Tolerance bands: edges that contacts with an object of some tolerance may be paired with.
 
-The outline
-grown from the nominal section says too little of them: where a notch is a little wider in truth than in the
-model, a finger may touch its floor or its corners though the nominal grown outline has neither. So every edge
-and every convex vertex is taken by itself.
+The outline grown from the nominal section says too little of them: where a notch is a little wider in truth
+than in the model, a finger may touch its floor or its corners though the nominal grown outline has neither.
+So every edge and every convex vertex is taken by itself.
 
 With vertices off by δ at most, each point of a true edge is within δ of the nominal edge, and an edge of
 length L tilts by up to asin(2δ/L). Where the true outline is a round of sagitta δ over the edge its normal is
@@ -28,22 +27,19 @@ from palpate.base.geometry import Bools, Floats, Ints, Section
 from palpate.base.geometry.outlines import region_of
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.minkowski import (
-    GrownSection,
     OrientedRing,
     grow,
     merge_runs,
     oriented_rings,
     simplify_outline,
 )
-from palpate.recognizer.offset_curves import facet_turn
+from palpate.recognizer.offset_curves import GrownSection, facet_turn
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad, worthwhile_tilt_rad
 from palpate.recognizer.tip_obstacle import first_occurrences
 
 _MAX_SIDES = 1000  # of a ring; finer ones are replaced by chords
-_MAX_STRAY_TOLERANCES = (
-    0.5  # of the tolerance: by so much chords may stray from the runs of edges that they replace
-)
+_MAX_STRAY_TOLERANCES = 0.5  # by which chords may stray from the runs of edges that they replace
 
 
 @dataclass(frozen=True)
