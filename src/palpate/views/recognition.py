@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
-from palpate.base.geometry.plane import rotation_matrix
 from palpate.base.tips import TipShape
 from palpate.config import RigFile
 from palpate.config.recognition_results import HypothesisOut, InterpretationOut, RecognitionOut, StatisticsOut
-from palpate.recognizer import Contact, Hypothesis, MemoCounts, Recognition
+from palpate.recognizer import Bounds, Configuration, Contact, Hypothesis, MemoCounts, Recognition
 from palpate.rig.emulated.scene import Placement, shape_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of, state_names, unfinished_out
+from palpate.views.run_scene import placed_rings
 from palpate.views.table_picture import picture, values
 
 
@@ -49,7 +49,7 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
             title=title,
             subtitle=(_verdict_line(recognition),),
             found=rings_at(hypotheses[0]) if hypotheses else (),
-            pose=bounded_pose(hypotheses[0]) if hypotheses else None,
+            pose=bounded_pose(hypotheses[0].configuration, hypotheses[0].bounds) if hypotheses else None,
             others=tuple(other_hypothesis(item) for item in hypotheses[1:]),
             touches=tuple(touch_mark(1, contact) for contact in recognition.contacts),
         )
@@ -110,9 +110,8 @@ def _verdict_line(recognition: Recognition) -> str:
     return f"{recognition.verdict.value}: {len(recognition.hypotheses)} hypotheses after {touched} contacts"
 
 
-def bounded_pose(item: Hypothesis) -> values.BoundedPose:
-    """A hypothesis's configuration with its bounds, for a picture."""
-    at, bounds = item.configuration, item.bounds
+def bounded_pose(at: Configuration, bounds: Bounds) -> values.BoundedPose:
+    """A configuration with its bounds, for a picture."""
     return values.BoundedPose(
         (at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad)
     )
@@ -127,9 +126,7 @@ def other_hypothesis(item: Hypothesis) -> values.OtherHypothesis:
 
 def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     """Outlines of the lowest section, in W, at the hypothesis's configuration."""
-    at = item.configuration
-    section = min(item.state.state.sections, key=lambda part: part.z_mm[0])
-    return tuple(ring @ rotation_matrix(at.theta_rad).T + [at.x_mm, at.y_mm] for ring in section.rings)
+    return placed_rings(item.state.state, item.configuration)
 
 
 def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> values.TouchMark:
@@ -172,7 +169,7 @@ def identification_picture(
             title=f"{result.outcome.value.capitalize()}: {name}",
             subtitle=(f"rig {rig.name}",),
             found=() if first is None else rings_at(first),
-            pose=None if first is None else bounded_pose(first),
+            pose=None if first is None else bounded_pose(first.configuration, first.bounds),
             truth=truth,
             others=tuple(others),
             touches=tuple(

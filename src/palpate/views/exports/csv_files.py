@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from palpate.base.errors import InputError, OutputError
+from palpate.recognizer import Contact, NormalRange
+from palpate.rig.session.logged_values import LoggedHypothesis, LoggedTouch, hypotheses_in, touches_in
 from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
@@ -16,9 +18,7 @@ from palpate.rig.session.recorded_session import (
     ServoSample,
     SessionSamples,
     TipSample,
-    places_touched,
 )
-from palpate.views.exports.scene import result_hypotheses
 
 _Row = list[object]
 
@@ -117,16 +117,14 @@ def _rows(sample: Sample) -> Iterator[tuple[str, Callable[[], Iterable[str]], _R
         case EventSample(t_s, kind, values):
             yield "events", lambda: _EVENTS, [t_s, kind, json.dumps(_drop_traces(values))]
             if kind == "touches":
-                for touch in values["touches"]:
-                    for place in places_touched(touch):
-                        yield "contacts", lambda: _CONTACTS, _contact(t_s, values["grip"], touch, place)
-            if kind == "recognised":
-                for item in values["hypotheses"]:
-                    yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, values["grip"], values, item)
-            if kind == "result":
-                result = values["result"]
-                for item in result_hypotheses(result):
-                    yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, None, result, item)
+                for touch in touches_in(values):
+                    for place in touch.places:
+                        yield "contacts", lambda: _CONTACTS, _contact(t_s, touch, place)
+            if kind in ("recognised", "result"):
+                answer = values if kind == "recognised" else values["result"]
+                start = [t_s, values.get("grip"), answer["verdict"]]
+                for item in hypotheses_in(kind, values):
+                    yield "hypotheses", lambda: _HYPOTHESES, [*start, *_hypothesis(item)]
 
 
 def _drop_traces(values: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -143,41 +141,35 @@ def _taxel_names(sample: FrameSample) -> list[str]:
     return ["t_s", "sequence", "device_time_s", *taxels]
 
 
-def _contact(t_s: float, grip: int, touch: Mapping[str, Any], contact: Mapping[str, Any]) -> _Row:
+def _contact(t_s: float, touch: LoggedTouch, contact: Contact) -> _Row:
     """A row for one of the places that were touched; the force is all of the touch's strongest patch."""
-    normal = contact.get("normal") or {}
-    patch = touch.get("patch") or {}
     return [
         t_s,
-        grip,
-        contact["name"],
-        contact["touched"],
-        *contact["end_mm"],
-        contact["position_bound_mm"],
-        *_directions(normal),
-        patch.get("force_n"),
+        touch.grip,
+        contact.name,
+        contact.touched,
+        *contact.end_mm,
+        contact.position_bound_mm,
+        *_directions(contact.normal),
+        touch.force_n,
     ]
 
 
-def _directions(normal: Mapping[str, Any]) -> tuple[float | None, float | None]:
+def _directions(normal: NormalRange | None) -> tuple[float | None, float | None]:
     """The ends of a range of normals; the middle between −π and π."""
-    lo, hi = normal.get("lo_rad"), normal.get("hi_rad")
-    if lo is None or hi is None:
+    if normal is None:
         return None, None
-    turns = math.tau * round((lo + hi) / 2 / math.tau)
-    return lo - turns, hi - turns
+    turns = math.tau * round((normal.lo_rad + normal.hi_rad) / 2 / math.tau)
+    return normal.lo_rad - turns, normal.hi_rad - turns
 
 
-def _hypothesis(t_s: float, grip: int | None, values: Mapping[str, Any], item: Mapping[str, Any]) -> _Row:
-    at, bounds = item["configuration"], item["bounds"]
+def _hypothesis(item: LoggedHypothesis) -> _Row:
+    at, bounds = item.configuration, item.bounds
     return [
-        t_s,
-        grip,
-        values["verdict"],
-        item["object"],
-        item["state"],
-        item["weight"],
-        item["verified"],
-        *(at[name] for name in ("x_mm", "y_mm", "theta_rad")),
-        *(end for name in ("x_mm", "y_mm", "theta_rad") for end in bounds[name]),
+        item.object,
+        item.state,
+        item.weight,
+        item.verified,
+        *(at.x_mm, at.y_mm, at.theta_rad),
+        *(*bounds.x_mm, *bounds.y_mm, *bounds.theta_rad),
     ]

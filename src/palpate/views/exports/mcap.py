@@ -17,7 +17,7 @@ from palpate.base.geometry import ObjectModel
 from palpate.base.optional_imports import import_extra
 from palpate.config import RigFile
 from palpate.rig.session.recorded_session import EventSample, FrameSample, Sample, SessionSamples, TipSample
-from palpate.views.exports.scene import COLOURS, LogClock, Outline, SceneSnapshot, TipPosition, scene_changes
+from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneSnapshot, TipPosition, scene_changes
 
 _FRAME = "W"
 _M_PER_MM = 1e-3

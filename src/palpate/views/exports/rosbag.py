@@ -7,7 +7,7 @@ rig's clock.
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.base.errors import InputError, OutputError
 from palpate.base.optional_imports import import_extra
+from palpate.rig.session.logged_values import LoggedHypothesis, hypotheses_in, sort_by_weight
 from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
@@ -23,15 +24,7 @@ from palpate.rig.session.recorded_session import (
     SessionSamples,
     TipSample,
 )
-from palpate.views.exports.scene import (
-    COLOURS,
-    LogClock,
-    Outline,
-    SceneSnapshot,
-    result_hypotheses,
-    scene_changes,
-    sort_by_weight,
-)
+from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneSnapshot, scene_changes
 
 _FRAME = "W"
 _M_PER_MM = 1e-3
@@ -120,17 +113,15 @@ class _Writer:
             case EventSample():
                 text = json.dumps({"t_s": sample.t_s, "event": sample.kind} | dict(sample.values))
                 self._put("/events", sample.t_s, make("std_msgs/msg/String", data=text))
-                if sample.kind == "recognised":
-                    self._answer(sample.t_s, sample.values["hypotheses"])
-                if sample.kind == "result":
-                    self._answer(sample.t_s, result_hypotheses(sample.values["result"]))
+                if sample.kind in ("recognised", "result"):
+                    self._answer(sample.t_s, hypotheses_in(sample.kind, sample.values))
 
-    def _answer(self, t_s: float, hypotheses: Sequence[Mapping[str, Any]]) -> None:
+    def _answer(self, t_s: float, hypotheses: Sequence[LoggedHypothesis]) -> None:
         if not hypotheses:
             return
-        at = sort_by_weight(hypotheses)[0]["configuration"]
-        make, half = self._make, at["theta_rad"] / 2
-        place = make("geometry_msgs/msg/Point", x=at["x_mm"] * _M_PER_MM, y=at["y_mm"] * _M_PER_MM, z=0.0)
+        at = sort_by_weight(hypotheses)[0].configuration
+        make, half = self._make, at.theta_rad / 2
+        place = make("geometry_msgs/msg/Point", x=at.x_mm * _M_PER_MM, y=at.y_mm * _M_PER_MM, z=0.0)
         turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
         self._put("/answer", t_s, make("geometry_msgs/msg/PoseStamped", header=self._header(t_s), pose=pose))

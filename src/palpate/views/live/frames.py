@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,12 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel
-from palpate.base.tips import tip_of
 from palpate.config import RigFile, load_objects
 from palpate.drivers.transport import SessionEvent
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.session.log_file import check_session
 from palpate.rig.session.log_reader import LogTail
+from palpate.rig.session.logged_values import LoggedHypothesis, LoggedPlacement, LoggedTouch
 from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
@@ -25,9 +25,8 @@ from palpate.rig.session.recorded_session import (
     SampleDecoder,
     ServoSample,
     TipSample,
-    places_touched,
 )
-from palpate.views.exports.scene import result_hypotheses, sort_by_weight
+from palpate.views.run_scene import RunScene
 
 _PERIOD_S = 0.05
 _REST_FRAMES = 20  # frames of an array, at its start, that show it untouched
@@ -46,6 +45,7 @@ class FrameStore:
         """Frames that are not kept any more, the oldest ones."""
         self.is_ended = False
         self._taxels: dict[str, _Taxels] = {}
+        self._run = RunScene()
         self._state: dict[str, Any] = {
             "t": 0.0,
             "grip": None,
@@ -101,7 +101,15 @@ class FrameStore:
             del self.texts[0]
 
     def _event(self, kind: str, values: Mapping[str, Any]) -> None:
-        state = self._state
+        state, run = self._state, self._run
+        if run.take(kind, values):
+            state |= {
+                "verdict": run.verdict,
+                "contacts": [_contact(touch) for touch in run.touches],
+                "hypotheses": [_hypothesis(item) for item in run.hypotheses[:_MAX_HYPOTHESES]],
+                "left": len(run.hypotheses),
+                "truth": None if run.truth is None else _place(run.truth),
+            }
         match kind:
             case "stage":
                 state["grip"], state["stage"] = values["grip"], values["stage"]
@@ -109,30 +117,14 @@ class FrameStore:
                     state["plan"] = []
             case "said":
                 state["doing"] = values["words"]
-            case "touches":
-                state["contacts"] = [*state["contacts"], *map(_contact, _touches_with_grip(values))]
-            case "moved":
-                state["contacts"] = []
-            case "recognised":
-                state["verdict"] = values["verdict"]
-                self._show(values["hypotheses"])
             case "planned":
                 state["plan"] = [_approach(item) for item in values["approaches"]]
-            case "truth":
-                state["truth"] = _place(values)
             case "result":
-                state["verdict"], state["plan"] = values["result"]["verdict"], []
-                self._show(result_hypotheses(values["result"]))
+                state["plan"] = []
             case "end":
                 state["plan"] = []
                 state["end"] = {"how": values.get("how"), "message": values.get("message")}
                 self.is_ended = True
-
-    def _show(self, hypotheses: Sequence[Mapping[str, Any]]) -> None:
-        self._state["hypotheses"] = [
-            _hypothesis(item) for item in sort_by_weight(hypotheses)[:_MAX_HYPOTHESES]
-        ]
-        self._state["left"] = len(hypotheses)
 
 
 class _Taxels:
@@ -162,48 +154,42 @@ class _Taxels:
         }
 
 
-def _touches_with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping[str, Any]]]:
-    return ((values["grip"], touch) for touch in values["touches"])
-
-
-def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
-    grip, touch = item
-    contact, patch = touch["contact"], touch.get("patch") or {}
-    tip = tip_of(contact["finger"].get("shape", "cylinder"))
-    normal = contact.get("normal") if tip.measures_normal else None
+def _contact(touch: LoggedTouch) -> dict[str, object]:
+    contact = touch.contact
+    normal = contact.normal
     return {
-        "finger": contact["name"],
-        "grip": grip,
-        "touched": contact["touched"],
-        "start": contact["start_mm"],
-        "end": contact["end_mm"],
-        "radius": contact["finger"]["tip_radius_mm"],
-        "pad": tip.has_face,
+        "finger": contact.name,
+        "grip": touch.grip,
+        "touched": contact.touched,
+        "start": contact.start_mm,
+        "end": contact.end_mm,
+        "radius": contact.finger.tip_radius_mm,
+        "pad": contact.finger.tip.has_face,
         "places": [
-            {"name": place["name"], "at": place["end_mm"], "bound": place["position_bound_mm"]}
-            for place in places_touched(touch)
+            {"name": place.name, "at": place.end_mm, "bound": place.position_bound_mm}
+            for place in touch.places
         ],
-        "normal": None if normal is None else [normal["lo_rad"], normal["hi_rad"]],
-        "force": patch.get("force_n"),
+        "normal": None if normal is None else [normal.lo_rad, normal.hi_rad],
+        "force": touch.force_n,
     }
 
 
-def _place(item: Mapping[str, Any]) -> dict[str, object]:
-    at = item["configuration"]
+def _place(item: LoggedPlacement) -> dict[str, object]:
+    at = item.configuration
     return {
-        "object": item["object"],
-        "state": item["state"],
-        "x": at["x_mm"],
-        "y": at["y_mm"],
-        "theta": at["theta_rad"],
+        "object": item.object,
+        "state": item.state,
+        "x": at.x_mm,
+        "y": at.y_mm,
+        "theta": at.theta_rad,
     }
 
 
-def _hypothesis(item: Mapping[str, Any]) -> dict[str, object]:
+def _hypothesis(item: LoggedHypothesis) -> dict[str, object]:
     return _place(item) | {
-        "weight": item["weight"],
-        "round": item["symmetry_order"] == 0,
-        "bounds": item["bounds"],
+        "weight": item.weight,
+        "round": item.symmetry_order == 0,
+        "bounds": vars(item.bounds),
     }
 
 

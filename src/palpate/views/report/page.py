@@ -27,9 +27,8 @@ figure { margin: .6rem 0; background: #fff; border: 1px solid var(--line); borde
   padding: .3rem; }
 figure svg, figure img { display: block; width: 100%; height: auto; max-height: 40rem; }
 .sections figure svg, figure img { max-height: none; }
-.matrix { width: auto; } .matrix thead th { writing-mode: vertical-rl; transform: rotate(180deg);
-  white-space: nowrap; }
-.matrix td { text-align: center; min-width: 2.2rem; }
+.matrix { width: auto; }
+.matrix td, .matrix thead th { text-align: center; min-width: 2.2rem; }
 .columns { display: grid; gap: 0 2rem;
   grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); }
 @media print {
@@ -112,10 +111,12 @@ def _cells(row: Sequence[str], kinds: Sequence[str]) -> str:
 
 
 def matrix(names: Sequence[str], shares: Mapping[tuple[str, str], float]) -> str:
-    """A table of percentages: a row and a column for each name, the larger shares with more colour."""
-    head = "".join(f"<th>{escape(name)}</th>" for name in names)
-    rows = [(row, "".join(_share_cell(shares.get((row, name), 0.0)) for name in names)) for row in names]
-    body = "".join(f"<tr><th>{escape(row)}</th>{cells}</tr>" for row, cells in rows)
+    """A table of percentages: a row and a numbered column for each name, larger shares with more colour."""
+    head = "".join(f"<th>{number}</th>" for number in range(1, len(names) + 1))
+    body = ""
+    for number, row in enumerate(names, start=1):
+        cells = "".join(_share_cell(shares.get((row, name), 0.0)) for name in names)
+        body += f"<tr><th>{number} {escape(row)}</th>{cells}</tr>"
     return f'<table class="matrix"><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>'
 
 

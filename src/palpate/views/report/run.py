@@ -3,32 +3,32 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import ObjectModel
-from palpate.base.tips import Tip, tip_of
 from palpate.config import RigFile
 from palpate.config.recognition_results import IdentificationOut
 from palpate.config.session_results import SessionOut
 from palpate.drivers.transport import PortOpened
-from palpate.recognizer import Catalogue, explain_object
+from palpate.recognizer import Catalogue, NormalRange, explain_object
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.recorded_session import (
+from palpate.rig.session.logged_values import (
     GripRecord,
-    SessionSamples,
-    contacts_in,
+    LoggedHypothesis,
+    LoggedPlacement,
     grip_records,
-    places_touched,
+    placement_in,
 )
+from palpate.rig.session.recorded_session import SessionSamples
 from palpate.views.answer import answer_lines
-from palpate.views.exports.scene import outlines_in_w, sort_by_weight
 from palpate.views.numerals import at_most
+from palpate.views.recognition import bounded_pose, touch_mark
 from palpate.views.recognition_text import ContactRecord, why_lines
 from palpate.views.report.page import columns, heading, lines, page, paragraph, picture, section, table
+from palpate.views.run_scene import outlines_in_w
 from palpate.views.sessions_text import info_lines, instant_words
 from palpate.views.table_picture.picture import draw
-from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
+from palpate.views.table_picture.values import FingerBase, OtherHypothesis, Picture, TouchMark
 
 _MAX_DRAWN = 8  # hypotheses in a picture
 _MAX_LISTED = 20
@@ -39,25 +39,25 @@ _POINT_ROWS = (
 
 
 def grip_sections(
-    grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: Mapping[str, Any] | None
+    grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: LoggedPlacement | None
 ) -> list[str]:
     """A section for each grip."""
     models = {model.name: model for model in objects}
     found, before = [], None
     for at, grip in enumerate(grips):
-        marks = tuple(_mark(item.number, touch) for item in grips[: at + 1] for touch in item.touches)
+        marks = tuple(
+            touch_mark(touch.grip, touch.contact, touch.touched_points)
+            for item in grips[: at + 1]
+            for touch in item.touches
+        )
         parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
         parts.append(columns(_touches(grip), _hypotheses(grip)))
-        parts += [paragraph(_POINT_ROWS)] if any(_tip(touch).has_face for touch in grip.touches) else []
+        has_face = any(touch.contact.finger.tip.has_face for touch in grip.touches)
+        parts += [paragraph(_POINT_ROWS)] if has_face else []
         parts.append(paragraph(_words(grip, before)))
         found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
         before = grip if grip.verdict is not None else before
     return found
-
-
-def name_of(item: Mapping[str, Any]) -> str:
-    """Object and state of a hypothesis."""
-    return f"{item['object']}, {item['state']}"
 
 
 def _words(grip: GripRecord, before: GripRecord | None) -> str:
@@ -69,69 +69,69 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
         )
     if grip.verdict is None:
         return " ".join([*words, "Its contacts were not interpreted."])
-    left = {name_of(item) for item in grip.hypotheses}
+    left = {item.name for item in grip.hypotheses}
     if before is not None:
-        fell = sorted({name_of(item) for item in before.hypotheses} - left)
+        fell = sorted({item.name for item in before.hypotheses} - left)
         words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out no state.")
     words.append(f"Left: {quantity(len(grip.hypotheses), 'hypothesis', 'hypotheses')}.")
     return " ".join(words)
 
 
 def _kind(grip: GripRecord, before: GripRecord | None) -> str:
-    if grip.planned is None:
+    if grip.decisive is None:
         return "An exploring grip: too little was known for a plan."
     if before is not None and len(before.hypotheses) == 1:
         return "A grip that narrows the only hypothesis, or confirms it: does it predict the contacts?"
-    if grip.planned["decisive"]:
+    if grip.decisive:
         return "A planned grip, decisive: whatever it finds, hypotheses fall."
     return "A planned grip: what it is expected to find rules out most."
 
 
-def _title(grip: GripRecord, first: Mapping[str, Any] | None) -> str:
+def _title(grip: GripRecord, first: LoggedHypothesis | None) -> str:
     """What the contacts say."""
     if grip.verdict is None:
         return "not interpreted"
-    return "nothing agrees" if first is None else name_of(first)
+    return "nothing agrees" if first is None else first.name
 
 
 def _touches(grip: GripRecord) -> str:
-    rows = []
-    for touch in grip.touches:
-        force = (touch.get("patch") or {}).get("force_n")
-        for contact in places_touched(touch):
-            x, y = contact["end_mm"]
-            rows.append(
-                (
-                    contact["name"],
-                    "touched" if contact["touched"] else "missed",
-                    f"{x:.2f}",
-                    f"{y:.2f}",
-                    f"± {at_most(contact['position_bound_mm'])}",
-                    _normal(contact.get("normal")),
-                    "" if force is None else f"{force:.2f}",
-                )
-            )
+    rows = [
+        (
+            contact.name,
+            "touched" if contact.touched else "missed",
+            f"{contact.end_mm[0]:.2f}",
+            f"{contact.end_mm[1]:.2f}",
+            f"± {at_most(contact.position_bound_mm)}",
+            _normal(contact.normal),
+            "" if touch.force_n is None else f"{touch.force_n:.2f}",
+        )
+        for touch in grip.touches
+        for contact in touch.places
+    ]
     names = ("finger", "", "x, mm", "y, mm", "bound, mm", "normal, °", "force, N")
     return table(names, rows, names[2:])
 
 
-def _normal(normal: Mapping[str, float] | None) -> str:
+def _normal(normal: NormalRange | None) -> str:
     if normal is None:
         return ""
-    lo, hi = math.degrees(normal["lo_rad"]), math.degrees(normal["hi_rad"])
+    lo, hi = math.degrees(normal.lo_rad), math.degrees(normal.hi_rad)
     return f"{(lo + hi) / 2 % 360:.0f} ± {(hi - lo) / 2:.0f}"
 
 
 def _hypotheses(grip: GripRecord) -> str:
-    heaviest = sort_by_weight(grip.hypotheses)
-    rows = []
-    for item in heaviest[:_MAX_LISTED]:
-        at = item["configuration"]
-        theta = "any" if item["symmetry_order"] == 0 else f"{math.degrees(at['theta_rad']):.1f}"
-        weight = 100 * (item["weight"] or 0.0)
-        rows.append((name_of(item), f"{weight:.1f}", f"{at['x_mm']:.2f}", f"{at['y_mm']:.2f}", theta))
-    if len(heaviest) > _MAX_LISTED:
-        rows.append((f"and {len(heaviest) - _MAX_LISTED} more", "", "", "", ""))
+    rows = [
+        (
+            item.name,
+            f"{100 * item.weight:.1f}",
+            f"{item.configuration.x_mm:.2f}",
+            f"{item.configuration.y_mm:.2f}",
+            f"{math.degrees(item.configuration.theta_rad):.1f}" if item.symmetry_order else "any",
+        )
+        for item in grip.hypotheses[:_MAX_LISTED]
+    ]
+    if len(grip.hypotheses) > _MAX_LISTED:
+        rows.append((f"and {len(grip.hypotheses) - _MAX_LISTED} more", "", "", "", ""))
     return table(("hypothesis", "%", "x, mm", "y, mm", "θ, °"), rows, ("%", "x, mm", "y, mm", "θ, °"))
 
 
@@ -140,20 +140,19 @@ def _picture(
     marks: tuple[TouchMark, ...],
     rig: RigFile,
     models: Mapping[str, ObjectModel],
-    truth: Mapping[str, Any] | None,
+    truth: LoggedPlacement | None,
 ) -> str:
-    heaviest = sort_by_weight(grip.hypotheses)
-    first = heaviest[0] if heaviest else None
+    first = grip.hypotheses[0] if grip.hypotheses else None
     others = [
-        OtherHypothesis(item["object"], f"still possible, {100 * (item['weight'] or 0):.0f} %", rings)
-        for item in heaviest[1:_MAX_DRAWN]
+        OtherHypothesis(item.object, f"still possible, {100 * item.weight:.0f} %", rings)
+        for item in grip.hypotheses[1:_MAX_DRAWN]
         if (rings := outlines_in_w(item, models))
     ]
     return draw(
         Picture(
             title=f"After grip {grip.number}: {_title(grip, first)}",
             found=() if first is None else outlines_in_w(first, models),
-            pose=None if first is None else _pose(first),
+            pose=None if first is None else bounded_pose(first.configuration, first.bounds),
             truth=() if truth is None else outlines_in_w(truth, models),
             others=tuple(others),
             touches=marks,
@@ -163,32 +162,6 @@ def _picture(
     )
 
 
-def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
-    contact, tip = touch["contact"], _tip(touch)
-    normal = contact.get("normal") if tip.measures_normal else None
-    return TouchMark(
-        contact["name"],
-        number,
-        tuple(contact["start_mm"]),
-        tuple(contact["end_mm"]),
-        contact["finger"]["tip_radius_mm"],
-        contact["touched"],
-        None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
-        tip.has_face,
-        tuple(tuple(item["end_mm"]) for item in places_touched(touch) if tip.has_face and item["touched"]),
-    )
-
-
-def _tip(touch: Mapping[str, Any]) -> Tip:
-    return tip_of(touch["contact"]["finger"].get("shape", "cylinder"))
-
-
-def _pose(item: Mapping[str, Any]) -> BoundedPose:
-    at, bounds = item["configuration"], item["bounds"]
-    x, y, theta = ((at[name], *bounds[name]) for name in ("x_mm", "y_mm", "theta_rad"))
-    return BoundedPose(x, y, theta)
-
-
 _MAX_RIVALS_EXPLAINED = 40  # rivals whose elimination is explained; more would take minutes
 
 
@@ -196,7 +169,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     """The page. A run that was cut off is reported as far as its log goes."""
     file, grips = samples.file, grip_records(samples.file)
     truths = file.told("truth")
-    truth = truths[0] if truths else None
+    truth = placement_in(truths[0]) if truths else None
     answer = _answer(file)
     title = f"{answer.verdict.value.capitalize()}: {answer.object or 'no object'}" if answer else "No answer"
     parts = [
@@ -237,10 +210,10 @@ def _rivals(grips: Sequence[GripRecord], objects: Sequence[ObjectModel]) -> str:
     judged = [grip for grip in grips if grip.verdict is not None]
     if not judged:
         return paragraph("No contact was interpreted.")
-    last_seen = {name_of(item): grip.number for grip in judged for item in grip.hypotheses}
-    left = {name_of(item) for item in judged[-1].hypotheses}
+    last_seen = {item.name: grip.number for grip in judged for item in grip.hypotheses}
+    left = {item.name for item in judged[-1].hypotheses}
     catalogue = Catalogue(objects)
-    contacts = [contact for touch in judged[0].touches for contact in contacts_in(touch)]
+    contacts = [contact for touch in judged[0].touches for contact in touch.evidence]
     record = ContactRecord([contacts])
     rows, explained = [], 0
     numbers = [grip.number for grip in judged]
@@ -325,6 +298,3 @@ def _read(path: Path) -> str:
         return path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be read: {error}") from error
-
-
-_Values = Mapping[str, Any]
