@@ -19,7 +19,7 @@ from palpate.recognizer import (
 )
 from palpate.rig.catalogue.reachability import untouched_lines
 from palpate.rig.identification.grip_choice import GripPlan
-from palpate.rig.session.run import IdentificationRun
+from palpate.rig.identification.result import IdentificationRun
 from palpate.views.answer import answer_lines, picture_facts
 from palpate.views.plan import grip_out, plan_picture
 from palpate.views.recognition import identification_picture, recognition_out, recognition_picture

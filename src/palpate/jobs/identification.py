@@ -3,12 +3,13 @@
 import hashlib
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -30,22 +31,44 @@ from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lin
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.identification.observers import Observer
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.recorded_session import keep_inputs
-from palpate.rig.session.run import TRUTH_EVENT, IdentificationJob, IdentificationRun, run_identification
+from palpate.rig.session.run import TRUTH_EVENT, run_identification
 from palpate.rig.session.signals import HeldInterrupts
 from palpate.views.recognition import contacts_json
 
 
 @dataclass(frozen=True)
-class _Inputs:
-    """What an identification starts from."""
+class Callbacks:
+    """Functions that a run calls; `Rig.identify` says when, and with what."""
+
+    on_event: Observer | None
+    on_session: Callable[[Path], None]
+    notice: Callable[[str], None]
+    warn: Callable[[str], None]
+    progress: Callable[[str], None]
+
+    @property
+    def observers(self) -> list[Observer]:
+        """Observers of the run's events."""
+        return [] if self.on_event is None else [self.on_event]
+
+
+@dataclass(frozen=True)
+class IdentificationRequest:
+    """What an identification is asked for; `name`: of the objects, in messages.
+
+    `run`: number of the run on this rig, from 0; later ones draw other parts for an emulated table.
+    """
 
     on_bench: RigOnBench
     objects: ObjectsFile
+    name: str
     scene: Scene | None
     seed: int
+    run: int
     strategy: Strategy
 
     def session_name(self) -> str:
@@ -60,102 +83,90 @@ class _Inputs:
         content.update(self.strategy.value.encode())
         return f"identify-seed-{self.seed}-{content.hexdigest()[:8]}"
 
-
-def identify_on(
-    on_bench: RigOnBench,
-    objects: ObjectsFile,
-    *,
-    name: str,
-    scene: Scene | None,
-    seed: int,
-    run: int,
-    strategy: Strategy,
-    sessions: Path | None,
-    on_event: Observer | None,
-    on_session: Callable[[Path], None],
-    notice: Callable[[str], None],
-    warn: Callable[[str], None],
-    progress: Callable[[str], None],
-) -> Answer:
-    """Identify, with a session log below `sessions`; arguments and errors as `Rig.identify`.
-
-    `name`: of the objects, in messages. `run`: number of the run on this rig, from 0; later ones draw other
-    parts for an emulated table.
-    """
-    begin = time.perf_counter()
-    check_accuracy(on_bench.rig, str(on_bench.path))
-    lies = choose_placement(on_bench.described, objects, scene, seed)
-    if run and scene is None and lies is not None:
-        lies = _draw_part(on_bench, objects, seed, run)
+    def with_part(self) -> tuple[Self, Placement | None]:
+        """The request with the scene that a later run on an emulated table draws, and what lies there."""
+        described = self.on_bench.described
+        lies = choose_placement(described, self.objects, self.scene, self.seed)
+        if not self.run or self.scene is not None or described.emulation is None:
+            return self, lies
+        rng = np.random.default_rng([self.seed, 0, self.run])
+        radii = described.emulation.placement_radius_mm, described.workspace.radius_mm
+        lies = draw_placement(self.objects, radii[0], rng, radii[1])
         at = ConfigurationText(x=lies.x_mm, y=lies.y_mm, theta=lies.theta_rad)
         scene = Scene(
             format="palpate/scene@1", object=lies.model.name, configuration=at, state=lies.state.name
         )
-    for line in finding_lines(on_bench.rig, objects.objects, name):
-        warn(line)
-    for line in scene_lines(on_bench.described, lies) if scene is not None and lies is not None else ():
-        warn(line)
-    inputs = _Inputs(on_bench, objects, scene, seed, strategy)
+        return replace(self, scene=scene), lies
+
+
+@dataclass(frozen=True)
+class _PreparedRun:
+    """A run that is about to begin, `begin_s` on the computer's clock; `lies`: what is on the table now."""
+
+    request: IdentificationRequest
+    job: IdentificationJob
+    bench: BenchRig
+    lies: Callable[[], Placement | None]
+    begin_s: float
+
+    def answer(self, run: IdentificationRun, session: Path | None) -> Answer:
+        """The answer of the run, which has ended now."""
+        seconds = time.perf_counter() - self.begin_s
+        out = run.out(wall_seconds=seconds, session=None if session is None else str(session))
+        return Answer(out, run, self.request.objects, run.late_failure)
+
+
+def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Callbacks) -> Answer:
+    """Identify, with a session log in a folder below `sessions`; errors as `Rig.identify`."""
+    begin, on_bench = time.perf_counter(), request.on_bench
+    check_accuracy(on_bench.rig, str(on_bench.path))
+    request, lies = request.with_part()
+    for line in finding_lines(on_bench.rig, request.objects.objects, request.name):
+        calls.warn(line)
+    for line in () if request.scene is None or lies is None else scene_lines(on_bench.described, lies):
+        calls.warn(line)
     # Before there are ports, which processes that prepare it would inherit.
-    catalogue = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers), progress)
-    bench = set_up(on_bench.described, lies, seed)
-    placement_now = partial(placement_in_hand_frame, on_bench, lies, seed, bench.emulated)
-    started = datetime.now(UTC).replace(microsecond=0)
+    catalogue = prepare_catalogue(
+        request.objects.objects, map(finger_of, on_bench.rig.fingers), calls.progress
+    )
+    bench = set_up(on_bench.described, lies, request.seed)
+    lies_now = partial(placement_in_hand_frame, on_bench, lies, request.seed, bench.emulated)
     job = IdentificationJob(
         on_bench.rig,
         catalogue,
-        placement_now(),
-        strategy,
-        seed,
+        lies_now(),
+        request.strategy,
+        request.seed,
         on_bench.calibration,
-        started,
+        datetime.now(UTC).replace(microsecond=0),
     )
-    observers = [] if on_event is None else [on_event]
-    if sessions is None:
-        finished = run_identification(job, environment(bench), None, observers, notice, placement_now)
-        out = finished.out(wall_seconds=time.perf_counter() - begin, session=None)
-        return Answer(out, finished, objects, finished.late_failure)
-    return _identify_with_log(
-        inputs, job, bench, sessions, observers, on_session, notice, placement_now, begin
-    )
+    prepared = _PreparedRun(request, job, bench, lies_now, begin)
+    if sessions is not None:
+        return _identify_with_log(prepared, sessions, calls)
+    run = run_identification(job, environment(bench), None, calls.observers, calls.notice, lies_now)
+    return prepared.answer(run, None)
 
 
-def _identify_with_log(
-    inputs: _Inputs,
-    job: IdentificationJob,
-    bench: BenchRig,
-    sessions: Path,
-    observers: Sequence[Observer],
-    on_session: Callable[[Path], None],
-    notice: Callable[[str], None],
-    placement_now: Callable[[], Placement | None],
-    begin: float,
-) -> Answer:
+def _identify_with_log(prepared: _PreparedRun, sessions: Path, calls: Callbacks) -> Answer:
     """Identify with a session log. An answer that could not be written down is still an answer."""
-    folder = session_folder(sessions, inputs.session_name())
+    request, job, bench = prepared.request, prepared.job, prepared.bench
+    folder = session_folder(sessions, request.session_name())
     latency_s = bus_latency_s(job.rig)
     answer: Answer | None = None
     log: SessionLog | None = None
     try:
-        with SessionLog(folder, bench.clock, _header(inputs, job, latency_s)) as log:
-            keep_inputs(folder, inputs.on_bench, inputs.objects, inputs.scene)
-            on_session(folder)
+        with SessionLog(folder, bench.clock, _header(request, job, latency_s)) as log:
+            keep_inputs(folder, request.on_bench, request.objects, request.scene)
+            calls.on_session(folder)
             with HeldInterrupts() as held:
-                finished = run_identification(
-                    job,
-                    environment(bench, log, latency_s, held.check),
-                    log,
-                    observers,
-                    notice,
-                    placement_now,
-                )
-            if finished.truth is not None:
+                there = environment(bench, log, latency_s, held.check)
+                run = run_identification(job, there, log, calls.observers, calls.notice, prepared.lies)
+            if run.truth is not None:
                 part = None if bench.emulated is None else bench.emulated.part
-                log.event(TRUTH_EVENT, **finished.truth.values(part))
-            out = finished.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
-            log.event("result", result=out.model_dump(mode="json"))
-            answer = Answer(out, finished, inputs.objects, finished.late_failure)
-        _write_results(answer, finished, folder)
+                log.event(TRUTH_EVENT, **run.truth.values(part))
+            answer = prepared.answer(run, folder)
+            log.event("result", result=answer.result.model_dump(mode="json"))
+        _write_results(answer, folder)
     except PalpateError as error:
         if answer is None:
             raise
@@ -166,14 +177,14 @@ def _identify_with_log(
     return answer
 
 
-def _header(inputs: _Inputs, job: IdentificationJob, latency_s: float) -> dict[str, object]:
+def _header(request: IdentificationRequest, job: IdentificationJob, latency_s: float) -> dict[str, object]:
     assert job.started is not None, "set by identify_on"
     return {
         "palpate": version("palpate"),
         "rig": job.rig.name,
-        "seed": inputs.seed,
-        "strategy": inputs.strategy.value,
-        "scene": inputs.scene is not None,
+        "seed": request.seed,
+        "strategy": request.strategy.value,
+        "scene": request.scene is not None,
         "calibration": job.calibration is not None,
         "emulated": job.rig.emulation is not None,
         "started": job.started.isoformat(),
@@ -181,19 +192,11 @@ def _header(inputs: _Inputs, job: IdentificationJob, latency_s: float) -> dict[s
     }
 
 
-def _draw_part(on_bench: RigOnBench, objects: ObjectsFile, seed: int, run: int) -> Placement:
-    """What lies on an emulated table in a later run on one rig."""
-    emulation = on_bench.described.emulation
-    assert emulation is not None, "something lies on emulated tables only"
-    rng = np.random.default_rng([seed, 0, run])
-    return draw_placement(objects, emulation.placement_radius_mm, rng, on_bench.described.workspace.radius_mm)
-
-
-def _write_results(answer: Answer, run: IdentificationRun, folder: Path) -> None:
+def _write_results(answer: Answer, folder: Path) -> None:
     """Write picture, answer and contacts into the session's folder."""
     write_text(folder / "picture.svg", answer.picture())
     write_text(folder / "result.json", to_json(answer.result, indent=2) + "\n")
     contacts = contacts_json(
-        [[contact for touch in grip for contact in touch.evidence] for grip in run.result.grips]
+        [[contact for touch in grip for contact in touch.evidence] for grip in answer.run.result.grips]
     )
     write_text(folder / "contacts.json", json.dumps(contacts, indent=1) + "\n")

@@ -28,7 +28,7 @@ from palpate.jobs.calibration import (
 )
 from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig, examine_rig, hold_check, touch_check
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
-from palpate.jobs.identification import identify_on
+from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.script import unwind_on_signals, warn_operator
 from palpate.rig.array_monitor import find_array_ports, select_fingers, stream_arrays
@@ -144,21 +144,12 @@ class Rig:
         models, given = objects_from(objects), scene_from(scene)
         run, self._runs = self._runs, self._runs + 1
         with unwind_on_signals():
-            return identify_on(
-                self._on_bench,
-                models,
-                name=name_of(objects),
-                scene=given,
-                seed=self._seed,
-                run=run,
-                strategy=recognition.parse_strategy(strategy),
-                sessions=None if sessions is None else Path(sessions),
-                on_event=on_event,
-                on_session=on_session,
-                notice=notice,
-                warn=warn,
-                progress=progress,
+            chosen = recognition.parse_strategy(strategy)
+            request = IdentificationRequest(
+                self._on_bench, models, name_of(objects), given, self._seed, run, chosen
             )
+            calls = Callbacks(on_event, on_session, notice, warn, progress)
+            return identify_on(request, None if sessions is None else Path(sessions), calls)
 
     @check_arguments
     def plan(

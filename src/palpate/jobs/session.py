@@ -19,11 +19,11 @@ from palpate.rig.bench import choose_placement
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame
+from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import load_kept_inputs, used_calibration
 from palpate.rig.session.replay import Replayed, replay
-from palpate.rig.session.run import IdentificationJob
 
 
 @check_arguments

@@ -15,7 +15,8 @@ from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import choose_placement, environment, set_up
-from palpate.rig.session.run import IdentificationJob, run_identification
+from palpate.rig.identification.result import IdentificationJob
+from palpate.rig.session.run import run_identification
 from support.benches.rigs import STAGE, firm_rig, small, small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session
 from support.commands.repository import EXAMPLES

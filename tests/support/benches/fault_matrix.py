@@ -31,8 +31,9 @@ from palpate.rig.commissioning.hand_prober import HandProber
 from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.diagnostics.hold_check import check_hold, with_light_touch
 from palpate.rig.emulated.scene import ReferencePlacer
+from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.log import SessionLog
-from palpate.rig.session.run import IdentificationJob, run_identification
+from palpate.rig.session.run import run_identification
 from support.benches.calibration_files import bench_calibration
 from support.benches.fault_rows import FAULTS, JUST_BEFORE, LOOKED, Fault, Host, shove
 from support.benches.rigs import firm_rig, small_objects, small_rig

@@ -1,6 +1,5 @@
 """An emulated rig in this process, its touches, and what holds for each."""
 
-import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,9 +20,9 @@ from palpate.drivers.transport.wire import Device, Emission
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
+from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.result import RunFacts, identification_out
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
@@ -203,10 +202,10 @@ def identify_checked(session: EmulatedSession, catalogue: Catalogue) -> Identifi
     assert not any(session.torque().values())
     assert all(f.hardest_n <= session.rig.closing.max_force_n for f in session.bench.fingers)
     assert result.recognition is not None
-    out = identification_out(result, session.placement, RunFacts(emulated=True, rig_seconds=1.0))
-    assert out.truth is not None
-    assert out.truth.named, json.dumps(out.model_dump(mode="json"))
-    assert out.truth.inside_bounds, json.dumps(out.model_dump(mode="json"))
+    assert session.placement is not None
+    truth = compare_answer(session.placement, result.recognition.hypotheses)
+    assert truth.named, truth
+    assert truth.inside_bounds, truth
     return result
 
 

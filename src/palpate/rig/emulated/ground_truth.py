@@ -8,13 +8,14 @@ to try what happens on a table that seems empty.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import shapely
 from shapely import affinity
 
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import FingerConfig, RigFile
+from palpate.config.recognition_results import TruthOut
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
 from palpate.rig.calibrated_rig import RigOnBench
@@ -26,35 +27,35 @@ from palpate.rig.emulated.finger_truth import DRAWS
 from palpate.rig.emulated.scene import Placement, displace
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """The truth as the configuration equal to it, by the state's symmetry, that is nearest to the answer.
+def compare_answer(
+    placement: Placement,
+    hypotheses: Sequence[Hypothesis],
+    at_measurement: Sequence[Configuration] | None = None,
+) -> TruthOut:
+    """Compare the truth with the best of the hypotheses that name its object and state.
 
-    `hypothesis` is the answer's hypothesis with the right object and state, None if there is none; then the
-    errors are None too.
+    `at_measurement`: where the part was when each grip's contacts were measured.
     """
-
-    hypothesis: Hypothesis | None
-    configuration: Configuration
-    inside_bounds: bool
-    position_error_mm: float | None
-    orientation_error_rad: float | None
-
-
-def compare_answer(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Comparison:
-    """Compare the truth with the best of the hypotheses that name its object and state."""
-    truth = Configuration(placement.x_mm, placement.y_mm, placement.theta_rad)
+    truth = TruthOut(
+        object=placement.model.name,
+        state=placement.state.name,
+        configuration=Configuration(placement.x_mm, placement.y_mm, placement.theta_rad),
+        named=False,
+        inside_bounds=False,
+        position_error_mm=None,
+        orientation_error_rad=None,
+        at_measurement=at_measurement,
+    )
     found = [
-        _compare_hypothesis(placement, item)
+        _compare_hypothesis(placement, item, truth)
         for item in hypotheses
-        if item.state.object_name == placement.model.name and item.state.state.name == placement.state.name
+        if (item.state.object_name, item.state.state.name) == (truth.object, truth.state)
     ]
-    if not found:
-        return Comparison(None, truth, False, None, None)
-    return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
+    return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm), default=truth)
 
 
-def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis) -> Comparison:
+def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis, truth: TruthOut) -> TruthOut:
+    """Return the truth with its errors beside an answer that names its object and state."""
     answer, bounds = hypothesis.configuration, hypothesis.search_bounds
     theta = _equal_turn(hypothesis.state, placement.theta_rad, answer.theta_rad)
     # A symmetry turns the object about its centroid, which stays where it is.
@@ -66,12 +67,13 @@ def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis) -> Compari
         lo <= value <= hi
         for value, (lo, hi) in ((x, bounds.x_mm), (y, bounds.y_mm), (theta, bounds.theta_rad))
     )
-    return Comparison(
-        hypothesis,
-        Configuration(float(x), float(y), float(theta)),
-        inside,
-        math.hypot(answer.x_mm - x, answer.y_mm - y),
-        abs(answer.theta_rad - theta),
+    return TruthOut.of(
+        truth,
+        configuration=Configuration(float(x), float(y), float(theta)),
+        named=True,
+        inside_bounds=inside,
+        position_error_mm=math.hypot(answer.x_mm - x, answer.y_mm - y),
+        orientation_error_rad=abs(answer.theta_rad - theta),
     )
 
 

@@ -1,10 +1,14 @@
-"""Result of an identification as `palpate/identification@1`."""
+"""A run of an identification: what it starts from, what came of it, and `palpate/identification@1`."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import datetime
 
+from palpate.base.errors import PalpateError
+from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import Strategy
+from palpate.config import CalibrationFile, RigFile
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
@@ -13,79 +17,123 @@ from palpate.config.recognition_results import (
     NotBoundedOut,
     Relation,
     TouchRecordOut,
-    TruthOut,
 )
 from palpate.config.result_model import UnfinishedOut
-from palpate.recognizer import Configuration, Hypothesis, Recognition
-from palpate.rig.emulated.ground_truth import Comparison, compare_answer
+from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
+from palpate.rig.emulated.ground_truth import compare_answer
+from palpate.rig.emulated.part_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.grip_choice import NotBounded
+from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.motion_bounds import MotionBounds
 
 
-@dataclass(frozen=True, slots=True)
-class RunFacts:
-    """Facts of a run beside its result. `session`: folder of its log; `calibration`: None if none is used."""
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What lay on an emulated table, in the frame of the answers.
 
+    `placement`: how it lay when the fingers had left. `at_measurement`: where it was when each grip's
+    contacts were measured, None if that was not noted.
+    """
+
+    placement: Placement
+    at_measurement: Sequence[Configuration] | None = None
+
+    def values(self, part: PartTruth | None) -> dict[str, object]:
+        """Values of the event; `part`: how the part moves, None if nothing moves it."""
+        return {
+            "object": self.placement.model.name,
+            "state": self.placement.state.name,
+            "configuration": self.placement.configuration,
+            "at_measurement": self.at_measurement,
+            "part": part and asdict(part) | {"slip_n": part.slip_n},
+        }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationJob(ShortRepr):
+    """What a run starts from; `placement`, in the answer's frame, is what an emulated table is set with.
+
+    `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
+    `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
+    the calibration.
+    """
+
+    rig: RigFile
+    catalogue: Catalogue
+    placement: Placement | None
+    strategy: Strategy
+    seed: int
+    calibration: CalibrationFile | None = None
+    started: datetime | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationRun(ShortRepr):
+    """A run that has ended, and the rig's own time (s) at its end.
+
+    `truth`: what lay on an emulated table and where, in the answer's frame, to be compared with the answer.
+    `calibration`: what there is to say of the calibration; None if the run used none.
+    `late_failure`: an observer or the display failed at the end; that has no part in the result.
+    """
+
+    job: IdentificationJob
+    result: Identification
     emulated: bool
     rig_seconds: float
-    wall_seconds: float = 0.0
-    session: str | None = None
-    strategy: Strategy = Strategy.PLANNED
-    calibration: CalibrationUsedOut | None = None
+    truth: Truth | None
+    calibration: CalibrationUsedOut | None
+    late_failure: PalpateError | None
 
+    def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
+        """Return `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
+        result, truth = self.result, self.truth
+        hypotheses = hypotheses_of(result)
+        first = hypotheses[0] if hypotheses else None
+        shift_mm = result.detectable_shift_mm
+        return IdentificationOut(
+            verdict=result.outcome,
+            object=first and first.state.object_name,
+            state=first and first.state.state.name,
+            configuration=first and first.configuration,
+            bounds=first and first.bounds,
+            alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
+            symmetry_order=1 if first is None else first.state.symmetry_order,
+            strategy=self.job.strategy,
+            grips=len(result.grips),
+            touches=result.touches,
+            touch_records=_touch_records(result),
+            contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
+            swept=result.swept,
+            predicted=result.predicted,
+            stranger_probability=result.stranger_probability,
+            moved_before=result.moved_before,
+            detectable_shift=shift_mm if math.isfinite(shift_mm) else None,
+            emulated=self.emulated,
+            rig_seconds=self.rig_seconds,
+            wall_seconds=wall_seconds,
+            session=session,
+            calibration=self.calibration,
+            motion_bounds=tuple(
+                MotionBoundOut(grip=number, position=bound and bound[0], orientation=bound and bound[1])
+                for number, bound in enumerate(result.motions, start=1)
+            ),
+            assumed_holds_n=result.assumed_holds_n,
+            hold_contradicted=result.hold_contradicted,
+            not_bounded=self._not_bounded(),
+            unfinished=None if result.recognition is None else unfinished_out(result.recognition),
+            truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
+        )
 
-def identification_out(
-    result: Identification,
-    placement: Placement | None,
-    facts: RunFacts,
-    at_measurement: Sequence[Configuration] | None = None,
-    not_bounded: Sequence[NotBounded] = (),
-) -> IdentificationOut:
-    """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it.
-
-    `placement`: what lies on an emulated table at the end, `at_measurement`: where it was at each grip.
-    `not_bounded`: states of the answer that may tip or roll.
-    """
-    hypotheses = hypotheses_of(result)
-    first = hypotheses[0] if hypotheses else None
-    truth = None if placement is None else compare_answer(placement, hypotheses)
-    return IdentificationOut(
-        verdict=result.outcome,
-        object=first and first.state.object_name,
-        state=first and first.state.state.name,
-        configuration=first and first.configuration,
-        bounds=first and first.bounds,
-        alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
-        symmetry_order=1 if first is None else first.state.symmetry_order,
-        strategy=facts.strategy,
-        grips=len(result.grips),
-        touches=result.touches,
-        touch_records=_touch_records(result),
-        contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
-        swept=result.swept,
-        predicted=result.predicted,
-        stranger_probability=result.stranger_probability,
-        moved_before=result.moved_before,
-        detectable_shift=result.detectable_shift_mm if math.isfinite(result.detectable_shift_mm) else None,
-        emulated=facts.emulated,
-        rig_seconds=facts.rig_seconds,
-        wall_seconds=facts.wall_seconds,
-        session=facts.session,
-        calibration=facts.calibration,
-        motion_bounds=tuple(
-            MotionBoundOut(grip=number, position=bound and bound[0], orientation=bound and bound[1])
-            for number, bound in enumerate(result.motions, start=1)
-        ),
-        assumed_holds_n=result.assumed_holds_n,
-        hold_contradicted=result.hold_contradicted,
-        not_bounded=tuple(
+    def _not_bounded(self) -> tuple[NotBoundedOut, ...]:
+        """States of the answer in which the fingers may have tipped or rolled the part."""
+        bounds = MotionBounds(self.job.rig, self.job.catalogue)
+        pushed_n = max((bounds.peak_force_n(grip) for grip in self.result.grips), default=0.0)
+        table = StabilityTable(self.job.rig, self.job.catalogue, bounds)
+        return tuple(
             NotBoundedOut.of(item, object=item.object_name, state=item.state_name, when_pushed=item.response)
-            for item in not_bounded
-        ),
-        unfinished=None if result.recognition is None else unfinished_out(result.recognition),
-        truth=None if placement is None or truth is None else _truth(placement, truth, at_measurement),
-    )
+            for item in table.not_bounded(self.result.recognition, pushed_n)
+        )
 
 
 def unfinished_out(recognition: Recognition) -> UnfinishedOut | None:
@@ -155,15 +203,3 @@ def _centre(item: Hypothesis) -> tuple[float, float]:
 def hypotheses_of(result: Identification) -> Sequence[Hypothesis]:
     """Hypotheses of the last recognition, the heaviest first; none if nothing was touched."""
     return () if result.recognition is None else result.recognition.hypotheses
-
-
-def _truth(
-    placement: Placement, found: Comparison, at_measurement: Sequence[Configuration] | None
-) -> TruthOut:
-    return TruthOut.of(
-        found,
-        object=placement.model.name,
-        state=placement.state.name,
-        named=found.hypothesis is not None,
-        at_measurement=at_measurement,
-    )

@@ -12,16 +12,11 @@ from palpate.base.errors import PalpateError
 from palpate.base.short_repr import ShortRepr
 from palpate.drivers.dynamixel import Instruction
 from palpate.drivers.transport import RecordEnded, Replayer
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun
 from palpate.rig.motion.hand import Environment
 from palpate.rig.session.log import SessionEvents, json_value
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.run import (
-    TRUTH_EVENT,
-    IdentificationJob,
-    IdentificationRun,
-    recorded_truth,
-    run_identification,
-)
+from palpate.rig.session.run import TRUTH_EVENT, recorded_truth, run_identification
 
 _PACKET_HEADER = b"\xff\xff\xfd\x00"
 _RESULT_TOLERANCE = (

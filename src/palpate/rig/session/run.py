@@ -4,25 +4,17 @@ Where an emulated part really was is an event of the log: an engine moves the pa
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from datetime import datetime
+from dataclasses import replace
 
 from pydantic import BaseModel, ValidationError
 
-from palpate.base.errors import InputError, PalpateError
-from palpate.base.short_repr import ShortRepr
-from palpate.base.vocabulary import Strategy
-from palpate.config import CalibrationFile, RigFile
+from palpate.base.errors import InputError
 from palpate.config.fields import Number
-from palpate.config.recognition_results import CalibrationUsedOut, IdentificationOut
-from palpate.recognizer import Catalogue, Configuration
-from palpate.rig.emulated.part_truth import PartTruth
+from palpate.recognizer import Configuration
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.grip_choice import NotBounded, StabilityTable
-from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.loop import identify
 from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
-from palpate.rig.identification.result import RunFacts, identification_out
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth
 from palpate.rig.motion.end_stops import check_slips, slides_at_stops
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.hand import Environment
@@ -31,28 +23,6 @@ from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.workers import BackgroundCall
 
 TRUTH_EVENT = "truth"
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """What lay on an emulated table, in the frame of the answers.
-
-    `placement`: how it lay when the fingers had left. `at_measurement`: where it was when each grip's
-    contacts were measured, None if that was not noted.
-    """
-
-    placement: Placement
-    at_measurement: Sequence[Configuration] | None = None
-
-    def values(self, part: PartTruth | None) -> dict[str, object]:
-        """Values of the event; `part`: how the part moves, None if nothing moves it."""
-        return {
-            "object": self.placement.model.name,
-            "state": self.placement.state.name,
-            "configuration": self.placement.configuration,
-            "at_measurement": self.at_measurement,
-            "part": part and asdict(part) | {"slip_n": part.slip_n},
-        }
 
 
 class _ConfigurationText(BaseModel):
@@ -87,65 +57,6 @@ def recorded_truth(file: SessionFile, placement: Placement) -> Truth | None:
     at = text.configuration
     placement = replace(placement, x_mm=at.x_mm, y_mm=at.y_mm, theta_rad=at.theta_rad)
     return Truth(placement, [item.value() for item in text.at_measurement])
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class IdentificationJob(ShortRepr):
-    """What a run starts from; `placement`, in the answer's frame, is what an emulated table is set with.
-
-    `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
-    `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
-    the calibration.
-    """
-
-    rig: RigFile
-    catalogue: Catalogue
-    placement: Placement | None
-    strategy: Strategy
-    seed: int
-    calibration: CalibrationFile | None = None
-    started: datetime | None = None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class IdentificationRun(ShortRepr):
-    """What came of a run, and the rig's own time (s) at its end.
-
-    `truth`: what lay on an emulated table and where, in the answer's frame, to be compared with the answer.
-    `late_failure`: an observer or the display failed at the end; that has no part in the result.
-    """
-
-    job: IdentificationJob
-    result: Identification
-    emulated: bool
-    rig_seconds: float
-    truth: Truth | None
-    late_failure: PalpateError | None
-
-    def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
-        """The answer as `palpate/identification@1`."""
-        strategy, calibration = self.job.strategy, self._calibration()
-        return identification_out(
-            self.result,
-            None if self.truth is None else self.truth.placement,
-            RunFacts(self.emulated, self.rig_seconds, wall_seconds, session, strategy, calibration),
-            at_measurement=None if self.truth is None else self.truth.at_measurement,
-            not_bounded=self._not_bounded(),
-        )
-
-    def _not_bounded(self) -> tuple[NotBounded, ...]:
-        """States of the answer in which the fingers may have tipped or rolled the part."""
-        bounds = MotionBounds(self.job.rig, self.job.catalogue)
-        pushed_n = max((bounds.peak_force_n(grip) for grip in self.result.grips), default=0.0)
-        table = StabilityTable(self.job.rig, self.job.catalogue, bounds)
-        return table.not_bounded(self.result.recognition, pushed_n)
-
-    def _calibration(self) -> CalibrationUsedOut | None:
-        """What there is to say of the calibration."""
-        job = self.job
-        if job.calibration is None or job.started is None:
-            return None
-        return calibration_used(self.result, job.rig, job.calibration, job.started)
 
 
 def run_identification(
@@ -187,4 +98,7 @@ def run_identification(
     late = observed.late_failure or notice_beside.late_failure
     placement = lies()
     truth = None if placement is None else Truth(placement, at_measurement if placement_now else None)
-    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, late)
+    used = None
+    if job.calibration is not None and job.started is not None:
+        used = calibration_used(result, job.rig, job.calibration, job.started)
+    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late)
