@@ -251,3 +251,8 @@ def shipped_objects() -> Traversable:
 def shipped_references() -> Traversable:
     """Give the references that calibration expects unless told otherwise; for `load_references`."""
     return files("palpate.config").joinpath("references", "standard.toml")
+
+
+def template_text(name: str) -> str:
+    """Return the text of a template of a new rig file: "rig" for its head, "finger" for each finger."""
+    return files("palpate.config").joinpath("templates", f"{name}.toml").read_text(encoding="utf-8")
