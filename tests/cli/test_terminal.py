@@ -159,7 +159,7 @@ def test_tables_are_filled_up_on_a_terminal_only() -> None:
 def test_markup_in_names_is_shown_as_it_is() -> None:
     file = io.StringIO()
     with IdentificationProgress(Terminal(file=file, markup=False, highlight=False)) as progress:
-        progress.notice("finger [red]f1[/] waits")
+        progress.console.print("finger [red]f1[/] waits")
     with StatusLine(Terminal(file=file), "reading [bold]plate[/bold].stl") as doing:
         doing.now("[/]")
     assert "finger [red]f1[/] waits" in file.getvalue()

@@ -64,9 +64,9 @@ def identify(
             sessions=sessions,
             on_event=progress,
             on_session=view_starter(view_port) if view else lambda _: None,
-            notice=progress.notice,
+            notice=terminal.print,
             warn=lambda line: print_notices([line]),
-            progress=progress.doing,
+            progress=progress.now,
         )
     failure = answer.failure
     try:

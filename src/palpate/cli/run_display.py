@@ -14,11 +14,10 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
-from rich.status import Status
 
 from palpate.base.errors import InputError, quantity
 from palpate.base.optional_imports import MissingPackageError, install_command
-from palpate.cli.terminal import TimeLeft
+from palpate.cli.terminal import StatusLine
 from palpate.jobs.answers import Answer
 from palpate.recognizer import Recognition
 from palpate.rig.identification.observers import (
@@ -33,58 +32,34 @@ from palpate.rig.identification.observers import (
 _MAX_NAMES = 5
 
 
-class IdentificationProgress:
-    """Shows on stderr what the bench is doing: a line for each grip, and a moving line on a terminal."""
+class IdentificationProgress(StatusLine):
+    """Progress of a run on stderr: a line for each grip, and a moving line on a terminal."""
 
     def __init__(self, console: Console) -> None:
-        self._console = console
-        self._status: Status | None = None
-        self._left = TimeLeft()
-
-    def __enter__(self) -> "IdentificationProgress":
-        if self._console.is_terminal:
-            self._status = self._console.status("connecting")
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def notice(self, text: str) -> None:
-        """The operator should know or do something now."""
-        self._console.print(text)
-
-    def doing(self, text: str) -> None:
-        """What goes on before the bench is connected; how much time is left stands after a count in it."""
-        self._now(self._left.after(text))
+        super().__init__(console, "connecting")
 
     def __call__(self, event: Event) -> None:
         """Show an event."""
         match event:
             case StageEvent(grip, stage):
-                self._now(f"grip {grip}: {stage.value}")
+                self.now(f"grip {grip}: {stage.value}")
             case PlanEvent(grip, plan, reason):
-                self._console.print(f"        next {reason}")
-                self._now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
+                self.console.print(f"        next {reason}")
+                self.now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
             case TouchEvent(grip, touches):
                 contacts = [touch.contact for touch in touches]
                 each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
-                self._console.print(f"grip {grip}: {', '.join(each)}")
+                self.console.print(f"grip {grip}: {', '.join(each)}")
             case RecognitionEvent():
-                self._console.print(f"        {_hypotheses(event.recognition)}")
+                self.console.print(f"        {_hypotheses(event.recognition)}")
             case MoveEvent(_, float() as furthest_mm):
                 far = f"by {furthest_mm:.1f} mm" if math.isfinite(furthest_mm) else "without a bound"
                 moved = f"fingers may have moved the part {far}"
-                self._console.print(f"        {moved}: earlier grips are dropped")
+                self.console.print(f"        {moved}: earlier grips are dropped")
             case MoveEvent():
-                self._console.print(
+                self.console.print(
                     "        contradicts earlier grips: the part may have moved, they are dropped"
                 )
-
-    def _now(self, text: str) -> None:
-        if self._status is not None:
-            self._status.update(text)
 
 
 def _hypotheses(recognition: Recognition) -> str:

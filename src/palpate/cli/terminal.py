@@ -119,7 +119,7 @@ class StatusLine:
 
     def __init__(self, console: Console, what: str, written_every_s: float | None = None) -> None:
         self._left = TimeLeft()
-        self._console, self._every_s, self._written_s = console, written_every_s, time.monotonic()
+        self.console, self._every_s, self._written_s = console, written_every_s, time.monotonic()
         self._status: Status | None = console.status(escape(what)) if console.is_terminal else None
 
     def __enter__(self) -> Self:
@@ -140,7 +140,7 @@ class StatusLine:
             self._status.update(escape(words))
         elif self._every_s is not None and time.monotonic() - self._written_s >= self._every_s:
             self._written_s = time.monotonic()
-            self._console.print(escape(words), soft_wrap=True)
+            self.console.print(escape(words), soft_wrap=True)
 
 
 @contextmanager

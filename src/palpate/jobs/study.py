@@ -41,6 +41,7 @@ from palpate.rig.study.summary import (
 )
 from palpate.rig.study.variations import (
     UNVARIED,
+    VARIATION_DIVISOR,
     at_heights,
     compare_runs,
     error_variations,
@@ -50,7 +51,6 @@ from palpate.rig.study.variations import (
 
 MAX_RUNS = 1_000_000
 _MAX_PAIRS = 40
-_VARIATION_DIVISOR = 10  # a tenth of the runs is done again with each variation
 _MAX_VARIATION_RUNS = 200
 
 
@@ -92,7 +92,7 @@ def study(
     if workers is not None and scheduler is not None:
         raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
     check_accuracy(rig, rig_name)
-    varied = min(runs // _VARIATION_DIVISOR, _MAX_VARIATION_RUNS) if budget is None else min(budget, runs)
+    varied = min(runs // VARIATION_DIVISOR, _MAX_VARIATION_RUNS) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
     motion, chosen = motion_of(rig) if parts is None else _parse_motion(parts), parse_strategy(strategy)

@@ -20,9 +20,9 @@ from palpate.recognizer import Catalogue, Contact, Hypotheses, Motion, Recogniti
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.conversion import SHEAR_SHARE, measured_force_share
 from palpate.rig.identification.pushing_mechanics import MAX_TABLE_FRICTION, SupportTable, supports_of
-from palpate.rig.motion.guarded_approach import MEASURE_FRAMES
 from palpate.rig.motion.load_meter import HIDDEN_FACTOR, LoadTrace, friction_factor, tip_friction
 from palpate.rig.motion.touch import Touch
+from palpate.rig.motion.touch_timing import MEASURE_FRAMES
 
 _ROUNDING_SHARE = 1e-9
 

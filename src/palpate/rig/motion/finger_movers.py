@@ -15,6 +15,7 @@ from palpate.rig.fingers import HostFinger
 from palpate.rig.mechanisms.swept_volume import is_apart
 from palpate.rig.motion.array_guard import ArrayReading
 from palpate.rig.motion.touch import ApproachState
+from palpate.rig.motion.touch_timing import touch_speed_mm_s
 
 ARRIVED_MM = 0.8
 """How near to where it was sent a tip has arrived."""
@@ -276,7 +277,7 @@ class SearchMover(TipMover):
         self._may_stay = may_stay
         closing, approach = hand.rig.closing, run.approach
         self._fast_mm_s = closing.approach_speed_mm_s
-        self._search_mm_s = run.slowed_to(closing.search_mm_s)
+        self._search_mm_s = touch_speed_mm_s(approach, closing.search_mm_s)
         self._slow_from_mm = approach.fast_mm - _SLOWING_LAG_S * self._fast_mm_s
         self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
         self._is_fast = run.travel_mm < self._slow_from_mm

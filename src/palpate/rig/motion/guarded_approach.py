@@ -15,30 +15,27 @@ from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, WatchdogTrippe
 from palpate.drivers.kinematics import TICK_RAD, Line, Turn
 from palpate.drivers.tactile import ArrayLost, ContactPatch
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
-from palpate.rig.contact_peak import travel_step_mm
 from palpate.rig.fingers import HostFinger, Stage
 from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import BUS_KEEPALIVE_S, Hand
-from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, LoadMeter, TouchStage, tip_friction
+from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, TouchStage
 from palpate.rig.motion.touch import ApproachState, Touch, conclude
-
-_SAMPLES_PER_STATE_READ = (
-    5  # samples between looks at the servos while nothing is touched, if that is soon enough
+from palpate.rig.motion.touch_timing import (
+    MEASURE_FRAMES,
+    RETOUCH_MARGIN_MM,
+    SAMPLES_PER_STATE_READ,
+    SETTLE_S,
+    load_meter_of,
+    search_stage,
+    touch_speed_mm_s,
 )
+
 _FREE_PERIOD_S = 0.02
-_SETTLE_S = 0.08
 _MAX_SETTLE_STEPS = 8  # of that time, until fingers stand
 _STILL_RAD = 1.5 * TICK_RAD  # a servo that stands may be read a step off
 _MAX_BACK_OFFS = 3
-_RETOUCH_MARGIN_MM = (
-    0.5  # before its quick contact may a finger meet the part again: what was in between was free
-)
 _MIN_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
-
-
-MEASURE_FRAMES = 8
-"""Frames of which the mean is a contact's patch."""
 
 Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, ContactPatch | None]]]
 """How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
@@ -116,9 +113,9 @@ def _carry_out(
     under_way += runs
     hand.tare()
     tell(GripPhase.CLOSING)
-    is_slow = all(run.slowed_to(hand.rig.closing.search_mm_s) <= _slow_mm_s(hand) for run in runs)
-    _start_metering(hand, runs, TouchStage.SLOW if is_slow else TouchStage.QUICK)
-    backed = _search_contacts(hand, runs, stay=is_slow)
+    stage = search_stage(hand.rig.closing, [run.approach for run in runs])
+    _start_metering(hand, runs, stage)
+    backed = _search_contacts(hand, runs, stay=stage is TouchStage.SLOW)
     touched = [run for run in runs if run.touched]
     _settle(hand, runs)
     patches: dict[str, ContactPatch | None] = {}
@@ -141,23 +138,19 @@ def _carry_out(
     ]
 
 
-def _slow_mm_s(hand: Hand) -> float:
-    return hand.rig.closing.touch_speed_mm_s
-
-
 def _start_metering(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None:
     """Measure from now on what loads the part."""
     closing = hand.rig.closing
     for run in runs:
-        run.meter = LoadMeter(
-            closing.contact_force_n,
-            1 / closing.sample_rate_hz,
-            run.finger.extractor.least_force_n,
-            run.slowed_to(closing.search_mm_s),
-            travel_step_mm(run.finger.spec),
-            run.finger.extractor.noise_share,
-            run.drags(LIGHT_FORCE_FACTOR * closing.contact_force_n),
-            tip_friction(run.finger.spec.tip),
+        extractor = run.finger.extractor
+        drags = run.drags(LIGHT_FORCE_FACTOR * closing.contact_force_n)
+        run.meter = load_meter_of(
+            closing,
+            run.finger.spec,
+            run.approach,
+            extractor.least_force_n,
+            extractor.noise_share,
+            drags,
         )
         run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm, FREE_MARGIN_MM)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
@@ -240,7 +233,7 @@ def _period_s(hand: Hand) -> float:
 def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, MoveEnd]:
     """A guarded move of tips along their lines; how each ended."""
     period = _period_s(hand)
-    look_every = max(1, min(_SAMPLES_PER_STATE_READ, int(BUS_KEEPALIVE_S / period)))
+    look_every = max(1, min(SAMPLES_PER_STATE_READ, int(BUS_KEEPALIVE_S / period)))
     ends = hand.guarded(movers, period_s=period, read_every=look_every)
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
@@ -267,7 +260,7 @@ def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
             hand,
             run,
             run.approach.travel_mm,
-            run.slowed_to(_slow_mm_s(hand)),
+            touch_speed_mm_s(run.approach, closing.touch_speed_mm_s),
             closing.contact_force_n,
             runs,
         )
@@ -319,9 +312,7 @@ def _back_off_and_touch(
     for run in runs:
         if run.meter is not None:
             met_mm = min(begun[run] + back_mm, run.unfelt_mm)
-            run.meter.begin(
-                TouchStage.SLOW, hand.clock.now(), met_mm - _RETOUCH_MARGIN_MM, _RETOUCH_MARGIN_MM
-            )
+            run.meter.begin(TouchStage.SLOW, hand.clock.now(), met_mm - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM)
     _touch_slowly(hand, runs)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _MIN_FREE_SHARE * back_mm]
@@ -333,11 +324,11 @@ def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
     A force that is measured must be that of the place which is read.
     """
     fingers = [run.finger for run in runs]
-    hand.settle(fingers, _SETTLE_S / 2)
+    hand.settle(fingers, SETTLE_S / 2)
     read_positions(hand, runs)
     for _ in range(_MAX_SETTLE_STEPS):
         before = {run: run.servos for run in runs}
-        hand.settle(fingers, _SETTLE_S / 2)
+        hand.settle(fingers, SETTLE_S / 2)
         read_positions(hand, runs)
         if all(math.dist(run.servos, before[run]) <= _STILL_RAD for run in runs):
             break

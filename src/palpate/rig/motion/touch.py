@@ -152,10 +152,6 @@ class ApproachState:
         """Loads on the part so far, if they are metered."""
         return () if self.meter is None else self.meter.loads()
 
-    def slowed_to(self, speed_mm_s: float) -> float:
-        """A speed at which to meet the part, no higher than the approach allows."""
-        return min(speed_mm_s, self.approach.touch_mm_s or math.inf)
-
     @property
     def trace(self) -> LoadTrace | None:
         """Load on the part frame by frame, if it is metered."""

@@ -13,31 +13,38 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
-from palpate.config import FingerConfig, RigFile
+from palpate.config import RigFile
 from palpate.drivers.emulators import Part, Skin
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Resolution
-from palpate.rig.contact_peak import deceleration_mm_s2, travel_step_mm
+from palpate.rig.contact_peak import deceleration_mm_s2
 from palpate.rig.conversion import undetected_dent_mm
 from palpate.rig.emulated.driven_tips import ArrayNoise, DrivenTip, DrivenTips
 from palpate.rig.emulated.scene import Placement, displace, outline_at
 from palpate.rig.fingers import resolution_of
-from palpate.rig.motion.guarded_approach import MEASURE_FRAMES, GripPhase
+from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.load_meter import (
     STEADY_FRAMES,
-    LoadMeter,
     TouchStage,
     drag_shares,
     friction_factor,
     tip_friction,
 )
 from palpate.rig.motion.touch import Touch
+from palpate.rig.motion.touch_timing import (
+    MEASURE_FRAMES,
+    RETOUCH_MARGIN_MM,
+    SAMPLES_PER_STATE_READ,
+    SETTLE_S,
+    load_meter_of,
+    search_stage,
+    touch_speed_mm_s,
+)
 from palpate.rig.study.simulated_touches import FingerErrors, Mismeasurement
 
 _STOP_S = 2e-3  # from the frame that shows a contact to the servo's braking: wire, host, bus, and its loop
 TURN_S = 0.09
 """From standing still to going back (s): new profiles, speeding up, play."""
 
-_SAMPLES_PER_SERVO_READ = 5  # samples between looks at the servos
 _PITCH_RAD = 0.2  # of an array's columns
 # Standard deviations of a window's noise: what is noticed; what the loudest window at the tip's back may
 # hide, and what columns at its sides may, times what they would drag with, as on the shipped bench.
@@ -78,18 +85,7 @@ class SimulatedFinger:
         self._lately_n, self._free_frames = 0.0, 0
         self._frames = 0
         self._friction, self._off_rad = tip_friction(spec.tip), math.pi
-        self.meter = self._load_meter(rig, spec)
-
-    def _load_meter(self, rig: RigFile, spec: FingerConfig) -> LoadMeter:
-        return LoadMeter(
-            self._contact_n,
-            self._period_s,
-            self._noise.least_n,
-            self.low_speed_mm_s(rig.closing.search_mm_s),
-            travel_step_mm(spec),
-            self._noise.share,
-            friction=self._friction,
-        )
+        self.meter = load_meter_of(closing, spec, approach, noise.least_n, noise.share)
 
     @property
     def centre_mm(self) -> Floats:
@@ -120,10 +116,6 @@ class SimulatedFinger:
         arrival = abs(self.goal_mm - self.travel_mm) / self.speed_mm_s if self.is_moving else math.inf
         return min(arrival, max(self._stop_s - now, 0.0) or math.inf)
 
-    def low_speed_mm_s(self, speed_mm_s: float) -> float:
-        """A speed at which to meet the part, no higher than the approach allows."""
-        return min(speed_mm_s, self.approach.touch_mm_s or math.inf)
-
     def begin(self, stage: TouchStage, now: float, free_mm: float, free_within_mm: float) -> None:
         """Begin a stage of the grip, as the meter has it."""
         self.meter.begin(stage, now, free_mm, free_within_mm)
@@ -152,7 +144,7 @@ class SimulatedFinger:
     def sample(self, at_s: float, now: float) -> bool:
         """Read a frame of an instant that has just passed; whether a contact is noticed, once."""
         ago_s = now - at_s if self.is_moving else 0.0
-        if self._frames % _SAMPLES_PER_SERVO_READ == 0:
+        if self._frames % SAMPLES_PER_STATE_READ == 0:
             back = math.copysign(self.speed_mm_s * ago_s, self.goal_mm - self.travel_mm)
             self.meter.see(self.travel_mm - back, at_s)
         self._frames += 1
@@ -202,8 +194,6 @@ class SimulatedFinger:
 
 _STEP_S = 1e-3
 _STEP_MM = 4e-3  # in contact, a tip goes on by so much at once, if that takes no less than _STEP_S
-_SETTLE_S = 0.08
-_FREE_MARGIN_MM = 0.5
 _MAX_STEP_S = 0.25
 _TIME_TOLERANCE_S = 1e-9
 
@@ -306,24 +296,24 @@ class _Grip:
     def touch(self) -> None:
         """Search, back off, touch slowly, rest and be measured."""
         closing, fingers = self._closing, self._fingers
-        slow = closing.touch_speed_mm_s
-        is_slow = all(finger.low_speed_mm_s(closing.search_mm_s) <= slow for finger in fingers)
+        stage = search_stage(closing, [finger.approach for finger in fingers])
         for finger in fingers:
-            finger.begin_search(TouchStage.SLOW if is_slow else TouchStage.QUICK, self._now)
+            finger.begin_search(stage, self._now)
             finger.go(finger.approach.fast_mm, closing.approach_speed_mm_s, sensing=True)
-        self._search(may_stay=is_slow)
-        self._pass(_SETTLE_S)
+        self._search(may_stay=stage is TouchStage.SLOW)
+        self._pass(SETTLE_S)
         if not any(finger.touched for finger in fingers):
             return
         again = [finger for finger in fingers if finger.is_back]
         for finger in again:
             met = finger.travel_mm + closing.back_off_mm
-            finger.begin(TouchStage.SLOW, self._now, met - _FREE_MARGIN_MM, _FREE_MARGIN_MM)
+            finger.begin(TouchStage.SLOW, self._now, met - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM)
             finger.touched = False
-            finger.go(finger.approach.travel_mm, finger.low_speed_mm_s(slow), sensing=True)
+            speed = touch_speed_mm_s(finger.approach, closing.touch_speed_mm_s)
+            finger.go(finger.approach.travel_mm, speed, sensing=True)
         if again:
             self._move()
-            self._pass(_SETTLE_S)
+            self._pass(SETTLE_S)
         self._pass(MEASURE_FRAMES * self._period_s)
         for finger in fingers:
             finger.meter.measured(self._now)
@@ -351,7 +341,7 @@ class _Grip:
     def _slow_down(self, finger: SimulatedFinger) -> None:
         """Slow down at the end of free space, and at the end of the way."""
         if finger.travel_mm < finger.approach.travel_mm:
-            speed = finger.low_speed_mm_s(self._closing.search_mm_s)
+            speed = touch_speed_mm_s(finger.approach, self._closing.search_mm_s)
             finger.go(finger.approach.travel_mm, speed, sensing=True)
         else:
             finger.searching = finger.sensing = False

@@ -116,6 +116,8 @@ def _is_identified(run: StudyRunOut) -> bool:
 
 UNVARIED = ""
 """Name of what is no variation."""
+VARIATION_DIVISOR = 10
+"""A tenth of the runs is repeated with each error changed, if nothing else is asked for."""
 
 
 def error_variations(simulation: Simulation) -> dict[str, Simulation]:

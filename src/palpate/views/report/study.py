@@ -9,12 +9,12 @@ from palpate.base.errors import quantity
 from palpate.base.geometry import ObjectModel
 from palpate.base.vocabulary import PartMotion
 from palpate.config.study_result import ComparedOut, HeightOut, StateStudiedOut, StudyOut
+from palpate.rig.study.variations import VARIATION_DIVISOR
 from palpate.views.numerals import at_most, signed
 from palpate.views.report.page import heading, matrix, page, paragraph, picture, section, table
 from palpate.views.report.study_pictures import pair_pictures, touches_picture
 from palpate.views.report.study_text import (
     SOURCE_WORDS,
-    VARIATION_DIVISOR,
     best_heights_words,
     bounds_words,
     draws_words,

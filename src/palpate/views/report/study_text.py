@@ -14,12 +14,11 @@ from palpate.config.study_result import (
     PairStudiedOut,
     StudyOut,
 )
+from palpate.rig.study.variations import VARIATION_DIVISOR
 from palpate.views.numerals import at_most, signed
 
 _ERROR_PROBABILITY = 0.05
 _MAX_HEIGHT_SETS = 3
-VARIATION_DIVISOR = 10
-"""A tenth of the runs is repeated with each error changed, if nothing else is asked for."""
 _NOT_COMPARED = "were compared: at none are sections of all parts known"
 SOURCE_WORDS = {
     ErrorSource.POSITION: "half the bound of contacts",
