@@ -11,7 +11,7 @@ from palpate.cli.terminal import note_on_interruption
 
 
 class _Steps(Enum):
-    """What `calibrate` measures."""
+    """Steps that `calibrate` can measure."""
 
     ALL = "all"
     TACTILE = "tactile"

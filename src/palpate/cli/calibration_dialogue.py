@@ -75,7 +75,7 @@ class CalibrationProgress:
 def announce(
     console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: CalibrationPaths
 ) -> None:
-    """What is going to happen, before anything does."""
+    """Say what is going to happen, before anything does."""
     disc, plate = build_references(shapes)
     placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
     words = {

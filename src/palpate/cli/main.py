@@ -59,7 +59,7 @@ sessions = typer.Typer(
 
 
 class ExitCode(IntEnum):
-    """How a command ended. A signal's code is 128 + its number, as shells have it."""
+    """Exit code of a command. A signal's code is 128 + its number, as shells have it."""
 
     DONE = 0
     NOT_RESOLVED = 1
@@ -201,7 +201,7 @@ def _flush(code: int) -> int:
 
 
 def _report_broken_output(error: OSError) -> int:
-    """What a command ends with whose standard output, or error output, takes nothing more."""
+    """Return the exit code of a command whose standard output, or error output, takes nothing more."""
     with suppress(OSError):  # or the interpreter tries once more, and complains
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if error.errno == errno.EPIPE:

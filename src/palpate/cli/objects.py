@@ -11,7 +11,7 @@ from palpate.cli.terminal import note_on_interruption
 
 
 class _Units(StrEnum):
-    """Of files that say none."""
+    """Units of files that say none."""
 
     MM = "mm"
     INCH = "inch"
@@ -20,7 +20,7 @@ class _Units(StrEnum):
 
 
 class _States(StrEnum):
-    """Which ways to rest are imported."""
+    """Ways to rest that are imported."""
 
     AUTO = "auto"
     AS_IS = "as-is"

@@ -93,7 +93,7 @@ def check_name(what: str, name: str) -> None:
 
 
 def load_target(target: Path, *, add: bool, again: bool = False) -> ObjectsFileText | None:
-    """What the objects file holds already; InputError, before anything is computed, if it stays as it is.
+    """Return what the objects file holds; InputError, before anything is computed, if it stays as it is.
 
     `again`: one that was made by imports alone is brought up to date.
     """

@@ -70,7 +70,7 @@ def scene_files(scene: Path | None) -> dict[str, Path | None]:
 
 
 def session_files(session: Path | None) -> dict[str, Path | None]:
-    """What a run recorded in its folder, which may be named by its log, too; a report can be written anew."""
+    """Files that a run recorded in its folder, which its log may name; a report can be written anew."""
     from palpate.rig.session.archive import recorded_files
     from palpate.rig.session.log_file import session_of
 

@@ -63,7 +63,7 @@ class IdentificationProgress(StatusLine):
 
 
 def _hypotheses(recognition: Recognition) -> str:
-    """How many hypotheses are left, and the first of their objects' names."""
+    """Number of hypotheses left, and the first of their objects' names."""
     names = [item.state.object_name for item in recognition.hypotheses]
     distinct = list(dict.fromkeys(names))
     shown = ", ".join(distinct[:_MAX_NAMES])
@@ -84,7 +84,7 @@ def closing_lines(answer: Answer, picture: Path) -> list[str]:
 
 
 def view_starter(port: int) -> Callable[[Path], None]:
-    """What shows the session in a folder, beside the run that records it.
+    """Return what shows the session in a folder, beside the run that records it.
 
     Raises InputError, before anything moves, if the extra `view` is not installed or the port is taken.
     """

@@ -108,7 +108,7 @@ def study(
 
 
 def _file_lines(report: Path | None, keep: Path | None) -> list[str]:
-    """What was written, and where."""
+    """Say what was written, and where."""
     named = (("report", report), ("runs", keep))
     words = ", ".join(f"{what} {printable_text(str(place))}" for what, place in named if place is not None)
     return ["", words] if words else []

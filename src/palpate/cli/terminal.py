@@ -64,7 +64,7 @@ class Terminal(Console):
     """
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
-        """What rich makes of something, without control characters but its own."""
+        """Yield what rich makes of something, without control characters but its own."""
         rendered = map(_escape_segment, super().render(renderable, options))
         return rendered if self.is_terminal else _strip_line_ends(rendered)
 
@@ -95,7 +95,7 @@ def _strip_line_ends(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def can_ask() -> bool:
-    """Whether somebody can be asked: standard input is a terminal."""
+    """True if somebody can be asked: standard input is a terminal."""
     return sys.stdin.isatty()
 
 

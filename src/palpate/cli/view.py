@@ -73,7 +73,7 @@ class _Lifetime:
 
     @property
     def has_run(self) -> bool:
-        """Whether the run is still there."""
+        """True if the run is still there."""
         return os.getppid() == self.run
 
     def check(self) -> None:

@@ -66,7 +66,7 @@ class WatchUpdate:
 
     @property
     def picture(self) -> WatchPicture:
-        """What the screen shows of it."""
+        """Picture of it on the screen."""
         kind = " (emulated)" if self.rig.emulated else ""
         title = f"rig {self.rig.name}{kind}" if self.session is None else f"session {self.session.name}"
         force = self.rig.closing.max_force_n
@@ -75,7 +75,7 @@ class WatchUpdate:
 
 @dataclass(frozen=True, eq=False)
 class DisplayMode:
-    """How to show: a screen for people on `console`, or lines on it; and JSON on stdout."""
+    """Way of showing: a screen for people on `console`, or lines on it; and JSON on stdout."""
 
     console: Console
     screen: bool
@@ -107,7 +107,7 @@ def choose_display(*, json: bool) -> DisplayMode:
 
 @contextmanager
 def open_display(how: DisplayMode) -> Iterator[Callable[[WatchUpdate], None]]:
-    """What shows an update; the terminal is as it was once the block is left."""
+    """Return what shows an update; the terminal is as it was once the block is left."""
     live = Live(console=how.console, screen=True, auto_refresh=False) if how.screen else None
 
     def show(shown: WatchUpdate) -> None:
@@ -149,7 +149,7 @@ def discard_stdout() -> None:
 
 
 def _has_colours(console: Console) -> bool:
-    """Whether the scale's colours can be told apart: sixteen are too few."""
+    """True if the scale's colours can be told apart: sixteen are too few."""
     return not console.no_color and console.color_system in ("256", "truecolor")
 
 
@@ -165,7 +165,7 @@ class Keys:
 
     @property
     def there(self) -> bool:
-        """Whether keys can come."""
+        """True if keys can come."""
         return self._fd is not None
 
     def __enter__(self) -> Self:
@@ -180,7 +180,7 @@ class Keys:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def typed(self) -> str:
-        """What was typed since the last call."""
+        """Return what was typed since the last call."""
         if self._fd is None or not select.select([self._fd], [], [], 0)[0]:
             return ""
         data = os.read(self._fd, 64)

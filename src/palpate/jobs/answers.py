@@ -122,7 +122,7 @@ class Plan:
 
     @property
     def is_dead_end(self) -> bool:
-        """Whether no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
+        """True if no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
         return self.planned.is_dead_end
 
     def to_json(self) -> str:
@@ -156,12 +156,12 @@ class RecognitionAnswer:
 
     @property
     def verdict(self) -> RecognitionVerdict:
-        """Whether one hypothesis is left, several or none."""
+        """Verdict: one hypothesis is left, several or none."""
         return self.recognition.verdict
 
     @property
     def hypotheses(self) -> Sequence[Hypothesis]:
-        """What agrees with the contacts, the largest weight first."""
+        """Hypotheses that agree with the contacts, the largest weight first."""
         return self.recognition.hypotheses
 
     def explanation(self) -> Explanation | None:

@@ -50,7 +50,7 @@ class CalibrationPaths:
 
     @classmethod
     def beside(cls, rig: Path) -> Self:
-        """Those of a rig file."""
+        """Return the paths beside a rig file."""
         file = calibration_path(rig)
         return cls(file, file.with_suffix(".run.json"), file.with_suffix(".html"))
 
@@ -62,7 +62,7 @@ class CalibrationPaths:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationAnswer:
-    """What a calibration found, the files it was written to, and the time (s) it took on the rig's clock.
+    """Result of a calibration, the files it was written to, and the time (s) it took on the rig's clock.
 
     `failure`: the display failed at the end; the calibration is whole.
     """

@@ -182,7 +182,7 @@ def list_objects(
 
 
 def _twin_notes(state: StateSections, pairs: Sequence[StatePair]) -> tuple[TwinNote, ...]:
-    """Which states feel like one, or may; those that do for certain first."""
+    """Return which states feel like one, or may; those that do for certain first."""
     others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKENESS_WORDS}
     for pair in pairs:
         if state in (pair.first.state, pair.second.state):
@@ -197,7 +197,7 @@ def _twin_notes(state: StateSections, pairs: Sequence[StatePair]) -> tuple[TwinN
 def _meeting_fingers(
     state: StateSections, spans_mm: Sequence[Range]
 ) -> Literal["all", "some", "none", "unknown"]:
-    """Which of the fingers whose tips' ends are at some heights meet a state."""
+    """Return which of the fingers whose tips' ends are at some heights meet a state."""
     if not all(state.state.known_within(span) for span in spans_mm):
         return "unknown"
     met = [bool(state.state.sections_within(span)) for span in spans_mm]

@@ -163,7 +163,7 @@ def objects_from(objects: ObjectsFile | PathLike | None) -> ObjectsFile:
 
 
 def name_of(objects: ObjectsFile | PathLike | None) -> str:
-    """What messages call a catalogue: its file as the user gave it."""
+    """Name of a catalogue in messages: its file as the user gave it."""
     if isinstance(objects, ObjectsFile):
         return "the catalogue"
     return shipped_objects().name if objects is None else os.fspath(objects)

@@ -58,7 +58,7 @@ class Callbacks:
 
 @dataclass(frozen=True)
 class IdentificationRequest:
-    """What an identification is asked for; `name`: of the objects, in messages.
+    """Request for an identification; `name`: of the objects, in messages.
 
     `run`: number of the run on this rig, from 0; later ones draw other parts for an emulated table.
     """

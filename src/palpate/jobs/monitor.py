@@ -41,7 +41,7 @@ class Monitor:
         seconds: float | None = None,
         goes_on: Callable[[], bool] = lambda: True,
     ) -> Iterator[tuple[FingerView, ...]]:
-        """What the fingers' arrays read: every `interval_s` of their clock, and at the end.
+        """Yield what the fingers' arrays read: every `interval_s` of their clock, and at the end.
 
         Ends after `seconds`, with the recording, or once `goes_on`, which is asked at every poll, says so.
         Raises DeviceError, which names the finger, if an array is silent.
@@ -63,7 +63,7 @@ class Monitor:
         yield self.views()
 
     def views(self) -> tuple[FingerView, ...]:
-        """What the arrays have read last."""
+        """Return what the arrays have read last."""
         return tuple(finger.view() for finger in self.fingers)
 
     def __repr__(self) -> str:

@@ -73,7 +73,7 @@ class Rig:
 
     @property
     def file(self) -> RigFile:
-        """What is known of the rig: its file, with the calibration laid over it."""
+        """Description of the rig: its file, with the calibration laid over it."""
         return self._on_bench.rig
 
     @property
@@ -83,17 +83,17 @@ class Rig:
 
     @property
     def path(self) -> Path | None:
-        """Where the rig file is; None for the shipped one."""
+        """Path of the rig file; None for the shipped one."""
         return self._path
 
     @property
     def emulated(self) -> bool:
-        """Whether its devices are emulated."""
+        """True if its devices are emulated."""
         return self._on_bench.rig.emulated
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether a calibration is in use."""
+        """True if a calibration is in use."""
         return self._on_bench.calibration is not None
 
     def __enter__(self) -> Self:

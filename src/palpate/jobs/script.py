@@ -14,7 +14,7 @@ from palpate.rig.session.signals import Interrupted
 
 
 class RigWarning(UserWarning):
-    """Something about a run that the operator should know and that does not stop it."""
+    """Warning about a run that the operator should know and that does not stop it."""
 
 
 def warn_operator(text: str) -> None:

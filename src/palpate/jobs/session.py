@@ -64,7 +64,7 @@ class Session:
 
     @property
     def changed(self) -> str | None:
-        """Where the log is not as it was written; None if all its check sums are right."""
+        """Place where the log is not as it was written; None if all its check sums are right."""
         if self.log.changed_line is None:
             return None
         where = f"{self.log.path}: line {self.log.changed_line}"
@@ -117,7 +117,7 @@ class Session:
         )
 
     def _started(self) -> datetime:
-        """When the session began, from which its calibration's age was counted."""
+        """Time when the session began, from which its calibration's age was counted."""
         try:
             started = datetime.fromisoformat(str(self.log.header.get("started")))
         except ValueError:

@@ -149,7 +149,7 @@ def _parse_motion(name: PartMotion | str) -> PartMotion:
 def _simulations(
     simulation: Simulation, runs: int, varied: int, heights: BestHeights
 ) -> dict[str, tuple[Simulation, int]]:
-    """As it is and with each variation: what simulates it, and how many runs."""
+    """Simulations, as it is and with each variation, and how many runs each."""
     simulations = {UNVARIED: (simulation, runs)}
     if varied:
         simulations |= {key: (item, varied) for key, item in error_variations(simulation).items()}
@@ -190,7 +190,7 @@ def _best_heights_out(
 def _separating(
     states: Sequence[StateSections], fingers: RigFingers, confusion: Sequence[ConfusionOut]
 ) -> tuple[SeparatingStudiedOut, ...]:
-    """For the states that were confused most often, as `check_objects` finds them."""
+    """Separating heights of the states that were confused most often, as `check_objects` finds them."""
     names = {frozenset((item.a, item.b)): item for item in confusion[:_MAX_PAIRS]}
     if not names:
         return ()

@@ -85,7 +85,7 @@ def _stranger_words(probability: float) -> str:
 
 
 def _is_one_state(out: IdentificationOut) -> bool:
-    """Whether all that is left is one state of one object, in one or several places."""
+    """True if all that is left is one state of one object, in one or several places."""
     return all((other.object, other.state) == (out.object, out.state) for other in out.alternatives)
 
 
@@ -145,7 +145,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
 
 
 def _moving_words(out: IdentificationOut) -> str:
-    """That grips do not go together, since which, and what to do."""
+    """Say that grips do not go together, since which, and what to do."""
     grips = ", ".join(map(str, out.moved_before))
     return (
         f"the part keeps moving (it was, or may have been, moved before grips {grips}): hold it, touch more "
@@ -154,7 +154,7 @@ def _moving_words(out: IdentificationOut) -> str:
 
 
 def _motion_lines(out: IdentificationOut) -> list[str]:
-    """On what the bounds rest, if a force is declared, and what speaks against it."""
+    """Say on what the bounds rest, if a force is declared, and what speaks against it."""
     if out.assumed_holds_n is None:
         return []
     held = f"{out.assumed_holds_n:g} N"
@@ -174,7 +174,7 @@ def _motion_lines(out: IdentificationOut) -> list[str]:
 
 
 def _not_bounded_lines(out: IdentificationOut) -> list[str]:
-    """That bounds do not hold if the part has tipped or rolled."""
+    """Say that bounds do not hold if the part has tipped or rolled."""
     if not out.not_bounded:
         return []
     first, others = out.not_bounded[0], len(out.not_bounded) - 1

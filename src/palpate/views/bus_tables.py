@@ -41,7 +41,7 @@ def _servo_table(out: ScanOut) -> Table:
 
 
 def show_stop(out: StopOut, console: Console) -> None:
-    """Which servos have confirmed that torque is off, and what to do about the others."""
+    """Say which servos have confirmed that torque is off, and what to do about the others."""
 
     def say(text: str, style: str) -> None:
         console.print(text, style=style, highlight=False, markup=False)

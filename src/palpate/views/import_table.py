@@ -29,7 +29,7 @@ def show_import(out: ImportOut, console: Console) -> None:
 
 
 def files_out(made: Catalogued) -> tuple[ImportedFileOut, ...]:
-    """What became of each of several files."""
+    """Outcome of each of several files."""
     return tuple(
         ImportedFileOut(
             file=str(item.path),
@@ -138,7 +138,7 @@ def _tolerance(item: ImportedObjectOut) -> list[str]:
 
 
 def _known_heights_lines(item: ImportedObjectOut) -> list[str]:
-    """Which states are not known at all heights, a line each as long as these are few."""
+    """Say which states are not known at all heights, a line each as long as these are few."""
     some = [state for state in item.states if state.heights is not None]
     lines = [
         f"{state.name} is known at {heights_in_words(state.heights or ())} only"

@@ -80,7 +80,7 @@ MAX_LETTERS = 12
 
 
 def letter(index: int) -> str:
-    """What a hypothesis is called where it is shown; the first `SHOWN` have letters, the rest numbers."""
+    """Name of a hypothesis where it is shown: letters for the first `MAX_LETTERS`, then numbers."""
     return chr(ord("a") + index) if index < MAX_LETTERS else str(index)
 
 
@@ -91,7 +91,7 @@ def direction_text(angle_rad: float) -> str:
 
 
 def stop_words(item: Prediction) -> str | None:
-    """Where a finger is stopped, in mm, rounded outward; None if nothing stops it."""
+    """Say where a finger is stopped, in mm, rounded outward; None if nothing stops it."""
     if not math.isfinite(item.earliest_mm):
         return None
     return f"{at_least(item.earliest_mm, 1)} … {at_most(item.furthest_mm, 1)}"
@@ -107,7 +107,7 @@ def normal_words(item: Prediction) -> str | None:
 
 
 def may_miss(item: Prediction) -> bool:
-    """Whether perhaps nothing stops the finger."""
+    """True if perhaps nothing stops the finger."""
     return not math.isfinite(item.latest_mm)
 
 

@@ -14,7 +14,7 @@ from palpate.views.tables import folding_column, table
 
 
 def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:
-    """What to write into the rig file, and what to set."""
+    """Say what to write into the rig file, and what to set."""
     if not found:
         console.print("nothing was unplugged")
     for port in found:

@@ -79,7 +79,7 @@ class ContactRecord(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class Explanation(ShortRepr):
-    """What may be the matter when nothing fits: see `grips_before_move` and `suspected_contacts`."""
+    """Explanation of why nothing fits: see `grips_before_move` and `suspected_contacts`."""
 
     moved_after_grip: int | None
     spurious: tuple[Contact, ...]
@@ -222,7 +222,7 @@ def recognition_lines(
 
 
 def _unfinished_lines(recognition: Recognition, record: ContactRecord) -> Iterator[str]:
-    """What the work budget did not suffice for; nothing if it did."""
+    """Say what the work budget did not suffice for; nothing if it did."""
     unpaired = recognition.unpaired_contacts
     parts = [f"not paired with edges: {record.listed(unpaired)}"] if unpaired else []
     parts += ["cells are coarse"] if recognition.has_coarse_cells else []

@@ -41,7 +41,7 @@ class LogClock:
 
 
 class RunScene:
-    """What a run knows of its part: touches since it was moved, hypotheses by weight, and the truth."""
+    """Knowledge of a part during a run: touches since it was moved, hypotheses by weight, and the truth."""
 
     def __init__(self) -> None:
         self.touches: list[LoggedTouch] = []

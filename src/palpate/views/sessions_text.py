@@ -55,7 +55,7 @@ def _counts(item: SessionOut) -> str:
 
 
 def instant_words(began: str | None) -> str:
-    """When a session began, as people write it; "" if that was not recorded."""
+    """Say when a session began, as people write it; "" if that was not recorded."""
     return f"{began[:19].replace('T', ' ')} UTC" if began else ""
 
 

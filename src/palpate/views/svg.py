@@ -156,7 +156,7 @@ DASHES = ("5 3", "2 3", "8 3", "8 3 2 3")
 
 @dataclass(frozen=True)
 class Column:
-    """Where a panel stands in the picture, SVG units."""
+    """Place of a panel in the picture, SVG units."""
 
     left: float
     width: float

@@ -34,13 +34,13 @@ def line_of(view: FingerView, t_s: float) -> str:
 
 
 def summary_of(view: FingerView) -> str:
-    """What a finger's port has been through, at the end."""
+    """Say what a finger's port has been through, at the end."""
     frames = quantity(view.counters.frames, "frame", "frames")
     return f"{view.name}: {frames}, {_counter_words(view.counters)}"
 
 
 def place_words(patch: ContactPatch, shape: Shape) -> str:
-    """Where round the tip a contact is; of a flat array that is not known."""
+    """Say where round the tip a contact is; of a flat array that is not known."""
     if shape is Shape.FLAT:
         return "direction not known: flat array"
     angle, half = math.degrees(patch.angle_rad), math.degrees(patch.angle_half_range_rad)
@@ -48,12 +48,12 @@ def place_words(patch: ContactPatch, shape: Shape) -> str:
 
 
 def flag_words(patch: ContactPatch) -> list[str]:
-    """What the bounds had to allow for."""
+    """Say what the bounds had to allow for."""
     return sorted(flag.value for flag in patch.flags)
 
 
 def taxel_words(view: FingerView) -> str:
-    """How many taxels are not to be trusted; "" if all are."""
+    """Say how many taxels are not to be trusted; "" if all are."""
     kinds = (
         ("dead", view.dead),
         ("hot", view.hot),
@@ -147,7 +147,7 @@ _FULL = Style(color="#000000", bgcolor=_RAMP[-1], bold=True)
 
 @dataclass(frozen=True)
 class Scale:
-    """Where each step begins, N, ascending."""
+    """Steps of a scale: where each begins, N, ascending."""
 
     starts_n: tuple[float, ...]
 
@@ -178,7 +178,7 @@ def map_rows(view: FingerView, scale: Scale, *, cell: int, step: int, colour: bo
 
 
 def step_of(rows: int, columns: int, width: int, height: int) -> int:
-    """How many taxels either way must share a cell so that a map fits."""
+    """Number of taxels, either way, that must share a cell so that a map fits."""
     return max(1, math.ceil(columns / width), math.ceil(rows / height))
 
 
@@ -196,7 +196,7 @@ def legend(scale: Scale, *, colour: bool) -> Text:
 
 
 def marks_legend(*, dead: bool, hot: bool, saturated: bool, colour: bool) -> Text:
-    """What the signs mean, those that are on the maps; "" if there are none."""
+    """Say what the signs mean, those that are on the maps; "" if there are none."""
     text = Text()
     kinds = ((dead, _DEAD, "dead", _UNTRUSTED), (hot, _HOT, "hot", _UNTRUSTED))
     for there, sign, words, style in (*kinds, (saturated, _SATURATED, "at its largest count", _FULL)):
@@ -360,7 +360,7 @@ def _range_line(patch: ContactPatch | None, d: Description, cell: int, step: int
 
 
 def _character(angle_rad: float, d: Description, cell: int, step: int) -> int:
-    """Which character of a map's row an angle falls in; may be outside of it."""
+    """Return which character of a map's row an angle falls in; may be outside of it."""
     pitch = (d.columns[-1] - d.columns[0]) / (d.cols - 1)
     return math.floor(((angle_rad - d.columns[0]) / pitch + 0.5) / step * cell)
 

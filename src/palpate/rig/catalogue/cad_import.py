@@ -48,12 +48,12 @@ _MAX_NAMES_SHOWN = 12  # parts in a message
 
 
 class LossError(InputError):
-    """What is left out is too much of the ways in which a part rests."""
+    """Refusal to leave out too much of the ways in which a part rests."""
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What is asked of an import.
+    """Options of an import.
 
     `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
     add up to; `deviation_mm`: how far the made part may be from the file's. `heights_mm`: near which

@@ -106,7 +106,7 @@ def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
 
 
 def finger_heights_text(at: Sequence[AtHeight]) -> str:
-    """Such as "10 mm (f1, f2) and 25 mm (f3)"."""
+    """Heights in words, such as "10 mm (f1, f2) and 25 mm (f3)"."""
     words = [f"{item.height_mm:g} mm ({', '.join(item.fingers)})" for item in at]
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
@@ -126,17 +126,17 @@ class HasHeight(Protocol):
 
     @property
     def name(self) -> str:
-        """As in messages."""
+        """Name in messages."""
         ...
 
     @property
     def height_mm(self) -> float:
-        """Of the tip's middle."""
+        """Height of the tip's middle."""
         ...
 
     @property
     def span_mm(self) -> tuple[float, float]:
-        """Of the tip's lower and upper end."""
+        """Heights of the tip's lower and upper end."""
         ...
 
 
@@ -199,7 +199,7 @@ def span_text(span_mm: tuple[float, float]) -> str:
 
 
 def _place(finger: HasHeight) -> str:
-    """Such as "10 mm (its tip from 5 to 15 mm)"."""
+    """Place in words, such as "10 mm (its tip from 5 to 15 mm)"."""
     low, high = finger.span_mm
     along = "" if low == high else f" (its tip from {low:g} to {high:g} mm)"
     return f"{finger.height_mm:g} mm{along}"

@@ -32,7 +32,7 @@ _REQUEST_EDITION = (
 
 @dataclass(frozen=True)
 class FileOutcome:
-    """What became of a file: new objects, or the names of those that are kept; or why there are none.
+    """Outcome of a file: new objects, or the names of those that are kept; or why there are none.
 
     `unchanged`: it was not read again. `is_loss`: it can be read, but too much would be left out. `is_final`:
     it fails until it has changed.
@@ -82,7 +82,7 @@ def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
 
 
 def source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
-    """Where an object of a file comes from, as the objects file `target` has it. Raises InputError."""
+    """Source of an object of a file, as the objects file `target` has it. Raises InputError."""
     content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
     asked = json.dumps([_REQUEST_EDITION, asdict(options)], sort_keys=True)
     return SourceText(
@@ -190,7 +190,7 @@ def _sources(
 
 
 def _known(there: ObjectsFileText, path: Path, source: SourceText) -> FileOutcome | None:
-    """What became of a file of the same content that was read in the same way, if it was."""
+    """Outcome of a file of the same content that was read in the same way, if it was."""
     some = list(_from(there.objects, source.file))
     if some and all(item.source == source for item in some):
         return FileOutcome(path, kept=tuple(item.name for item in some), unchanged=True)

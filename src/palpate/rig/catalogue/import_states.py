@@ -47,7 +47,7 @@ _BOUND_STEPS = 10_000  # to a millimetre
 
 
 def ends_mm(height_mm: Height) -> tuple[float, float]:
-    """Of a height that is wanted: from which to which."""
+    """Ends of a range about a height that is wanted."""
     return height_mm if isinstance(height_mm, tuple) else (height_mm, height_mm)
 
 
@@ -106,14 +106,14 @@ def side_text(rings: Sequence[Floats]) -> list[list[tuple[float, float]]] | None
 
 
 def edge_count(section: SectionText) -> int:
-    """How many edges a section has, those of holes included."""
+    """Number of edges of a section, those of holes included."""
     return sum(
         outline_edges(ring) for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)
     )
 
 
 def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:
-    """How a state lies to its file: `rotation` (3, 3), `offset_mm` (3,)."""
+    """Frame of a state in its file: `rotation` (3, 3), `offset_mm` (3,)."""
     rows = [(float(a), float(b), float(c)) for a, b, c in rotation]
     x, y, z = (float(value) for value in offset_mm)
     return FrameOut(rotation=tuple(rows), offset=(x, y, z))
@@ -165,7 +165,7 @@ _MAX_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes 
 
 @dataclass(frozen=True)
 class Shares:
-    """What an import may lose: to curves and few sections together, and to states that are made one.
+    """Shares that an import may lose: to curves and few sections together, and to states made one.
 
     The rest as `cad_import.ImportOptions` has it.
     """
@@ -262,7 +262,7 @@ class _Slices:
         )
 
     def of(self, state: StableState, heights_mm: Floats) -> list[shapely.Geometry]:
-        """What is solid at each of the heights; empty above the part."""
+        """Solid regions at each of the heights; empty above the part."""
         if self._last is None or self._last[0] is not state:
             self._last = state, resting_surface_of(self._solid, state)
         surface = self._last[1]
@@ -274,7 +274,7 @@ def _region(surface: RestingSurface, height_mm: float) -> shapely.Geometry:
 
 
 def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
-    """Those that are written: of all heights, or near those that were asked for.
+    """Sections that are written: of all heights, or near those that were asked for.
 
     A height that is asked for is known by itself where a wall is too nearly level for more. A state that is
     known at none of them is there all the same: then its top is.
@@ -372,7 +372,7 @@ def _imported_state(
 def _normal_bound_rad(
     circles: RoundSections, solid: Solid, shares: Shares, found: MergedState | None
 ) -> float | None:
-    """By how much normals of the made part may be off those of the circles; None where nobody knows.
+    """Bound on how far normals of the part may be off those of the circles; None where nobody knows.
 
     Facets say nothing of a curve that they are some way off, nor of what was made otherwise. A state that was
     merged stands with its axis off by what merged states are apart; more than two, both ends of one axis, are
@@ -385,7 +385,7 @@ def _normal_bound_rad(
 
 
 def _left_out(items: Sequence[LeftOut]) -> tuple[OmittedStatesOut, ...]:
-    """Those of one reason together, the most frequent first."""
+    """States left out, those of one reason together, the most frequent first."""
     groups: dict[str, list[LeftOut]] = {}
     for item in items:
         groups.setdefault(item.reason.partition(":")[0], []).append(item)

@@ -104,16 +104,16 @@ def _states_of(objects: Sequence[ObjectModel]) -> PreparedStates:
 
 
 class _Prepared(Protocol):
-    """What is prepared of some states."""
+    """Prepared arrays of some states."""
 
     def __len__(self) -> int: ...
 
     def select(self, states: Ints) -> Self:
-        """Of some of these states, in that order."""
+        """Select some of these states, in that order."""
         ...
 
     def arrays(self) -> dict[str, Arrays]:
-        """To be kept."""
+        """Arrays to be kept."""
         ...
 
 
@@ -142,7 +142,7 @@ class _Keeper:
     what: str = ""
 
     def prepared(self, kind: _Kind[_P]) -> _P:
-        """What was kept of just these states, or else of some, with the others made now."""
+        """Return what was kept of just these states, or else of some, with the others made now."""
         name = f"{kind.name}-{code_digest(*_CODE)}"
         key = hashlib.sha256(b"".join(self.digests)).hexdigest()[:32]
         found = self._load(kind, self.cache.fetch(name, key))
@@ -156,7 +156,7 @@ class _Keeper:
         return made if found is None or found[1] != self.digests else found[0]
 
     def _completed(self, kind: _Kind[_P], name: str) -> _P:
-        """What was kept of some of the states, and what is made of the others, in the states' order.
+        """Join what was kept of some states and what is made of the others, in the states' order.
 
         What is the same of several states is prepared once.
         """

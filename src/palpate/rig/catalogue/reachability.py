@@ -49,7 +49,7 @@ OF_SECTION = frozenset({Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY})
 
 @dataclass(frozen=True)
 class Finding:
-    """What is wrong with one state of one object.
+    """Finding about one state of one object.
 
     `size_mm`: for a trouble `OF_SECTION` the diameter of the smallest circle round its sections at the
     fingers' heights, else its height. `fingers`: those that may feel it. `scale`: none of the object's states
@@ -65,7 +65,7 @@ class Finding:
 
 
 def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, ...]:
-    """At most one finding a state, in the catalogue's order; none for states that the rig can feel.
+    """Findings, at most one a state, in the catalogue's order; none for states that the rig can feel.
 
     A finger along whose tip a state's sections are not known (`State.known_within`) counts as one that feels
     it.
@@ -84,7 +84,7 @@ def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, .
 
 
 class _RigLimits:
-    """What of a rig decides which states it can feel; lengths in mm."""
+    """Limits of a rig that decide which states it can feel; lengths in mm."""
 
     def __init__(self, rig: RigFile) -> None:
         self.fingers = [(finger.name, finger.span_mm) for finger in rig.fingers]
@@ -138,7 +138,7 @@ class _ScaledState:
 
 
 def _plausible_scale(bench: _RigLimits, model: ObjectModel) -> float | None:
-    """Of the usual mistakes with units, the one that would explain why no state can be felt.
+    """Mistake with units that would explain why no state can be felt, if a usual one does.
 
     None is guessed of what is known near some heights only: imports have said their units.
     """
@@ -170,7 +170,7 @@ class Overhang:
 
 
 def overhangs_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Overhang, ...]:
-    """For each state the worst, at fingers whose tips' length is not known; none if walls are upright."""
+    """Worst overhang of each state, at fingers whose tips' length is not known; none if walls are upright."""
     heights = sorted(
         {
             finger.height_mm
@@ -211,7 +211,7 @@ def _words(item: Overhang) -> str:
 
 
 def _overhang_mm(state: State, height_mm: float) -> float:
-    """How far sections beside a tip reach out of the one at its middle."""
+    """Reach of sections beside a tip out of the one at its middle."""
     beside = max(height_mm - _TIP_HALF_SPAN_MM, 0.0), height_mm + _TIP_HALF_SPAN_MM
     at = state.sections_at(height_mm)
     # What ends just there is not beside the tip.
@@ -241,7 +241,7 @@ def _silhouette_overhang_mm(state: State, height_mm: float, beside_mm: tuple[flo
 
 
 def _ends_mm(state: State, span_mm: tuple[float, float]) -> tuple[float, float] | None:
-    """From where to where the silhouette reaches across, somewhere in a span of heights."""
+    """Ends of the silhouette across, somewhere in a span of heights."""
     across = np.concatenate([*_crossings(state, span_mm), np.empty(0)])
     return (float(across.min()), float(across.max())) if len(across) else None
 
@@ -274,7 +274,7 @@ class ObliqueTouch:
 
 
 def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObliqueTouch, ...]:
-    """For each state the worst. Raises InputError, which names the finger, for one that is too oblique."""
+    """Worst touch of each state. Raises InputError, which names the finger, for one that is too oblique."""
     balls = {
         (finger_of(finger), finger.tip.least_share): finger.name
         for finger in reversed(rig.fingers)
@@ -344,7 +344,7 @@ _UNITS = {
 
 
 def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> list[str]:
-    """What the operator should know of the objects of the file `name` before a run on a rig.
+    """Say what the operator should know of the objects of the file `name` before a run on a rig.
 
     Empty if all states can be felt by all fingers, and as what they are. Raises InputError if none can be by
     any, one is met by a ball too far from its equator, or is moved by pads.
@@ -362,7 +362,7 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
 
 
 def untouched_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
-    """What to look at if fingers touched nothing, or hardly anything."""
+    """Say what to look at if fingers touched nothing, or hardly anything."""
     tops = sorted({state.top_mm for model in models for state in model.states})
     high = f"{tops[0]:.3g}" if len(tops) == 1 else f"{tops[0]:.3g} to {tops[-1]:.3g}"
     return [
@@ -379,7 +379,7 @@ def workspace_words(rig: RigFile) -> str:
 
 
 def _groups(found: Sequence[Finding]) -> list[list[Finding]]:
-    """Those of which one line can tell."""
+    """Groups of findings of which one line can tell."""
 
     def kind(item: Finding) -> tuple[str, float, tuple[str, ...]]:
         return item.trouble.name, item.scale or 0.0, item.fingers

@@ -40,7 +40,7 @@ class RoundDrawing:
     off_mm: float
 
     def is_near(self, other: "RoundDrawing", within_mm: float) -> bool:
-        """Whether the other one's outer circle is this one's to within a distance."""
+        """True if the other one's outer circle is this one's to within a distance."""
         apart = math.dist(self.centre_mm, other.centre_mm)
         return apart + abs(self.radii_mm[0] - other.radii_mm[0]) <= within_mm
 
@@ -84,7 +84,7 @@ def _distances_mm(ring: Floats) -> tuple[float, float]:
 
 
 def _turns_much(ring: Floats) -> bool:
-    """Whether some edge has a normal far from radial at an end, or the origin is not inside."""
+    """True if some edge has a normal far from radial at an end, or the origin is not inside."""
     leg = np.roll(ring, -1, axis=0) - ring
     turned = np.sign(signed_area(ring))
     for end in (ring, ring + leg):
@@ -256,7 +256,7 @@ def _within(corner: Floats, low: float, high: float) -> Floats:
 
 
 def _cut(corner: Floats, height: float) -> Floats:
-    """Where the sides of facets are at a height, (m, 3, 2); NaN for sides that are not."""
+    """Points of the sides of facets at a height, (m, 3, 2); NaN for sides that are not there."""
     other = np.roll(corner, -1, axis=1)
     rise = other[..., 2] - corner[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):

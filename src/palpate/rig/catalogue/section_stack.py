@@ -28,11 +28,11 @@ class Level:
     edges: int
 
     def is_at(self, z_mm: float) -> bool:
-        """Whether a height is in the range."""
+        """True if a height is in the range."""
         return self.is_within((z_mm, z_mm))
 
     def is_within(self, span_mm: Range) -> bool:
-        """Whether some height of a span is in the range."""
+        """True if some height of a span is in the range."""
         return self.z_mm[0] <= span_mm[1] and span_mm[0] <= self.z_mm[1]
 
 
@@ -51,7 +51,7 @@ class StateSections:
 
     @cached_property
     def levels(self) -> tuple[Level, ...]:
-        """What is there, from the bottom up; sections that touch and are the same are one level."""
+        """Levels from the bottom up; sections that touch and are the same are one."""
         levels: list[Level] = []
         for section in sorted(self.state.sections, key=lambda part: part.z_mm):
             level = Level(section.z_mm, region_of(section.polygons), sum(map(len, section.rings)))
@@ -63,14 +63,14 @@ class StateSections:
         return tuple(levels)
 
     def region_at(self, z_mm: float) -> shapely.Geometry:
-        """What a finger at a height meets, empty for nothing; where two sections meet, whichever stands out.
+        """Region that a finger at a height meets, empty for nothing; of two sections, whichever stands out.
 
         The height must be known: `State.known_at`.
         """
         return self.region_within((z_mm, z_mm))
 
     def region_within(self, span_mm: Range) -> shapely.Geometry:
-        """What a tip between two heights meets: whatever stands out anywhere along it."""
+        """Region that a tip between two heights meets: whatever stands out anywhere along it."""
         found = [level.region for level in self.levels if level.is_within(span_mm)]
         return found[0] if len(found) == 1 else shapely.union_all(found)
 
@@ -92,7 +92,7 @@ def state_sections(objects: ObjectsFile) -> tuple[StateSections, ...]:
 
 
 def region_within(state: State, span_mm: Range) -> shapely.Geometry:
-    """What the sections have between two heights, without the levels of the others; empty for nothing."""
+    """Region of the sections between two heights, without the levels of the others; empty for nothing."""
     return shapely.union_all([region_of(section.polygons) for section in state.sections_within(span_mm)])
 
 
@@ -122,7 +122,7 @@ def _same(first: shapely.Geometry, second: shapely.Geometry) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class SectionSymmetry:
-    """It looks the same after each nth of a turn, n = `order`, about its centre of area (2,), mm."""
+    """Symmetry: alike after each nth of a turn, n = `order`, about its centre of area (2,), mm."""
 
     order: int
     centre_mm: Floats

@@ -43,7 +43,7 @@ class HeightRange:
 
     @property
     def middle_mm(self) -> float:
-        """In between."""
+        """Middle of the range."""
         return sum(self.range_mm) / 2
 
 
@@ -174,7 +174,7 @@ def _constant_ranges(pair: StatePair) -> Iterator[Range]:
 
 
 def _distinguishes(pair: StatePair, height_mm: float) -> bool:
-    """Whether one more finger of the rig's kind, at a height, would distinguish the two."""
+    """True if one more finger of the rig's kind, at a height, would distinguish the two."""
     another = pair.first.fingers.another(height_mm)
     new, its = (item.reached_by(another) for item in (pair.first, pair.second))
     if new.region.is_empty and its.region.is_empty:
@@ -188,7 +188,7 @@ def _distinguishes(pair: StatePair, height_mm: float) -> bool:
 
 
 def _stays_within(motion: PlanarMotion, one: ReachedRegion, other: ReachedRegion, within_mm: float) -> bool:
-    """Whether the two are still within the distance of each other: cheaply, if that is certain."""
+    """True if the two are still within the distance of each other: cheaply, if that is certain."""
     if is_certainly_within(one, other, motion, within_mm):
         return True
     return stack_distance_mm([one.region], [other.region], motion.turn_rad, motion.shift_mm) <= within_mm

@@ -50,7 +50,7 @@ def measure_regions(regions: Sequence[shapely.Geometry]) -> Floats:
 
 
 def may_be_within(first: Floats, second: Floats, within_mm: Floats) -> Bools:
-    """Whether some motion may bring two regions within a distance of each other; False is certain.
+    """True if some motion may bring two regions within a distance of each other; False is certain.
 
     `first` and `second` (..., 6) of `measures`, `within_mm` (...). Nothing and something never are.
     """
@@ -60,7 +60,7 @@ def may_be_within(first: Floats, second: Floats, within_mm: Floats) -> Bools:
 
 
 def _holds(inner: Floats, outer: Floats, within_mm: Floats) -> Bools:
-    """Whether the measures leave room for `inner` inside of `outer` grown by a distance."""
+    """True if the measures leave room for `inner` inside of `outer` grown by a distance."""
     area, perimeter, parts, hull_area, hull_perimeter, radius = np.moveaxis(outer, -1, 0)
     disc = np.pi * within_mm**2
     most = np.stack(
@@ -92,7 +92,7 @@ class ReachedRegion:
 
     @cached_property
     def measures(self) -> Floats:
-        """Of the region, (6,), as in `objects_measures`."""
+        """Measures of the region, (6,), as in `objects_measures`."""
         found: Floats = measure_regions([self.region])[0]
         return found
 
@@ -112,7 +112,7 @@ class ReachedRegion:
 def is_certainly_within(
     one: ReachedRegion, other: ReachedRegion, motion: PlanarMotion, within_mm: float
 ) -> bool:
-    """Whether the motion brings the outline of one within a distance of the other's, and the other way round.
+    """True if the motion brings the outline of one within a distance of the other's, and the other way round.
 
     True is certain, for arcs of buffers are chords. False is not: `apart_mm` decides then.
     """
@@ -180,7 +180,7 @@ _MAX_TURNS_TRIED = 8
 
 
 class Likeness(StrEnum):
-    """How alike two states feel; those that are distinguished are not listed.
+    """Likeness of two states by touch; those that are distinguished are not listed.
 
     The same within their tolerances; within what contacts may hide as well; or not known, because one of them
     is not at the height of some finger, and the others do not distinguish them.
@@ -193,7 +193,7 @@ class Likeness(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ReachableState:
-    """What a rig's fingers reach of a state, at those of the rig's heights at which it is known."""
+    """Parts of a state that a rig's fingers reach, at those of the rig's heights at which it is known."""
 
     state: StateSections
     fingers: RigFingers
@@ -205,7 +205,7 @@ class ReachableState:
 
     @cached_property
     def region(self) -> dict[AtHeight, shapely.Geometry]:
-        """What the fingers reach of the state at each of those heights."""
+        """Regions that fingers reach of the state at each of those heights."""
         return {at: self._region(at) for at in self.known}
 
     def _region(self, at: AtHeight) -> shapely.Geometry:
@@ -215,7 +215,7 @@ class ReachableState:
         return reached_region(levels, at.tip, at.height_mm, at.tip_radius_mm)
 
     def reached_by(self, at: AtHeight) -> ReachedRegion:
-        """What another finger, one of `RigFingers.another`, would reach."""
+        """Region that another finger, one of `RigFingers.another`, would reach."""
         levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_within(at.span_mm))
         key = levels if at.tip.is_upright else (*levels, at.height_mm)
         if key not in self._reached:
@@ -224,7 +224,7 @@ class ReachableState:
 
     @cached_property
     def _reached(self) -> dict[tuple[float, ...], ReachedRegion]:
-        """By the levels that are found at a height: so often is it computed, not once for every pair.
+        """Regions by the levels found at a height: so often are they computed, not once for every pair.
 
         What a ball reaches of the same levels changes with its height.
         """
@@ -251,7 +251,7 @@ class StatePair:
 
     @property
     def touched(self) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
-        """What fingers reach of both, height by height, where they meet anything."""
+        """Regions that fingers reach of both, height by height, where they meet anything."""
         return _stacks(self.first, self.second, self.compared)
 
 
@@ -300,7 +300,7 @@ def _pair(first: ReachableState, second: ReachableState) -> StatePair | None:
 
 
 def _round_apart_mm(one: Sequence[shapely.Geometry], other: Sequence[shapely.Geometry]) -> float:
-    """How far off round figures are at the best of some turns that bring a corner onto a corner.
+    """Distance of round figures at the best of some turns that bring a corner onto a corner.
 
     Chords fall on chords at one of them if the figures are copies of each other.
     """
@@ -320,7 +320,7 @@ def _apart_about(
     turn_rad: float,
     centres_mm: Sequence[Floats],
 ) -> float:
-    """How far off the turn leaves the two with one's centre on the other's."""
+    """Distance at which the turn leaves the two with one's centre on the other's."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return stack_distance_mm(
         one, other, turn_rad, centres_mm[1] - np.array([[c, -s], [s, c]]) @ centres_mm[0]
@@ -330,6 +330,6 @@ def _apart_about(
 def _stacks(
     first: ReachableState, second: ReachableState, compared: Sequence[AtHeight]
 ) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
-    """What fingers reach of both at the same heights; without those at which there is nothing of either."""
+    """Regions that fingers reach of both at the same heights, but where there is nothing of either."""
     met = [at for at in compared if not (first.region[at].is_empty and second.region[at].is_empty)]
     return tuple(first.region[at] for at in met), tuple(second.region[at] for at in met)

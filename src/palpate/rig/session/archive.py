@@ -100,7 +100,7 @@ def _seed(header: Mapping[str, Any]) -> int | None:
 
 
 def _emulated(header: Mapping[str, Any], result: Mapping[str, Any]) -> bool | None:
-    """Whether devices were emulated: by the rig file, or as they said themselves by the end of the run."""
+    """True if devices were emulated: by the rig file, or as they said themselves by the end of the run."""
     said = (item.get("emulated") for item in (result, header))
     return next((item for item in said if isinstance(item, bool)), None)
 
@@ -170,7 +170,7 @@ _RECORDED_NAMES = frozenset(
 
 @dataclass(frozen=True)
 class Pruned:
-    """What was removed, and folders that stay, as they hold files of others or are being written."""
+    """Sessions removed, and folders that stay, as they hold files of others or are being written."""
 
     sessions: tuple[SessionOut, ...]
     kept_folders: tuple[str, ...]
@@ -209,7 +209,7 @@ def remove_sessions(sessions: Sequence[SessionOut]) -> Pruned:
 
 
 def recorded_files(folder: Path) -> list[Path]:
-    """What a run has written into its session's folder: all but a report, which was made of it."""
+    """Return what a run has written into its session's folder: all but a report, which was made of it."""
     return [folder / name for name in sorted(_RECORDED_NAMES - {_REPORT}) if (folder / name).is_file()]
 
 

@@ -81,7 +81,7 @@ def check_arrays(file: CalibrationFile | None, arrays: Mapping[str, str]) -> Non
 def device_mismatch(
     file: CalibrationFile, servos: Mapping[int, str], arrays: Mapping[str, str]
 ) -> str | None:
-    """In words, the first device that is not the one that was calibrated; None if all that are given are.
+    """Say which device is the first that was not calibrated; None if all that are given were.
 
     `servos`: model by id. `arrays`: unique id in hexadecimal by finger; fingers may be left out.
     """
@@ -124,7 +124,7 @@ _LEVER_MM = 50.0  # a turn counts like a shift so far out: unknowns of one size
 def session_agreement(
     result: Identification, rig: RigFile, calibration: CalibrationFile | None
 ) -> DriftTest | None:
-    """How the contacts of an identified object agree with the calibration that is laid over `rig`.
+    """Return how the contacts of an identified object agree with the calibration that is laid over `rig`.
 
     None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
     """
@@ -156,7 +156,7 @@ def calibration_used(
 
 
 def _is_clear(touch: Touch) -> bool:
-    """Whether it met one edge, so that it is known along which normal the tip was dented."""
+    """True if it met one edge, so that it is known along which normal the tip was dented."""
     return touch.patch is not None and not may_touch_two_edges(touch.patch)
 
 
@@ -203,7 +203,7 @@ def _agreement(
 
 
 def _dent_mm(touch: Touch, rig: RigFile) -> float:
-    """By how much dent and deflection may be other than the contact takes them to be."""
+    """Bound on how far dent and deflection may be other than the contact takes them to be."""
     assert touch.patch is not None
     patch, finger = touch.patch, rig.fingers[touch.finger_index]
     least, most = dent_range_mm(patch.force_n, patch.force_bound_n, finger.tip, rig.closing.max_force_n)
@@ -211,7 +211,7 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
 
 
 def _stage_deviation_mm(touches: Sequence[Touch], centre: Floats, normal: Floats, stage: Stage) -> Floats:
-    """What the turning stage puts contacts off by along their normals: deviations (n, m).
+    """Return what the turning stage puts contacts off by along their normals: deviations (n, m).
 
     Its axis is alike in all of them; its angle in those between which it did not turn, because where it
     turns its play may be taken up on the other side.

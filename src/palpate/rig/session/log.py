@@ -313,7 +313,7 @@ class SessionLog(SessionEvents):
         self._file.write("".join(text))
 
     def _error(self, run: str) -> OutputError:
-        """What is wrong with the log; `run`: what became of the run."""
+        """Return what is wrong with the log; `run`: what became of the run."""
         failure = self._lines.failure
         if failure is not None:
             reason = failure.strerror if isinstance(failure, OSError) and failure.strerror else repr(failure)

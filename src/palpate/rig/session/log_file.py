@@ -86,19 +86,19 @@ def check_session(folder: Path) -> None:
 
 
 def _instead(folder: Path) -> str:
-    """Where a session of this name is, if it is with all others."""
+    """Say where a session of this name is, if it is with all others."""
     usual = Path(SESSIONS_FOLDER, folder.name)
     return f"; {usual} is one" if log_path(usual).is_file() else ""
 
 
 def _within(folder: Path) -> str:
-    """What to do with a folder of sessions."""
+    """Say what to do with a folder of sessions."""
     holds_some = any(log_path(item).is_file() for item in folder.iterdir() if item.is_dir())
     return f"; `palpate sessions --sessions {folder}` lists those below it" if holds_some else ""
 
 
 def log_path(folder: Path) -> Path:
-    """Where the log of a session is, or should be."""
+    """Path of the log of a session."""
     plain = folder / _PLAIN_NAME
     return plain if plain.is_file() and not (folder / LOG_NAME).is_file() else folder / LOG_NAME
 
@@ -145,7 +145,7 @@ def _decompress(path: Path, data: bytes) -> Iterator[bytes]:
 
 
 def is_written_now(path: Path) -> bool:
-    """Whether a process has the log open for writing."""
+    """True if a process has the log open for writing."""
     try:
         with path.open("rb") as file:
             return is_locked(file)
@@ -154,7 +154,7 @@ def is_written_now(path: Path) -> bool:
 
 
 def is_locked(file: BinaryIO) -> bool:
-    """Whether a process has this open log open for writing, though the log may be removed by now."""
+    """True if a process has this open log open for writing, though the log may be removed by now."""
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -101,7 +101,7 @@ def read_session(folder: Path) -> SessionFile:
 
 
 def parse_entry(path: Path, number: int, line: bytes) -> RecordEntry:
-    """What one line of a log says; InputError, with its number, for what is wrong with it."""
+    """Return what one line of a log says; InputError, with its number, for what is wrong with it."""
     check_line_length(path, number, line)
     return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
 
@@ -212,7 +212,7 @@ class _Line:
         return error
 
     def _interrupt(self) -> BaseException | None:
-        """What interrupted the run, if its end says that something did."""
+        """Return what interrupted the run, if its end says that something did."""
         how = self.text("how")
         message = self.values.get("message")
         if message is not None:
@@ -252,7 +252,7 @@ class LogTail:
 
     @property
     def is_written(self) -> bool:
-        """Whether a process has the log open now."""
+        """True if a process has the log open now."""
         file = self._opened()
         return file is not None and is_locked(file)
 

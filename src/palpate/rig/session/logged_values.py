@@ -61,7 +61,7 @@ class LoggedTouch:
 
 
 def placement_in(values: Mapping[str, Any]) -> LoggedPlacement:
-    """What an event such as `truth` says of where the part lies."""
+    """Placement of the part that an event such as `truth` holds."""
     return LoggedPlacement(values["object"], values["state"], Configuration(**values["configuration"]))
 
 

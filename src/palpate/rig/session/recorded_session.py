@@ -91,7 +91,7 @@ def load_kept_inputs(
 
 
 def used_calibration(file: SessionFile) -> bool:
-    """Whether the run of a session used a calibration; InputError if its first line says neither."""
+    """True if the run of a session used a calibration; InputError if its first line says neither."""
     value = file.header.get("calibration", False)
     if not isinstance(value, bool):
         raise InputError(f'{file.path}: line 1: "calibration" must be true or false')
@@ -160,7 +160,7 @@ class SessionSamples:
 
     @property
     def started(self) -> datetime | None:
-        """When the run began, UTC; None if the log does not say."""
+        """Time when the run began, UTC; None if the log does not say."""
         try:
             return datetime.fromisoformat(str(self.file.header.get("started")))
         except ValueError:
@@ -267,7 +267,7 @@ def _joints(rig: RigFile) -> dict[int, tuple[str, Model]]:
 
 
 class _Tips:
-    """Where tips are, from the last known angles of their servos and of the stage."""
+    """Places of tips, from the last known angles of their servos and of the stage."""
 
     def __init__(self, rig: RigFile) -> None:
         self._stage = Stage.of(rig)

@@ -41,7 +41,7 @@ _LATER_KEYS = frozenset(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Replayed(ShortRepr):
-    """How a replay went. `difference` is None if all was as recorded; `run` is None if it gave no answer."""
+    """Result of a replay. `difference` is None if all was as recorded; `run` if it gave no answer."""
 
     lines: int
     sent_bytes: int
@@ -147,7 +147,7 @@ def _end_in_words(how: str, message: str | None) -> str:
 
 
 def first_difference(found: Any, recorded: Any, place: str) -> str | None:
-    """Where two JSON values first differ, in words; numbers may differ by 2e-6, absolutely or relatively."""
+    """Say where two JSON values first differ; numbers may differ by 2e-6, absolutely or relatively."""
     if isinstance(found, dict) and isinstance(recorded, Mapping):
         keys = [key for key in (*found, *(set(recorded) - set(found))) if key not in _NOT_COMPARED]
         pairs = [(found.get(key), recorded.get(key), f"{place}.{key}" if place else key) for key in keys]

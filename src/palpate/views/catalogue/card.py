@@ -130,7 +130,7 @@ def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: 
 
 @dataclass(frozen=True)
 class _Ladder:
-    """Where heights (mm) are on the page."""
+    """Scale of heights (mm) on the page."""
 
     left: float
     bottom: float
@@ -203,7 +203,7 @@ class TwinNote:
 
 @dataclass(frozen=True)
 class CardFacts:
-    """What is known of a card's state besides: `twins` are other states that feel like it, or may."""
+    """Facts about a card's state: `twins` are other states that feel like it, or may."""
 
     symmetry_order: int
     twins: tuple[TwinNote, ...]
@@ -240,7 +240,7 @@ def draw_card(
 
 
 def ranges_words(ranges_mm: Sequence[Range], most: int = 3) -> str:
-    """Such as "0–8 and 20–25"."""
+    """Ranges in words, such as "0–8 and 20–25"."""
     words = [f"{low:.4g}–{high:.4g}" for low, high in ranges_mm[:most]]
     if len(ranges_mm) > most:
         words.append(f"{len(ranges_mm) - most} more")
@@ -248,7 +248,7 @@ def ranges_words(ranges_mm: Sequence[Range], most: int = 3) -> str:
 
 
 class _Page:
-    """From mm in the object's frame to SVG units: the card's sections in the middle of their room."""
+    """Map from mm in the object's frame to SVG units: the card's sections in the middle of their room."""
 
     def __init__(self, card: Card, middle: Floats, scale: float) -> None:
         bounds = shapely.total_bounds(np.array([level.region for level in card.shown], dtype=object))
@@ -310,7 +310,7 @@ def _stack(card: Card, page: _Page, fingers: RigFingers) -> str:
 
 
 def _pockets(level: Level, page: _Page, tip_mm: float) -> str:
-    """What lies within the section's hull and outside of the section, and what of it no tip reaches."""
+    """Draw what lies within the section's hull and outside of it, and what of that no tip reaches."""
     region, hull = page.shape(level.region), page.shape(shapely.convex_hull(level.region))
     outside = _path(hull.difference(region), CONCAVE, None)
     return outside + _path(
@@ -406,7 +406,7 @@ def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
 
 
 def _twins_words(twins: TwinNote, room: float) -> str:
-    """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
+    """List as many names as fit, and count the others; of a name that is too long, beginning and end."""
     for count in range(len(twins.names), 1, -1):
         words = f"{twins.words} {'; '.join(twins.names[:count])}{_more_words(twins, count)}"
         if text_width(words, 11.5) <= room:
@@ -421,7 +421,7 @@ def _more_words(twins: TwinNote, shown: int) -> str:
 
 
 def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
-    """At which heights it is known, with as many of the ranges as there is room for."""
+    """Say at which heights it is known, with as many of the ranges as there is room for."""
     for most in range(_MAX_RANGES, 0, -1):
         words = known_words(known_mm, top_mm, most)
         if text_width(words, 11.5) <= room:

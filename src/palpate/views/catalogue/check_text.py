@@ -1,4 +1,4 @@
-"""What `palpate objects check` found: in words for a terminal of 80 columns, and as a page."""
+"""Result of `palpate objects check`: in words for a terminal of 80 columns, and as a page."""
 
 from collections.abc import Iterator, Sequence
 from importlib.metadata import version
@@ -60,7 +60,7 @@ def check_lines(out: ObjectsCheckOut, *, every: bool = False) -> list[str]:
 
 
 def rig_words(rig: RigHeightsOut) -> list[str]:
-    """Where the rig's fingers are."""
+    """Say where the rig's fingers are."""
     shipped = ", the shipped one" if rig.shipped else ""
     heights = [
         f"  at {item.height_mm:g} mm: {', '.join(item.fingers)}, {_tip_words(item)}" for item in rig.heights
@@ -76,7 +76,7 @@ def _tip_words(item: RigHeightOut) -> str:
 
 
 def fit_words(*pairs: PairOut) -> str:
-    """How well two agree at the fingers' heights; or each two of several pairs that are alike in all else."""
+    """Say how well two agree at the fingers' heights, or each two of pairs that are alike in all else."""
     pair = pairs[0]
     at = _heights(pair.compared_mm)
     if not pair.compared_mm:
@@ -113,7 +113,7 @@ def _separating_lines(pair: SeparatingOut, sign: str, rig: RigHeightsOut) -> Ite
 
 
 def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
-    """At which heights one more finger of the rig's kind would distinguish the two."""
+    """Say at which heights one more finger of the rig's kind would distinguish the two."""
     tips = [item.tip_shape.tip for item in rig.heights]
     upright = [tip.is_upright for tip in tips]
     another = "a finger" if all(upright) else "an upright tip" if any(upright) else tips[0].with_article

@@ -36,7 +36,7 @@ class Card:
 
     @property
     def is_stack(self) -> bool:
-        """Whether different sections are drawn over each other."""
+        """True if different sections are drawn over each other."""
         return not self.ranges_mm
 
 
@@ -87,7 +87,7 @@ def _distinct_sections(state: StateSections) -> list[tuple[Level, ...]]:
 
 
 def _are_drawn_alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
-    """Whether two sections would be drawn alike."""
+    """True if two sections would be drawn alike."""
     west, south, east, north = one.bounds
     within_mm = _ALIKE_SHARE * max(east - west, north - south)
     if np.abs(np.subtract(one.bounds, other.bounds)).max() > within_mm:
@@ -122,7 +122,7 @@ SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
 
 
 def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
-    """Such as "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
+    """Say "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
 
     `known_mm`: ascending ranges, both ends included; `top_mm`: how high the part is. Ends are rounded to
     0.01 mm so that no more is called known than is. `most`: how many ranges are listed.

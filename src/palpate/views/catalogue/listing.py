@@ -158,7 +158,7 @@ def _cells(state: StateListedOut) -> list[str]:
 
 
 def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
-    """Which states are not known at the fingers' heights, a line for those of an object that are known alike.
+    """List states not known at the fingers' heights, a line for those of an object that are known alike.
 
     `every`: not at all heights.
     """
@@ -179,7 +179,7 @@ def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator
 
 
 def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
-    """Which states the fingers may tip or roll, for which bounds would not hold."""
+    """Say which states the fingers may tip or roll, for which bounds would not hold."""
     unsteady = [item for item in out.states if item.when_pushed is not PushResponse.SLIDES]
     if not unsteady:
         return
@@ -224,7 +224,7 @@ def _group_lines(group: TwinGroup, width: int) -> Iterator[str]:
 
 
 def _names(states: Iterable[StateNameOut]) -> str:
-    """Such as "angle: state-1, state-2; block: state-1"."""
+    """List of names such as "angle: state-1, state-2; block: state-1"."""
     return "; ".join(
         f"{name}: {', '.join(item.state for item in found)}"
         for name, found in groupby(states, key=lambda item: item.object)

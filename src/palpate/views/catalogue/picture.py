@@ -109,14 +109,14 @@ def _head(
 
 
 def _kind(fingers: RigFingers) -> str:
-    """What tips are taken for."""
+    """Word for what tips are taken for."""
     if not fingers.any_upright:
         return fingers.at[0].tip.noun
     return "disc" if any(item.tip.has_face for item in fingers.at) else "tip"
 
 
 def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tuple[list[str], float]:
-    """What the colours and marks mean, in as many lines as it takes; y of the last.
+    """Legend of colours and marks, in as many lines as it takes, and y of the last.
 
     `stacks`: sections are drawn over each other.
     """

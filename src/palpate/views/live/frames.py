@@ -87,7 +87,7 @@ class FrameStore:
 
     @property
     def count(self) -> int:
-        """How many frames there have been."""
+        """Number of frames there have been."""
         return self.dropped + len(self.texts)
 
     def _keep(self) -> None:
@@ -206,7 +206,7 @@ def _approach(item: Mapping[str, Any]) -> dict[str, object]:
 
 
 def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object]:
-    """What does not change during a run: fingers, workspace, outlines of states where fingers meet them."""
+    """Setting of a run: fingers, workspace, outlines of states where fingers meet them."""
     span = max((finger.span_mm for finger in rig.fingers), key=lambda item: item[1])
     outlines: dict[str, list[list[list[float]]]] = {}
     for model in objects:

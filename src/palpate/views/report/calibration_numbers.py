@@ -86,7 +86,7 @@ def residuals_mm(file: CalibrationFile, finger: str) -> tuple[list[float], list[
 
 
 def never_pressed(tactile: TactileCalibration) -> Bools:
-    """Which taxels (rows, columns) no press has reached: their gain is 1, with the widest bound of all."""
+    """Taxels (rows, columns) that no press has reached: their gain is 1, with the widest bound of all."""
     gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
     result: Bools = (gain == 1.0) & (bound == bound.max())
     for taxel in tactile.unusable:

@@ -88,7 +88,7 @@ def _kind(grip: GripRecord, before: GripRecord | None) -> str:
 
 
 def _title(grip: GripRecord, first: LoggedHypothesis | None) -> str:
-    """What the contacts say."""
+    """Return what the contacts say."""
     if grip.verdict is None:
         return "not interpreted"
     return "nothing agrees" if first is None else first.name
@@ -280,7 +280,7 @@ def _calibration(answer: IdentificationOut | None, summary: SessionOut) -> str:
 
 
 def _versions(file: SessionFile, summary: SessionOut) -> str:
-    """What the run began with; whether devices were emulated, and the seed, as far as it counts."""
+    """Say what the run began with; whether devices were emulated, and the seed, as far as it counts."""
     known = {**file.header, "emulated": summary.emulated, "seed": summary.seed}
     left_out = ("format", "sum", *(name for name, value in known.items() if value is None))
     rows = [

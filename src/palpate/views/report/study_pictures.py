@@ -91,7 +91,7 @@ def _overlay(one: State, other: State, height_mm: float, x: float, y: float, sid
 
 
 def _region(state: State, height_mm: float) -> shapely.Geometry:
-    """At a height, or the lowest section where nothing is at that height."""
+    """Region at a height, or the lowest section where nothing is at that height."""
     sections = state.sections_at(height_mm) or state.sections[:1]
     return region_of(polygon for section in sections for polygon in section.polygons)
 

@@ -36,12 +36,12 @@ def bounds_words(position_mm: float, orientation_rad: float) -> str:
 
 
 def placement_words(out: StudyOut) -> str:
-    """Where parts are put."""
+    """Say where parts are put."""
     return f"within {out.placed_within:g} mm of the middle of the workspace"
 
 
 def draws_words(out: StudyOut) -> str:
-    """How states are drawn, as the end of a sentence."""
+    """Say how states are drawn, as the end of a sentence."""
     if not out.by_probability:
         return "objects and their states are drawn evenly"
     some = quantity(out.by_probability, "object", "objects")
@@ -49,7 +49,7 @@ def draws_words(out: StudyOut) -> str:
 
 
 def wrong_answers_words(out: StudyOut) -> str:
-    """How many answers were wrong, or may be after so many runs of which none was."""
+    """Say how many answers were wrong, or may be after so many runs of which none was."""
     if out.wrong:
         return f"{quantity(out.wrong, 'wrong answer', 'wrong answers')} in {out.runs} runs"
     most = 100 * (1 - _ERROR_PROBABILITY ** (1 / out.runs))
@@ -58,7 +58,7 @@ def wrong_answers_words(out: StudyOut) -> str:
 
 
 def verdict_words(out: StudyOut, verdict: IdentificationVerdict) -> str:
-    """What came of runs that ended so, beyond their number; empty if there is no more to say."""
+    """Say what came of runs that ended so, beyond their number; empty if there is no more to say."""
     match verdict:
         case IdentificationVerdict.INDISTINGUISHABLE:
             return _twins_words(out)
@@ -88,7 +88,7 @@ def _unresolved_words(out: StudyOut) -> str:
 
 
 def accuracy_words(item: AccuracyOut) -> str:
-    """What answers guarantee: median, 90 % and the worst."""
+    """Say what answers guarantee: median, 90 % and the worst."""
     median, p90, worst = (
         bounds_words(mm, rad) for mm, rad in zip(item.position, item.orientation, strict=True)
     )
@@ -96,7 +96,7 @@ def accuracy_words(item: AccuracyOut) -> str:
 
 
 def goal_words(item: AccuracyOut, goal: tuple[float, float]) -> str:
-    """How many are placed as finely as is asked."""
+    """Say how many are placed as finely as is asked."""
     asked = f"± {goal[0]:g} mm, ± {math.degrees(goal[1]):.4g}°"
     return f"placed within the goal ({asked}): {item.within_goal} of {item.runs}"
 
@@ -124,7 +124,7 @@ def _merge_directions(pairs: Sequence[PairStudiedOut]) -> PairStudiedOut:
 
 
 def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float], *, others: bool = True) -> str:
-    """Where fingers should be; `others`: whether there were other heights to compare."""
+    """Say where fingers should be; `others`: whether there were other heights to compare."""
     fingers = f"fingers at {_heights_text(heights_mm)}"
     if not best.alike_now:
         return f"{fingers} distinguish all pairs of states"
@@ -140,7 +140,7 @@ def _heights_text(heights_mm: Sequence[float]) -> str:
 
 
 def comparison_words(item: ComparedOut) -> str:
-    """What a change gains in the same runs, and what of it may be chance."""
+    """Say what a change gains in the same runs, and what of it may be chance."""
     if not item.shown:
         runs = quantity(item.runs, "run", "runs")
         return f"the same in {runs}" if _is_unchanged(item) else f"no effect can be shown with {runs}"
@@ -163,7 +163,7 @@ def _is_unchanged(item: ComparedOut) -> bool:
 
 
 def may_be_chance(item: ComparedOut, what: str) -> bool:
-    """Whether there is a difference of identified runs, touches or bounds that is not shown."""
+    """True if there is a difference of identified runs, touches or bounds that is not shown."""
     place = item.position_bound
     differs = {
         "identified": item.identified[0] != item.identified[1],
@@ -187,7 +187,7 @@ def _bounds_change(item: ComparedOut) -> str:
 
 
 def more_runs_words(costs: Sequence[NoiseCostOut], runs: int) -> str:
-    """With which option effects would be shown that are not; empty where all are."""
+    """Say with which option effects would be shown that are not; empty where all are."""
     wanted = max((item.runs_wanted or 0 for item in costs), default=0)
     if not wanted:
         return ""
@@ -250,7 +250,7 @@ def _verdict_lines(out: StudyOut) -> list[str]:
 
 
 def _states_words(out: StudyOut) -> str:
-    """How many states were drawn, and of how many where that is not all."""
+    """Say how many states were drawn, and of how many where that is not all."""
     drawn, all_states = len(out.states), out.states_in_catalogue
     if drawn == all_states:
         return quantity(drawn, "state", "states")

@@ -80,7 +80,7 @@ def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: L
 
 
 def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
-    """Which hypotheses say that it misses, and which that it may, with the words for it."""
+    """Find which hypotheses say that it misses, and which that it may, with the words for it."""
     outcomes = list(enumerate(item.predictions[:MAX_OTHERS]))
     certain = [index for index, outcome in outcomes if outcome.stop_mm is None]
     possible = [index for index, outcome in outcomes if outcome.may_miss and outcome.stop_mm is not None]

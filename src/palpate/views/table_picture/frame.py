@@ -36,7 +36,7 @@ _MARGIN_SHARE = 0.09  # of the longer side, around what must be seen
 
 @dataclass(frozen=True)
 class View:
-    """Where W lies in the picture: an upright window, drawn at (`left`, `top`) with `scale` units per mm."""
+    """Window of W in the picture: upright, drawn at (`left`, `top`) with `scale` units per mm."""
 
     x_mm: tuple[float, float]
     y_mm: tuple[float, float]
@@ -65,7 +65,7 @@ class View:
         return Box(self.left + self.width / 2, self.top + self.height / 2, self.width, self.height)
 
     def to_page(self, points_mm: Floats) -> Floats:
-        """From W (…, 2) mm to SVG units, y downwards."""
+        """Map points of W (…, 2) mm to SVG units, y downwards."""
         offset = np.asarray(points_mm, dtype=float) - (self.x_mm[0], self.y_mm[1])
         result: Floats = offset * (self.scale, -self.scale) + (self.left, self.top)
         return result
@@ -75,7 +75,7 @@ class View:
         return self.to_page(np.array(point_mm))
 
     def holds(self, point_mm: tuple[float, float]) -> bool:
-        """Whether a point of W is within the window."""
+        """True if a point of W is within the window."""
         return self.x_mm[0] <= point_mm[0] <= self.x_mm[1] and self.y_mm[0] <= point_mm[1] <= self.y_mm[1]
 
 
@@ -113,14 +113,14 @@ def _tip_corners(touch: TouchMark) -> Floats:
 
 
 def _stops(item: ApproachArrow) -> Floats:
-    """Where the tip may be stopped (n, 2), with its radius around; n may be 0."""
+    """Return where the tip may be stopped (n, 2), with its radius around; n may be 0."""
     ends = [end for stop in item.predictions[:MAX_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm]
     centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
     return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])
 
 
 def _nearest_part(seen: list[Floats], missed: list[Floats]) -> list[Floats]:
-    """What of the missed tips is worth showing: misses end far away, and must not make the object small."""
+    """Missed tips that are worth showing: misses end far away, and must not make the object small."""
     if not seen:
         return missed
     points = np.vstack(seen)
@@ -249,7 +249,7 @@ def arrow_head(tip: Floats, along: Floats, size: float = 11.0) -> str:
 
 
 def end_cross(at: Floats, colour: str = INK) -> str:
-    """Where an approach ends that nothing stopped."""
+    """Mark where an approach ends that nothing stopped."""
     x, y = at.tolist()
     return element(
         "path",
@@ -268,7 +268,7 @@ def badge(index: int, colour: str, x: float, y: float) -> str:
 
 
 def is_base_visible(base: FingerBase, view: View) -> bool:
-    """Whether a finger's base lies within the window with its mark whole."""
+    """True if a finger's base lies within the window with its mark whole."""
     away = np.abs(view.at(base.at_mm) - (view.frame.x, view.frame.y))
     return bool(np.all(away <= np.array([view.width, view.height]) / 2 - 8))
 

@@ -38,7 +38,7 @@ class Box:
         return self.y - self.height / 2
 
     def overlaps(self, other: "Box", margin: float = 0.0) -> bool:
-        """Whether the two are nearer than `margin`."""
+        """True if the two are nearer than `margin`."""
         apart_x = abs(self.x - other.x) - (self.width + other.width) / 2
         apart_y = abs(self.y - other.y) - (self.height + other.height) / 2
         return apart_x < margin and apart_y < margin

@@ -41,7 +41,7 @@ _ROW = 20.0
 
 
 def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
-    """What the marks in the drawing mean; only those that are there."""
+    """Draw what the marks in the drawing mean; only those that are there."""
     planned = bool(picture.approaches)
     predicted = [item for approach in picture.approaches for item in approach.predictions]
     other = "other " if picture.found else ""

@@ -140,7 +140,7 @@ def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
 
 
 def _dash(picture: Picture, index: int) -> str | None:
-    """Of a plan's hypotheses only those are dashed that lie on another one, so that both show."""
+    """Dashes of an outline: of a plan's hypotheses only those that lie on another one, so that both show."""
     if not picture.approaches:
         return DASHES[index % len(DASHES)]
     own = np.vstack(picture.others[index].rings)
@@ -319,7 +319,7 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
 
 
 def _thin_out(points: Floats, most: int) -> Floats:
-    """At most `most` of the points (n, 2), evenly picked."""
+    """Pick at most `most` of the points (n, 2), evenly."""
     result: Floats = points[:: -(-len(points) // most)]
     return result
 

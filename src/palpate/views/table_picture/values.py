@@ -1,4 +1,4 @@
-"""What a picture of a recognition shows, as plain values in W; mm and rad."""
+"""Values that a picture of a recognition shows, in W; mm and rad."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ class BoundedPose:
 
     @property
     def turns_freely(self) -> bool:
-        """Whether every orientation is within the bounds, as of a round part."""
+        """True if every orientation is within the bounds, as of a round part."""
         _, lo, hi = self.theta_rad
         return hi - lo >= 2 * math.pi - 1e-9
 
@@ -56,7 +56,7 @@ class TouchMark:
 
 @dataclass(frozen=True)
 class FingerBase:
-    """Where a finger stands."""
+    """Place where a finger stands."""
 
     name: str
     at_mm: tuple[float, float]
@@ -64,7 +64,7 @@ class FingerBase:
 
 @dataclass(frozen=True)
 class PredictedStop:
-    """What an approach meets if a hypothesis is true: a stop after a travel of `stop_mm` (lo, hi), or a miss.
+    """Outcome of an approach if a hypothesis is true: a stop after a travel `stop_mm` (lo, hi), or a miss.
 
     `stop_mm` is None if nothing can stop it. `words` say the same, a line each.
     """
@@ -87,7 +87,7 @@ class ApproachArrow:
     predictions: tuple[PredictedStop, ...]
 
     def at(self, travel_mm: float) -> tuple[float, float]:
-        """Where the tip's centre is after a travel, W."""
+        """Return where the tip's centre is after a travel, W."""
         x, y = self.start_mm
         return (
             x + travel_mm * math.cos(self.direction_rad),
