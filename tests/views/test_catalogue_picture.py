@@ -125,13 +125,13 @@ def test_texts_cover_no_other_and_stay_inside_of_their_cards(states: Any) -> Non
     picture = drawn(states(*odd_parts()))
     words = texts(picture)
     said = [line for _, line in words]
-    assert said.count("feels like state-2; state-3 and 5 more") == 11
+    assert said.count("feels like state-2; state-3 and 5 more") == 9
     assert any(line.startswith("may feel like bracket") and line.endswith("1 and 1 more") for line in said)
     assert "not known at 9 ranges of height" in said
     for (first, one), (second, other) in combinations(words, 2):
         assert not first.overlaps(second), f"{one!r} and {other!r}"
     frames = cards(picture)
-    assert len(frames) == 11
+    assert len(frames) == 9
     top = min(frame.top for frame in frames)
     for box, said in words:
         if box.y > top:
@@ -201,12 +201,13 @@ def test_a_part_without_symmetry_has_no_marks_of_it(states: Any) -> None:
     assert any("not symmetric" in said for _, said in texts(picture))
 
 
-def test_the_same_section_at_several_heights_is_one_card(states: Any) -> None:
+def test_different_sections_of_a_state_are_one_card(states: Any) -> None:
     (state,) = states(odd_parts()[5])
-    found, left_out = cards_of([state], FINGERS)
+    (card,), left_out = cards_of([state], FINGERS)
     assert not left_out
-    assert [card.ranges_mm for card in found] == [((0, 5), (9, 70)), ((5, 9),)]
-    assert ranges_words(found[0].ranges_mm) == "0–5 and 9–70"
+    assert card.is_stack
+    assert [level.z_mm for level in card.shown] == [(0, 5), (5, 9), (9, 70)]
+    assert ranges_words([(0, 5), (9, 70)]) == "0–5 and 9–70"
     assert ranges_words([(0, 1), (2, 3), (4, 5), (6, 7), (8, 9)]) == "0–1, 2–3, 4–5 and 2 more"
 
 
@@ -244,11 +245,6 @@ def test_a_large_file_makes_pages_of_bounded_size_that_say_what_is_left_out(
     said = " ".join(words for _, words in texts(parsed[3]))
     assert "Not drawn, for want of room: 10 states: p240, s; " in said
     assert "and 4 more" in said
-    few = states(
-        *(stacked_part(f"p{k}", section(0, 1, L_SHAPE), section(1, 2, rectangle(5, 5))) for k in range(130))
-    )
-    assert {len(card.shown) for card in cards_of(few, FINGERS)[0]} == {2}
-    assert {len(card.shown) for card in cards_of(few[:100], FINGERS)[0]} == {1}
 
 
 def test_shipped_objects_have_a_card_each() -> None:
@@ -274,8 +270,8 @@ def test_higher_is_darker() -> None:
     assert len(set(light)) == 5
 
 
-def test_sections_that_look_alike_share_a_card(states: Any) -> None:
-    """A wall that leans a little is not worth many cards; one that leans more is."""
+def test_sections_that_look_alike_are_drawn_as_one(states: Any) -> None:
+    """A wall that leans a little is one section; one that leans more is many."""
 
     def numbers(step: float) -> list[int]:
         levels = [section(9 + k / 8, 9 + (k + 1) / 8, polygon(48, 20 - step * k)) for k in range(8)]
@@ -283,7 +279,7 @@ def test_sections_that_look_alike_share_a_card(states: Any) -> None:
         return [len(card.shown) for card in found]
 
     assert numbers(0.01) == [1]
-    assert numbers(0.15) == [1, 1]
+    assert numbers(0.15) == [8]
     assert numbers(1.0) == [8]
 
 

@@ -111,7 +111,7 @@ def replay(
 
     from palpate.config.result_model import to_json
     from palpate.jobs.session import open_session
-    from palpate.views.replay_text import replay_lines, replay_out
+    from palpate.views.sessions_text import replay_lines, replay_out
 
     recorded = open_session(session)
     replayed = recorded.replay()

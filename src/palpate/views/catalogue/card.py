@@ -220,12 +220,11 @@ def draw_card(
         "rect", x=left, y=top, width=WIDTH, height=HEIGHT, rx=4.0, fill=CARD, stroke=RULE, stroke_width=THIN
     )
     if card.is_stack:
-        drawing, beneath = _stack(card, page, fingers), _stack_words(card, facts)
+        drawing = _stack(card, page, fingers)
     else:
         symmetry = symmetry_of_region(card.shown[0].region)
         tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
         drawing = _section(card.shown[0], page, tip_mm, symmetry)
-        beneath = _section_words(card, facts, symmetry)
     beside, rings = left + WIDTH - MARGIN - BAR_WIDTH, side_rings(card.state.state)
     ladder = draw_ladder(card, fingers, beside, top + LINES, ROOM - SIDE - _LADDER_GAP if rings else ROOM)
     ladder += draw_side(rings, beside, top + LINES + ROOM - SIDE) if rings else ""
@@ -235,7 +234,7 @@ def draw_card(
         + drawing
         + _scale_bar(left + MARGIN, top + HEIGHT - BOTTOM + 12, scale)
         + ladder
-        + _beneath(beneath, facts, left, top)
+        + _beneath(_edges_words(card, facts), facts, left, top)
     )
 
 
@@ -356,8 +355,7 @@ def _heading(card: Card, left: float, top: float) -> str:
         drawn = f"{len(card.shown)} of " if len(card.shown) < len(card.state.levels) else ""
         what = f"{drawn}{len(card.state.levels)} sections up to {state.top_mm:.4g} mm"
     else:
-        which = "one section" if card.different == 1 else f"section {card.number} of {card.different}"
-        what = f"{which}, at {ranges_words(card.ranges_mm)} mm"
+        what = f"one section, at {ranges_words(card.ranges_mm)} mm"
     rests = []
     if state.probability is not None:
         rests.append(f"comes to rest so {100 * state.probability:.3g} %")
@@ -376,21 +374,13 @@ def _heading(card: Card, left: float, top: float) -> str:
     return "".join(shown)
 
 
-def _section_words(card: Card, facts: CardFacts, symmetry: SectionSymmetry) -> str:
-    if facts.symmetry_order == 0:
-        return _fold(0)
-    words = f"{quantity(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
-    if facts.symmetry_order != symmetry.order:
-        words += ", state not" if facts.symmetry_order == 1 else f", state {facts.symmetry_order}-fold"
-    return words
-
-
-def _stack_words(card: Card, facts: CardFacts) -> str:
+def _edges_words(card: Card, facts: CardFacts) -> str:
     if facts.symmetry_order == 0:
         return _fold(0)
     edges = [level.edges for level in card.state.levels]
     low, high = min(edges), max(edges)
-    return f"{low if low == high else f'{low}–{high}'} edges, {_fold(facts.symmetry_order)}"
+    count = quantity(low, "edge", "edges") if low == high else f"{low}–{high} edges"
+    return f"{count}, {_fold(facts.symmetry_order)}"
 
 
 def _fold(order: int) -> str:

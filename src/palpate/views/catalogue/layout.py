@@ -1,4 +1,4 @@
-"""Layout of the picture of objects: sizes, colours, which sections share a card, words that fit."""
+"""Layout of the picture of objects: sizes, colours, which sections a card shows, words that fit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,23 +15,16 @@ MAX_CARDS = 960
 """Of all pages."""
 MAX_CONTOURS = 12
 """Sections drawn over each other in one card."""
-_MAX_SECTION_CARDS = 3
-"""Different sections of a state that get cards of their own."""
 _ALIKE_SHARE = 0.015
-"""Share of a section's size: sections that are as near are one card."""
+"""Share of a section's size: sections that are as near are drawn as one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
-    """A drawing: one section, at one or several ranges of height, or several sections from the bottom up.
-
-    `number` of `different`: which of the state's different sections it is, from 1.
-    """
+    """A drawing of a state: its only section, at some ranges of height, or several from the bottom up."""
 
     state: StateSections
     shown: tuple[Level, ...]
-    different: int
-    number: int = 1
     ranges_mm: tuple[Range, ...] = ()
 
     @property
@@ -44,18 +37,14 @@ def cards_of(
     states: Sequence[StateSections], fingers: RigFingers
 ) -> tuple[tuple[Card, ...], tuple[StateSections, ...]]:
     """The cards in the states' order, and the states for which there is no room."""
-    sections = [_distinct_sections(state) for state in states]
-    single = sum(len(found) if len(found) <= _MAX_SECTION_CARDS else 1 for found in sections) > MAX_CARDS
-    cards: list[Card] = []
-    for state, found in zip(states[:MAX_CARDS], sections[:MAX_CARDS], strict=True):
-        if len(found) == 1 or (len(found) <= _MAX_SECTION_CARDS and not single):
-            cards += [
-                Card(state, levels[:1], len(found), number, _unite_ranges([level.z_mm for level in levels]))
-                for number, levels in enumerate(found, 1)
-            ]
-        else:
-            cards.append(Card(state, _choose_levels(state.levels, fingers), len(found)))
-    return tuple(cards), tuple(states[MAX_CARDS:])
+    return tuple(_card(state, fingers) for state in states[:MAX_CARDS]), tuple(states[MAX_CARDS:])
+
+
+def _card(state: StateSections, fingers: RigFingers) -> Card:
+    lowest, *others = state.levels
+    if all(_are_drawn_alike(lowest.region, level.region) for level in others):
+        return Card(state, (lowest,), _unite_ranges([level.z_mm for level in state.levels]))
+    return Card(state, _choose_levels(state.levels, fingers))
 
 
 def _unite_ranges(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
@@ -67,23 +56,6 @@ def _unite_ranges(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
         else:
             joined.append((low, high))
     return tuple(joined)
-
-
-def _distinct_sections(state: StateSections) -> list[tuple[Level, ...]]:
-    """The state's different sections from the bottom up, each with all levels at which it is found.
-
-    No more are told apart than matters to the layout: the last one then has the rest.
-    """
-    found: list[list[Level]] = []
-    for level in state.levels:
-        same = next((levels for levels in found if _are_drawn_alike(levels[0].region, level.region)), None)
-        if same is not None:
-            same.append(level)
-        elif len(found) <= _MAX_SECTION_CARDS:
-            found.append([level])
-        else:
-            found[-1].append(level)
-    return [tuple(levels) for levels in found]
 
 
 def _are_drawn_alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:

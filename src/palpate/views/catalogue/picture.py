@@ -1,4 +1,4 @@
-"""The picture of a file's objects: a card for every state and section, in rows of one SVG document."""
+"""The picture of a file's objects: a card for every state, in rows of one SVG document."""
 
 from collections.abc import Mapping, Sequence
 
@@ -72,7 +72,7 @@ def _page(
     picture = element(
         "svg",
         element("title", escape(title)),
-        element("desc", escape(_description([*dict.fromkeys(card.state for card in cards)], facts))),
+        element("desc", escape(_description([card.state for card in cards], facts))),
         element("rect", width=width, height=height, fill=PAPER),
         *head,
         *drawn,
