@@ -102,29 +102,35 @@ def check_references(rig: RigFile, references: ReferencesFile) -> None:
             )
 
 
+@dataclass(frozen=True)
+class CalibrationRequest:
+    """Request for a calibration of the rig whose file is at `path`; fields as `Rig.calibrate` has them."""
+
+    on_bench: RigOnBench
+    path: Path
+    seed: int
+    steps: Sequence[str]
+    references: ReferencesFile
+    table: TableOperator | None
+    restart: bool
+
+
 def calibrate_rig(
-    on_bench: RigOnBench,
-    path: Path,
-    steps: Sequence[str],
-    *,
-    references: ReferencesFile | PathLike | None,
-    seed: int,
-    table: TableOperator | None,
-    restart: bool,
+    request: CalibrationRequest,
     progress: Callable[[str], None],
     on_session: Callable[[Path], None] | None,
 ) -> CalibrationAnswer:
-    """Calibrate the rig whose file is at `path`; arguments and errors as `Rig.calibrate`."""
-    rig = on_bench.described
-    shapes, paths = references_from(references), CalibrationPaths.beside(path)
+    """Calibrate; errors as `Rig.calibrate`."""
+    rig, path, seed = request.on_bench.described, request.path, request.seed
+    shapes, paths = request.references, CalibrationPaths.beside(path)
     check_references(rig, shapes)
     for place in paths.all:
         check_place(place)
     keeper = RunRecordFile(paths.record)
-    if restart:
+    if request.restart:
         keeper.forget()
     bench = set_up(rig, None, seed)
-    table = table or emulated_table(bench, seed)
+    table = request.table or emulated_table(bench, seed)
     if table is None:
         raise InputError(
             f'rig "{rig.name}" is real: give the table, which puts references where they are wanted'
@@ -133,12 +139,12 @@ def calibrate_rig(
         rig,
         hashlib.sha256(path.read_bytes()).hexdigest(),
         shapes,
-        steps,
+        request.steps,
         _COVERAGE,
         datetime.now(UTC).replace(microsecond=0),
         _load_previous(paths.calibration, rig, path),
     )
-    as_described = RigOnBench(rig, rig, None, on_bench.path)
+    as_described = RigOnBench(rig, rig, None, request.on_bench.path)
     with (
         view_log(as_described, bench.clock, "calibrate", on_session) as log,
         BackgroundCall("the display", progress) as notice,

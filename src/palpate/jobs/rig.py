@@ -21,10 +21,12 @@ from palpate.jobs.answers import Answer, Plan
 from palpate.jobs.calibration import (
     SHIPPED_RIG,
     CalibrationAnswer,
+    CalibrationRequest,
     HomedSlide,
     calibrate_rig,
     check_homable,
     home_rig,
+    references_from,
 )
 from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig, examine_rig, hold_check, touch_check
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
@@ -245,17 +247,10 @@ class Rig:
         if self.path is None:
             raise InputError(SHIPPED_RIG)
         with unwind_on_signals():
-            answer = calibrate_rig(
-                self._on_bench,
-                self.path,
-                steps,
-                references=references,
-                seed=self._seed,
-                table=table,
-                restart=restart,
-                progress=progress,
-                on_session=on_session,
+            request = CalibrationRequest(
+                self._on_bench, self.path, self._seed, steps, references_from(references), table, restart
             )
+            answer = calibrate_rig(request, progress, on_session)
         self._on_bench = load_calibrated(self.path)
         return answer
 

@@ -119,10 +119,10 @@ def json_value(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one re
             return value.value
         case None | bool() | str() | int():
             return value
-        case float() | np.floating():
+        case float():
             return float(value) if math.isfinite(value) else None
-        case np.integer():
-            return int(value)
+        case np.generic():
+            return json_value(value.item())
         case Path():
             return str(value)
         case np.ndarray():
@@ -130,10 +130,9 @@ def json_value(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one re
             return listed if value.dtype.kind in "iufb" and np.isfinite(value).all() else json_value(listed)
         case Mapping():
             return {str(k): json_value(v) for k, v in value.items()}
-        case frozenset() | set():
-            return sorted(json_value(v) for v in value)
-        case list() | tuple():
-            return [json_value(v) for v in value]
+        case list() | tuple() | set() | frozenset():
+            listed = [json_value(v) for v in value]
+            return listed if isinstance(value, list | tuple) else sorted(listed)
         case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return {f.name: json_value(getattr(value, f.name)) for f in dataclasses.fields(value)}
     raise TypeError(f"cannot log a {type(value).__name__}")

@@ -45,54 +45,68 @@ class LiveView:
         self.pages = 0
 
 
+class _Pages:
+    """Answers to requests, as Starlette's endpoints."""
+
+    def __init__(self, view: LiveView) -> None:
+        self._view = view
+        self._responses = import_extra("starlette.responses", "view", "the live view")
+
+    async def page(self, _: Any) -> Any:
+        text = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+        kind = "run" if self._view.stop is not None else "recording"
+        text = text.replace("{{token}}", self._view.token).replace("{{kind}}", kind)
+        return self._responses.HTMLResponse(text)
+
+    async def asset(self, request: Any) -> Any:
+        name = request.path_params["name"]
+        if name not in _PAGE_FILES:
+            return self._refusal("there is no such file", 404)
+        text = files(__package__).joinpath(name).read_text(encoding="utf-8")
+        return self._responses.Response(text, media_type=_PAGE_FILES[name])
+
+    async def setting(self, _: Any) -> Any:
+        return self._responses.JSONResponse(dict(self._view.setting))
+
+    async def extent(self, _: Any) -> Any:
+        times = self._view.store.times_s
+        first, last = (times[0], times[-1]) if times else (0.0, 0.0)
+        ended = self._view.store.is_ended
+        return self._responses.JSONResponse({"first": first, "last": last, "ended": ended})
+
+    async def frame(self, request: Any) -> Any:
+        try:
+            text = self._view.store.at(float(request.query_params.get("t", "0")))
+        except ValueError:
+            return self._refusal("t must be a time in s", 400)
+        return self._responses.Response(text or "null", media_type="application/json")
+
+    async def stream(self, _: Any) -> Any:
+        if self._view.pages >= _MAX_CLIENTS:
+            return self._refusal(f"{_MAX_CLIENTS} pages are open already", 503)
+        headers = {"Cache-Control": "no-store"}
+        return self._responses.StreamingResponse(
+            _frames(self._view), media_type="text/event-stream", headers=headers
+        )
+
+    async def stop(self, request: Any) -> Any:
+        given = request.headers.get("x-palpate-token", "")
+        if not secrets.compare_digest(given.encode(), self._view.token.encode()):
+            return self._refusal("the token is missing or wrong", 403)
+        if self._view.stop is None:
+            return self._refusal("nothing runs that could be stopped", 409)
+        said = await asyncio.get_running_loop().run_in_executor(None, self._view.stop)
+        return self._responses.JSONResponse(dict(said))
+
+    def _refusal(self, why: str, status: int) -> Any:
+        return self._responses.PlainTextResponse(why, status)
+
+
 def application(view: LiveView, port: int) -> Any:
     """The ASGI application."""
     applications = import_extra("starlette.applications", "view", "the live view")
-    responses = import_extra("starlette.responses", "view", "the live view")
     routing = import_extra("starlette.routing", "view", "the live view")
-
-    async def page(_: Any) -> Any:
-        text = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
-        kind = "run" if view.stop is not None else "recording"
-        return responses.HTMLResponse(text.replace("{{token}}", view.token).replace("{{kind}}", kind))
-
-    async def asset(request: Any) -> Any:
-        name = request.path_params["name"]
-        if name not in _PAGE_FILES:
-            return responses.PlainTextResponse("there is no such file", 404)
-        text = files(__package__).joinpath(name).read_text(encoding="utf-8")
-        return responses.Response(text, media_type=_PAGE_FILES[name])
-
-    async def setting(_: Any) -> Any:
-        return responses.JSONResponse(dict(view.setting))
-
-    async def extent(_: Any) -> Any:
-        times = view.store.times_s
-        first, last = (times[0], times[-1]) if times else (0.0, 0.0)
-        ended = view.store.is_ended
-        return responses.JSONResponse({"first": first, "last": last, "ended": ended})
-
-    async def frame(request: Any) -> Any:
-        try:
-            text = view.store.at(float(request.query_params.get("t", "0")))
-        except ValueError:
-            return responses.PlainTextResponse("t must be a time in s", 400)
-        return responses.Response(text or "null", media_type="application/json")
-
-    async def stream(_: Any) -> Any:
-        if view.pages >= _MAX_CLIENTS:
-            return responses.PlainTextResponse(f"{_MAX_CLIENTS} pages are open already", 503)
-        headers = {"Cache-Control": "no-store"}
-        return responses.StreamingResponse(_frames(view), media_type="text/event-stream", headers=headers)
-
-    async def stop(request: Any) -> Any:
-        given = request.headers.get("x-palpate-token", "")
-        if not secrets.compare_digest(given.encode(), view.token.encode()):
-            return responses.PlainTextResponse("the token is missing or wrong", 403)
-        if view.stop is None:
-            return responses.PlainTextResponse("nothing runs that could be stopped", 409)
-        said = await asyncio.get_running_loop().run_in_executor(None, view.stop)
-        return responses.JSONResponse(dict(said))
+    pages = _Pages(view)
 
     @asynccontextmanager
     async def updating(_: Any) -> AsyncIterator[None]:
@@ -103,13 +117,13 @@ def application(view: LiveView, port: int) -> Any:
             await task
 
     routes = [
-        routing.Route("/", page),
-        routing.Route("/setting", setting),
-        routing.Route("/extent", extent),
-        routing.Route("/frame", frame),
-        routing.Route("/stream", stream),
-        routing.Route("/stop", stop, methods=["POST"]),
-        routing.Route("/{name}", asset),
+        routing.Route("/", pages.page),
+        routing.Route("/setting", pages.setting),
+        routing.Route("/extent", pages.extent),
+        routing.Route("/frame", pages.frame),
+        routing.Route("/stream", pages.stream),
+        routing.Route("/stop", pages.stop, methods=["POST"]),
+        routing.Route("/{name}", pages.asset),
     ]
     return _Guard(applications.Starlette(routes=routes, lifespan=updating), port)
 
