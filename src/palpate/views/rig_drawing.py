@@ -9,26 +9,7 @@ from palpate.base.geometry import Floats
 from palpate.config import FingerConfig, RigFile
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
-from palpate.views.svg import (
-    AXIS,
-    CARD,
-    FAINT,
-    FOUND,
-    INK,
-    LINE,
-    MISS,
-    MUTED,
-    PAPER,
-    RULE,
-    THIN,
-    TIP,
-    TIP_FILL,
-    element,
-    number,
-    path_data,
-    shorten_middle,
-    text,
-)
+from palpate.views import svg
 
 _PLAN_SIZE = 620.0
 _COLUMN_WIDTH = 372.0
@@ -62,61 +43,37 @@ def draw_rig(rig: RigFile) -> str:
     width, height = column + _COLUMN_WIDTH + _MARGIN, max(_TOP_HEIGHT + _PLAN_SIZE + _MARGIN, cards + _MARGIN)
     bus = f"bus {rig.bus.port}, {rig.bus.baudrate_bps} bit/s"
     parts = [
-        element("rect", x=0, y=0, width=width, height=height, fill=PAPER),
-        text(f"rig {rig.name}", _MARGIN, 32, size=18, weight="bold"),
-        text(shorten_middle(bus, 12, width - 2 * _MARGIN), _MARGIN, 52, size=12, fill=MUTED),
+        svg.text(f"rig {rig.name}", _MARGIN, 32, size=18, weight="bold"),
+        svg.text(svg.shorten_middle(bus, 12, width - 2 * _MARGIN), _MARGIN, 52, size=12, fill=svg.MUTED),
         *_table(rig, plan),
-        element(
-            "clipPath",
-            element("rect", x=_MARGIN, y=_TOP_HEIGHT, width=_PLAN_SIZE, height=_PLAN_SIZE),
-            id="plan",
-        ),
-        element("g", *(_reach(finger, plan) for finger in rig.fingers), clip_path="url(#plan)"),
+        svg.element("clipPath", svg.rectangle((_MARGIN, _TOP_HEIGHT), (_PLAN_SIZE, _PLAN_SIZE)), id="plan"),
+        svg.element("g", *(_reach(finger, plan) for finger in rig.fingers), clip_path="url(#plan)"),
         *(part for finger in rig.fingers for part in _finger(finger, plan)),
         *_cards(rig, column),
     ]
-    box = f"0 0 {number(width)} {number(height)}"
-    return element(
-        "svg",
-        element("title", f"rig {rig.name}, from above"),
-        *parts,
-        xmlns="http://www.w3.org/2000/svg",
-        viewBox=box,
-        width=width,
-        height=height,
-        font_family="sans-serif",
-        role="img",
-    )
+    return svg.document((width, height), *parts, title=f"rig {rig.name}, from above", is_sized=True)
 
 
 def _table(rig: RigFile, plan: _Plan) -> Iterator[str]:
     (x, y), radius = plan.at(np.zeros(2)), rig.workspace.radius_mm
-    yield element("circle", cx=x, cy=y, r=radius * plan.scale, fill=CARD, stroke=RULE, stroke_width=LINE)
+    yield svg.circle((x, y), radius * plan.scale, fill=svg.CARD, stroke=svg.RULE, stroke_width=svg.LINE)
     below = y + radius * plan.scale + 16
-    yield text(f"workspace, radius {radius:g} mm", x, below, size=11, fill=MUTED, anchor="middle")
+    yield svg.text(f"workspace, radius {radius:g} mm", x, below, size=11, fill=svg.MUTED, anchor="middle")
     for along, name in (((1.0, 0.0), "x"), ((0.0, 1.0), "y")):
         end = plan.at(0.3 * radius * np.array(along))
-        yield element("line", x1=x, y1=y, x2=end[0], y2=end[1], stroke=AXIS, stroke_width=LINE)
+        yield svg.segment((x, y), end, stroke=svg.AXIS, stroke_width=svg.LINE)
         label = plan.at(0.34 * radius * np.array(along))
-        yield text(name, label[0], label[1] + 4, size=12, fill=MUTED, anchor="middle")
+        yield svg.text(name, label[0], label[1] + 4, size=12, fill=svg.MUTED, anchor="middle")
     stage = Stage.of(rig)
     if stage.turns:
         centre = plan.at(np.array(stage.centre_mm))
         far = max(math.dist(finger.base_mm, stage.centre_mm) for finger in rig.fingers)
-        yield element(
-            "circle",
-            cx=centre[0],
-            cy=centre[1],
-            r=far * plan.scale,
-            fill="none",
-            stroke=AXIS,
-            stroke_dasharray="6 4",
-        )
+        yield svg.circle(centre, far * plan.scale, fill="none", stroke=svg.AXIS, stroke_dasharray="6 4")
     for obstacle in rig.obstacles:
         outline = plan.at(np.array(obstacle.outline_mm))
-        yield element("path", d=path_data([outline]), fill=FAINT, stroke=MISS, stroke_width=LINE)
+        yield svg.closed_path([outline], fill=svg.FAINT, stroke=svg.MISS, stroke_width=svg.LINE)
         middle = outline.mean(axis=0)
-        yield text(obstacle.name, middle[0], middle[1] + 4, size=11, fill=MISS, anchor="middle")
+        yield svg.text(obstacle.name, middle[0], middle[1] + 4, size=11, fill=svg.MISS, anchor="middle")
 
 
 def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
@@ -126,18 +83,18 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     tip_mm = mechanism.reach[2] if is_slide else 60.0  # where it waits
     tip = plan.at(base + tip_mm * np.array([math.cos(heading), math.sin(heading)]))
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
-    way = {"stroke_width": 3.0} if is_slide else {"stroke_width": LINE, "stroke_dasharray": "2 3"}
-    yield element("line", x1=x, y1=y, x2=tip[0], y2=tip[1], stroke=INK, **way)
+    way = {"stroke_width": 3.0} if is_slide else {"stroke_width": svg.LINE, "stroke_dasharray": "2 3"}
+    yield svg.segment((x, y), tip, stroke=svg.INK, **way)
     if finger.tip.kind.has_face:
         across = radius * np.array([math.sin(heading), math.cos(heading)])
         (x1, y1), (x2, y2) = tip - across, tip + across
-        yield element("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=TIP, stroke_width=4.0)
+        yield svg.segment((x1, y1), (x2, y2), stroke=svg.TIP, stroke_width=4.0)
     elif is_slide:  # where both joints of an arm are at 0, it is stretched out: no posture to draw
-        yield element("circle", cx=tip[0], cy=tip[1], r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)
-    yield element("circle", cx=x, cy=y, r=7.0, fill=PAPER, stroke=INK, stroke_width=2.0)
+        yield svg.circle(tip, radius, fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=svg.LINE)
+    yield svg.circle((x, y), 7.0, fill=svg.PAPER, stroke=svg.INK, stroke_width=2.0)
     outward = base / max(float(np.linalg.norm(base)), 1e-9)
     label = plan.at(base + outward * 20.0 / plan.scale)
-    yield text(finger.name, label[0], label[1] + 4, size=13, anchor="middle", weight="bold", fill=TIP)
+    yield svg.text(finger.name, label[0], label[1] + 4, size=13, anchor="middle", weight="bold", fill=svg.TIP)
 
 
 def _reach(finger: FingerConfig, plan: _Plan) -> str:
@@ -146,13 +103,12 @@ def _reach(finger: FingerConfig, plan: _Plan) -> str:
     angles = np.radians(finger.heading_deg + np.linspace(low, high, 91))
     directions = np.column_stack((np.cos(angles), np.sin(angles)))
     ring = np.concatenate((near * directions, far * directions[::-1])) + np.array(finger.base_mm)
-    return element(
-        "path",
-        d=path_data([plan.at(ring)]),
-        fill=TIP_FILL,
+    return svg.closed_path(
+        [plan.at(ring)],
+        fill=svg.TIP_FILL,
         fill_opacity=0.25,
-        stroke=TIP,
-        stroke_width=THIN,
+        stroke=svg.TIP,
+        stroke_width=svg.THIN,
         stroke_dasharray="3 4",
     )
 
@@ -160,14 +116,14 @@ def _reach(finger: FingerConfig, plan: _Plan) -> str:
 def _cards(rig: RigFile, left: float) -> Iterator[str]:
     y = _TOP_HEIGHT
     for finger in rig.fingers:
-        yield text(finger.name, left, y + 11, size=13, weight="bold", fill=TIP)
+        yield svg.text(finger.name, left, y + 11, size=13, weight="bold", fill=svg.TIP)
         for row in _wiring(finger):
             y += _LINE_HEIGHT
-            yield text(shorten_middle(row, 11, _COLUMN_WIDTH), left, y + 11, size=11)
+            yield svg.text(svg.shorten_middle(row, 11, _COLUMN_WIDTH), left, y + 11, size=11)
         y += 1.8 * _LINE_HEIGHT
     for servo in rig.servos:
         if servo.finger is None:
-            yield text(f"{servo.joint}: servo {servo.dxl_id}, {servo.model}", left, y + 11, size=11)
+            yield svg.text(f"{servo.joint}: servo {servo.dxl_id}, {servo.model}", left, y + 11, size=11)
             y += 1.8 * _LINE_HEIGHT
     yield from _side(rig, left, y)
 
@@ -195,33 +151,24 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
     )
     scale = min(_SIDE_HEIGHT / highest, 3.0)
     ground, step = top + _SIDE_HEIGHT + 14, _COLUMN_WIDTH / len(rig.fingers)
-    yield text("from the side", left, top + 8, size=11, fill=MUTED)
-    yield element(
-        "line", x1=left, y1=ground, x2=left + _COLUMN_WIDTH, y2=ground, stroke=INK, stroke_width=LINE
-    )
+    yield svg.text("from the side", left, top + 8, size=11, fill=svg.MUTED)
+    yield svg.segment((left, ground), (left + _COLUMN_WIDTH, ground), stroke=svg.INK, stroke_width=svg.LINE)
     for k, finger in enumerate(rig.fingers):
         x, middle = left + (k + 0.5) * step, ground - finger.height_mm * scale
         radius = finger.tip.radius_mm * scale
         half = radius if finger.tip.length_mm is None else finger.tip.half_length_mm * scale
-        yield element(
-            "rect",
-            x=x - radius,
-            y=middle - half,
-            width=2 * radius,
-            height=2 * half,
+        yield svg.rectangle(
+            (x - radius, middle - half),
+            (2 * radius, 2 * half),
             rx=2 if finger.tip.kind.is_upright else radius,
-            fill=TIP_FILL,
-            stroke=TIP,
-            stroke_width=LINE,
+            fill=svg.TIP_FILL,
+            stroke=svg.TIP,
+            stroke_width=svg.LINE,
         )
-        yield element(
-            "line",
-            x1=x + radius + 5,
-            y1=middle,
-            x2=x + radius + 5,
-            y2=ground,
-            stroke=FOUND,
-            stroke_width=THIN,
+        yield svg.segment(
+            (x + radius + 5, middle), (x + radius + 5, ground), stroke=svg.FOUND, stroke_width=svg.THIN
         )
-        yield text(f"{finger.height_mm:g} mm", x + radius + 9, (middle + ground) / 2 + 4, size=11, fill=FOUND)
-        yield text(finger.name, x, ground + 14, size=11, anchor="middle")
+        yield svg.text(
+            f"{finger.height_mm:g} mm", x + radius + 9, (middle + ground) / 2 + 4, size=11, fill=svg.FOUND
+        )
+        yield svg.text(finger.name, x, ground + 14, size=11, anchor="middle")

@@ -15,6 +15,11 @@ _WIDE = frozenset("mwMW@%—…")
 _ESCAPES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"}
 
 
+Style = str | float | None
+"""Value of an attribute; None leaves it out."""
+_Point = Floats | tuple[float, float]
+
+
 def escape(value: str) -> str:
     """Text that is safe between tags and in quotes; characters that XML cannot hold become U+FFFD."""
     if value.isascii() and value.isprintable() and not any(c in value for c in _ESCAPES):
@@ -32,7 +37,7 @@ def number(value: float) -> str:
     return "0" if rounded in {"-0", ""} else rounded
 
 
-def element(tag: str, *children: str, **attributes: str | float | None) -> str:
+def element(tag: str, *children: str, **attributes: Style) -> str:
     """One element. `stroke_width` becomes `stroke-width`; attributes that are None are left out."""
     words = [tag]
     for name, value in attributes.items():
@@ -41,6 +46,28 @@ def element(tag: str, *children: str, **attributes: str | float | None) -> str:
             words.append(f'{name.rstrip("_").replace("_", "-")}="{shown}"')
     head = " ".join(words)
     return f"<{head}>{''.join(children)}</{tag}>" if children else f"<{head}/>"
+
+
+def document(size: _Point, *parts: str, title: str, description: str = "", is_sized: bool = False) -> str:
+    """A document of a width and a height on white paper; `is_sized`: these are its size on a page, too."""
+    width, height = size
+    words = [element("title", escape(title))]
+    words += [element("desc", escape(description))] if description else []
+    return (
+        element(
+            "svg",
+            *words,
+            element("rect", width=width, height=height, fill=PAPER),
+            *parts,
+            xmlns="http://www.w3.org/2000/svg",
+            viewBox=f"0 0 {number(width)} {number(height)}",
+            width=width if is_sized else None,
+            height=height if is_sized else None,
+            role="img",
+            font_family="sans-serif",
+        )
+        + "\n"
+    )
 
 
 def text(
@@ -64,6 +91,26 @@ def text(
         text_anchor=anchor,
         font_weight=weight,
     )
+
+
+def circle(middle: _Point, radius: float, **style: Style) -> str:
+    """A circle about a point."""
+    return element("circle", cx=middle[0], cy=middle[1], r=radius, **style)
+
+
+def segment(start: _Point, end: _Point, **style: Style) -> str:
+    """A straight line from point to point."""
+    return element("line", x1=start[0], y1=start[1], x2=end[0], y2=end[1], **style)
+
+
+def rectangle(corner: _Point, size: _Point, **style: Style) -> str:
+    """An upright rectangle by its upper left corner, its width and its height."""
+    return element("rect", x=corner[0], y=corner[1], width=size[0], height=size[1], **style)
+
+
+def closed_path(rings: Sequence[Floats], **style: Style) -> str:
+    """Closed rings, each (n, 2), as one path."""
+    return element("path", d=path_data(rings), **style)
 
 
 def path_data(rings: Sequence[Floats]) -> str:

@@ -14,6 +14,7 @@ from palpate.base.geometry.outlines import rings_of
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range, SectionSymmetry, symmetry_of_region
 from palpate.rig.catalogue.twins import unreached_region
+from palpate.views import svg
 from palpate.views.catalogue.layout import (
     BAR_WIDTH,
     BOTTOM,
@@ -29,26 +30,6 @@ from palpate.views.catalogue.layout import (
     WIDTH,
     Card,
     known_words,
-)
-from palpate.views.svg import (
-    AXIS,
-    CARD,
-    FAINT,
-    FOUND,
-    FOUND_FILL,
-    INK,
-    MUTED,
-    PAPER,
-    RULE,
-    THIN,
-    TIP,
-    TRUTH,
-    element,
-    path_data,
-    shorten,
-    shorten_middle,
-    text,
-    text_width,
 )
 from palpate.views.table_picture.frame import nice_step
 
@@ -77,16 +58,15 @@ def draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
     middle, bottom = left + BAR_WIDTH / 2, top + SIDE - _SIDE_MARGIN
     origin = np.array([middle - scale * (low[0] + high[0]) / 2, bottom])
     drawn = [origin + ring * (scale, -scale) for ring in rings]
-    part = element(
-        "path",
-        d=path_data(drawn),
-        fill=FOUND_FILL,
+    part = svg.closed_path(
+        drawn,
+        fill=svg.FOUND_FILL,
         fill_rule="evenodd",
-        stroke=FOUND,
+        stroke=svg.FOUND,
         stroke_width=1.0,
         stroke_linejoin="round",
     )
-    line = element("line", x1=left, y1=bottom, x2=left + BAR_WIDTH, y2=bottom, stroke=INK, stroke_width=THIN)
+    line = svg.segment((left, bottom), (left + BAR_WIDTH, bottom), stroke=svg.INK, stroke_width=svg.THIN)
     return part + line
 
 
@@ -108,23 +88,30 @@ def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: 
     heights = [at.height_mm for at in fingers.at]
     high = card.state.state.top_mm
     ladder = _Ladder(left + _BEFORE, top + room - 4, (room - 14) / max(high, *heights))
-    drawn = [ladder.band((0.0, high), PAPER, AXIS, "2 2")]
-    drawn += [ladder.band(run, FAINT, RULE) for run in _runs(card.state.levels, ladder.scale)]
+    drawn = [ladder.band((0.0, high), svg.PAPER, svg.AXIS, "2 2")]
+    drawn += [ladder.band(run, svg.FAINT, svg.RULE) for run in _runs(card.state.levels, ladder.scale)]
     if card.is_stack:
         for run in _runs(card.state.levels, ladder.scale):
             drawn.append(ladder.band(run, shade(run[0], high), None))
     else:
-        drawn += [ladder.band(found, FOUND, None) for found in card.ranges_mm]
-    ends = {"x1": ladder.left - 14, "x2": ladder.right + 14, "y1": ladder.bottom, "y2": ladder.bottom}
-    drawn.append(element("line", **ends, stroke=INK, stroke_width=THIN))
+        drawn += [ladder.band(found, svg.FOUND, None) for found in card.ranges_mm]
+    ends = (ladder.left - 14, ladder.bottom), (ladder.right + 14, ladder.bottom)
+    drawn.append(svg.segment(*ends, stroke=svg.INK, stroke_width=svg.THIN))
     beside, above = ladder.left - 4, ladder.y(high) + 4
     drawn.append(
-        text(
-            f"{high:.4g}", beside, min(above, ladder.bottom - 3), size=_NUMBER_SIZE, fill=MUTED, anchor="end"
+        svg.text(
+            f"{high:.4g}",
+            beside,
+            min(above, ladder.bottom - 3),
+            size=_NUMBER_SIZE,
+            fill=svg.MUTED,
+            anchor="end",
         )
     )
     if above < ladder.bottom - _NUMBER_SPACING - 3:
-        drawn.append(text("0", beside, ladder.bottom - 3, size=_NUMBER_SIZE, fill=MUTED, anchor="end"))
+        drawn.append(
+            svg.text("0", beside, ladder.bottom - 3, size=_NUMBER_SIZE, fill=svg.MUTED, anchor="end")
+        )
     return "".join(drawn) + _fingers(heights, ladder)
 
 
@@ -148,12 +135,9 @@ class _Ladder:
     def band(self, z_mm: Range, fill: str, stroke: str | None, dash: str | None = None) -> str:
         """A part of the bar; never too thin to be seen."""
         low, up = self.y(z_mm[0]), self.y(z_mm[1])
-        return element(
-            "rect",
-            x=self.left,
-            y=up,
-            width=_LADDER_WIDTH,
-            height=max(low - up, 0.5),
+        return svg.rectangle(
+            (self.left, up),
+            (_LADDER_WIDTH, max(low - up, 0.5)),
             fill=fill,
             stroke=stroke,
             stroke_width=None if stroke is None else 0.8,
@@ -180,9 +164,9 @@ def _fingers(heights_mm: Sequence[float], ladder: _Ladder) -> str:
     for height in heights_mm:
         y = ladder.y(height)
         tip = np.array([[ladder.right + 1, y], [ladder.right + 8, y - 4], [ladder.right + 8, y + 4]])
-        drawn.append(element("path", d=path_data([tip]), fill=TIP))
+        drawn.append(svg.closed_path([tip], fill=svg.TIP))
         below = min(y + 4, below - _NUMBER_SPACING)
-        drawn.append(text(f"{height:.4g}", ladder.right + 11, below, size=_NUMBER_SIZE, fill=TIP))
+        drawn.append(svg.text(f"{height:.4g}", ladder.right + 11, below, size=_NUMBER_SIZE, fill=svg.TIP))
     return "".join(drawn)
 
 
@@ -216,8 +200,8 @@ def draw_card(
     left, top = corner
     middle = np.array([left + MARGIN + ROOM / 2, top + LINES + ROOM / 2])
     page = _Page(card, middle, scale)
-    frame = element(
-        "rect", x=left, y=top, width=WIDTH, height=HEIGHT, rx=4.0, fill=CARD, stroke=RULE, stroke_width=THIN
+    frame = svg.rectangle(
+        (left, top), (WIDTH, HEIGHT), rx=4.0, fill=svg.CARD, stroke=svg.RULE, stroke_width=svg.THIN
     )
     if card.is_stack:
         drawing = _stack(card, page, fingers)
@@ -267,15 +251,14 @@ class _Page:
 
 
 def _path(
-    shape: shapely.Geometry, fill: str, stroke: str | None, width: float = THIN, dash: str | None = None
+    shape: shapely.Geometry, fill: str, stroke: str | None, width: float = svg.THIN, dash: str | None = None
 ) -> str:
     """A region of the page as one path; nothing for an empty one."""
     rings = rings_of(shape)
     if not rings:
         return ""
-    return element(
-        "path",
-        d=path_data(rings),
+    return svg.closed_path(
+        rings,
         fill=fill,
         fill_rule="evenodd",
         stroke=stroke,
@@ -288,7 +271,7 @@ def _path(
 def _section(level: Level, page: _Page, tip_mm: float, symmetry: SectionSymmetry) -> str:
     return (
         _pockets(level, page, tip_mm)
-        + _path(page.shape(level.region), FOUND_FILL, FOUND, 1.6)
+        + _path(page.shape(level.region), svg.FOUND_FILL, svg.FOUND, 1.6)
         + _symmetry_marks(level.region, page, symmetry)
     )
 
@@ -297,14 +280,14 @@ def _stack(card: Card, page: _Page, fingers: RigFingers) -> str:
     """All sections over each other; those that fingers meet in the fingers' colour, with their pockets."""
     top = card.state.state.top_mm
     met = [(item, _radii([item.z_mm], fingers)) for item in card.shown]
-    drawn = [_path(page.shape(shapely.union_all([item.region for item in card.shown])), FOUND_FILL, None)]
+    drawn = [_path(page.shape(shapely.union_all([item.region for item in card.shown])), svg.FOUND_FILL, None)]
     drawn += [_pockets(item, page, min(radii)) for item, radii in met if radii]
     drawn += [
         _path(page.shape(item.region), "none", shade(item.z_mm[0], top), 1.3)
         for item, radii in met
         if not radii
     ]
-    drawn += [_path(page.shape(item.region), "none", TIP, 2.0) for item, radii in met if radii]
+    drawn += [_path(page.shape(item.region), "none", svg.TIP, 2.0) for item, radii in met if radii]
     return "".join(drawn)
 
 
@@ -325,16 +308,16 @@ def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: SectionSymm
     furthest = corners[int(np.hypot(*corners.T).argmax())]
     centre = page.point(symmetry.centre_mm)
     tip = _RAY_SHARE * (page.point(symmetry.centre_mm + furthest) - centre)
-    marks = [element("circle", cx=centre[0], cy=centre[1], r=2.4, fill=INK)]
-    look: dict[str, str | float] = {"stroke": INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
+    marks = [svg.circle(centre, 2.4, fill=svg.INK)]
+    look: dict[str, str | float] = {"stroke": svg.INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
     if symmetry.order > _MAX_RAYS:
         radius = float(np.hypot(*tip))
-        marks.append(element("circle", cx=centre[0], cy=centre[1], r=radius, fill="none", **look))
+        marks.append(svg.circle(centre, radius, fill="none", **look))
         return "".join(marks)
     for k in range(symmetry.order):
         c, s = math.cos(2 * math.pi * k / symmetry.order), math.sin(2 * math.pi * k / symmetry.order)
         x, y = centre + np.array([[c, -s], [s, c]]) @ tip
-        marks.append(element("line", x1=centre[0], y1=centre[1], x2=x, y2=y, **look))
+        marks.append(svg.segment(centre, (x, y), **look))
     return "".join(marks)
 
 
@@ -363,14 +346,14 @@ def _heading(card: Card, left: float, top: float) -> str:
         rests.append(f"tips at {math.degrees(state.tipping_angle_rad):.3g}°")
     known = "" if state.heights_mm is None else _known(state.heights_mm, state.top_mm, room)
     lines = [
-        (state.name, 12.5, INK),
-        *((line, 11.5, MUTED) for line in (what, ", ".join(rests), known) if line),
+        (state.name, 12.5, svg.INK),
+        *((line, 11.5, svg.MUTED) for line in (what, ", ".join(rests), known) if line),
     ]
-    name = shorten_middle(card.state.object_name, 14, room, bold=True)
-    shown = [text(name, x, top + 22, size=14, weight="bold")]
+    name = svg.shorten_middle(card.state.object_name, 14, room, bold=True)
+    shown = [svg.text(name, x, top + 22, size=14, weight="bold")]
     for number, (line, size, fill) in enumerate(lines):
         y = top + 40 + 16 * number
-        shown.append(text(shorten_middle(line, size, room), x, y, size=size, fill=fill))
+        shown.append(svg.text(svg.shorten_middle(line, size, room), x, y, size=size, fill=fill))
     return "".join(shown)
 
 
@@ -389,9 +372,9 @@ def _fold(order: int) -> str:
 
 def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
     room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 42
-    shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
+    shown = [svg.text(svg.shorten(words, 11.5, room), x, y, size=11.5, fill=svg.MUTED)]
     for number, twins in enumerate(facts.twins, 1):
-        shown.append(text(_twins_words(twins, room), x, y + 16 * number, size=11.5, fill=TRUTH))
+        shown.append(svg.text(_twins_words(twins, room), x, y + 16 * number, size=11.5, fill=svg.TRUTH))
     return "".join(shown)
 
 
@@ -399,11 +382,11 @@ def _twins_words(twins: TwinNote, room: float) -> str:
     """List as many names as fit, and count the others; of a name that is too long, beginning and end."""
     for count in range(len(twins.names), 1, -1):
         words = f"{twins.words} {'; '.join(twins.names[:count])}{_more_words(twins, count)}"
-        if text_width(words, 11.5) <= room:
+        if svg.text_width(words, 11.5) <= room:
             return words
     before, more = f"{twins.words} ", _more_words(twins, 1)
-    left = room - text_width(before + more, 11.5)
-    return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
+    left = room - svg.text_width(before + more, 11.5)
+    return f"{before}{svg.shorten_middle(twins.names[0], 11.5, left)}{more}"
 
 
 def _more_words(twins: TwinNote, shown: int) -> str:
@@ -414,7 +397,7 @@ def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
     """Say at which heights it is known, with as many of the ranges as there is room for."""
     for most in range(_MAX_RANGES, 0, -1):
         words = known_words(known_mm, top_mm, most)
-        if text_width(words, 11.5) <= room:
+        if svg.text_width(words, 11.5) <= room:
             return words
     return known_words(known_mm, top_mm, 0)
 
@@ -423,5 +406,5 @@ def _scale_bar(x: float, y: float, scale: float) -> str:
     step = nice_step(ROOM / scale, 5)
     length = step * scale
     line = f"M{x:.2f},{y - 4:.2f}v8M{x:.2f},{y:.2f}h{length:.2f}M{x + length:.2f},{y - 4:.2f}v8"
-    bar = element("path", d=line, fill="none", stroke=INK, stroke_width=THIN)
-    return bar + text(f"{step:g} mm", x + length + 6, y + 4, size=11, fill=INK)
+    bar = svg.element("path", d=line, fill="none", stroke=svg.INK, stroke_width=svg.THIN)
+    return bar + svg.text(f"{step:g} mm", x + length + 6, y + 4, size=11, fill=svg.INK)

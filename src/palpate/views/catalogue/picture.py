@@ -7,6 +7,7 @@ import shapely
 from palpate.base.errors import quantity
 from palpate.rig.catalogue.finger_model import RigFingers, finger_heights_text
 from palpate.rig.catalogue.section_stack import StateSections
+from palpate.views import svg
 from palpate.views.catalogue.card import CardFacts, draw_card, shade
 from palpate.views.catalogue.layout import (
     CONCAVE,
@@ -19,7 +20,6 @@ from palpate.views.catalogue.layout import (
     Card,
     cards_of,
 )
-from palpate.views.svg import INK, MUTED, PAPER, TIP, element, escape, number, text, text_width, wrap
 
 _PAGE_MARGIN = 28.0
 _COLUMNS = 4
@@ -67,23 +67,10 @@ def _page(
     y += -(-len(cards) // columns) * (HEIGHT + GAP)
     for line in _left_out_lines(left_out, width - 2 * _PAGE_MARGIN):
         y += 20
-        drawn.append(text(line, _PAGE_MARGIN, y, size=13, fill=INK))
+        drawn.append(svg.text(line, _PAGE_MARGIN, y, size=13, fill=svg.INK))
     height = y + _PAGE_MARGIN
-    picture = element(
-        "svg",
-        element("title", escape(title)),
-        element("desc", escape(_description([card.state for card in cards], facts))),
-        element("rect", width=width, height=height, fill=PAPER),
-        *head,
-        *drawn,
-        xmlns="http://www.w3.org/2000/svg",
-        viewBox=f"0 0 {number(width)} {number(height)}",
-        width=width,
-        height=height,
-        role="img",
-        font_family="sans-serif",
-    )
-    return picture + "\n"
+    words = _description([card.state for card in cards], facts)
+    return svg.document((width, height), *head, *drawn, title=title, description=words, is_sized=True)
 
 
 def _head(
@@ -97,12 +84,12 @@ def _head(
     )
     y = _PAGE_MARGIN - 8
     head = []
-    for line in wrap(title, 22, room, most_lines=2, bold=True):
+    for line in svg.wrap(title, 22, room, most_lines=2, bold=True):
         y += 28
-        head.append(text(line, _PAGE_MARGIN, y, size=22, fill=INK, weight="bold"))
-    for line in wrap(where, 13.5, room, most_lines=2):
+        head.append(svg.text(line, _PAGE_MARGIN, y, size=22, fill=svg.INK, weight="bold"))
+    for line in svg.wrap(where, 13.5, room, most_lines=2):
         y += 21
-        head.append(text(line, _PAGE_MARGIN, y, size=13.5, fill=MUTED))
+        head.append(svg.text(line, _PAGE_MARGIN, y, size=13.5, fill=svg.MUTED))
     stacks = any(card.is_stack for card in cards)
     legend, y = _legend(fingers, y + 26, _PAGE_MARGIN + room, stacks=stacks)
     return [*head, *legend], y + 22
@@ -121,33 +108,33 @@ def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tup
     `stacks`: sections are drawn over each other.
     """
     swatch = {"width": 20.0, "height": 12.0, "y": -10.0}
-    centre = element("circle", cx=2.0, cy=-4.0, r=2.4, fill=INK)
-    ray = element("path", d="M2,-4H22", stroke=INK, stroke_width=0.9, stroke_dasharray="5 3")
+    centre = svg.circle((2.0, -4.0), 2.4, fill=svg.INK)
+    ray = svg.element("path", d="M2,-4H22", stroke=svg.INK, stroke_width=0.9, stroke_dasharray="5 3")
     entries = [
-        (element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
+        (svg.element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
         (
-            element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
+            svg.element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
             f"no {_kind(fingers)} of radius {fingers.slimmest_mm:g} mm gets there",
         ),
         (centre + ray, "turns after which it looks the same"),
-        (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),
+        (svg.element("path", d="M8,-4L15,-8V0Z", fill=svg.TIP), "heights of fingers, mm"),
     ]
     if stacks:
         lines = [
-            element("path", d=f"M0,{y}H20", stroke=stroke, stroke_width=1.6)
+            svg.element("path", d=f"M0,{y}H20", stroke=stroke, stroke_width=1.6)
             for y, stroke in ((-9, shade(0.0, 1.0)), (-4, shade(0.5, 1.0)), (1, shade(1.0, 1.0)))
         ]
         entries.append(("".join(lines), "sections, the higher the darker"))
-        line = element("path", d="M0,-4H20", stroke=TIP, stroke_width=2.0)
+        line = svg.element("path", d="M0,-4H20", stroke=svg.TIP, stroke_width=2.0)
         entries.append((line, "sections at heights of fingers"))
     x = _PAGE_MARGIN
     drawn = []
     for mark, words in entries:
-        wide = 30 + text_width(words, 12) + 12
+        wide = 30 + svg.text_width(words, 12) + 12
         if x > _PAGE_MARGIN and x + wide > right:
             x, y = _PAGE_MARGIN, y + 21
-        drawn.append(element("g", mark, transform=f"translate({number(x)} {number(y)})"))
-        drawn.append(text(words, x + 28, y, size=12, fill=INK))
+        drawn.append(svg.element("g", mark, transform=f"translate({svg.number(x)} {svg.number(y)})"))
+        drawn.append(svg.text(words, x + 28, y, size=12, fill=svg.INK))
         x += wide
     return drawn, y
 
@@ -167,7 +154,7 @@ def _left_out_lines(left_out: Sequence[StateSections], room: float) -> list[str]
         return []
     names = "; ".join(state.name for state in left_out[:_MAX_NAMES_LEFT_OUT])
     more = f"; and {len(left_out) - _MAX_NAMES_LEFT_OUT} more" if len(left_out) > _MAX_NAMES_LEFT_OUT else ""
-    return wrap(
+    return svg.wrap(
         f"Not drawn, for want of room: {quantity(len(left_out), 'state', 'states')}: {names}{more}.",
         13,
         room,

@@ -10,7 +10,7 @@ from shapely import affinity
 from palpate.base.geometry import ObjectModel, State
 from palpate.base.geometry.outlines import region_of, rings_of
 from palpate.config.study_result import PairStudiedOut
-from palpate.views.svg import element, number, path_data, shorten_middle, text
+from palpate.views import svg
 
 _WIDTH, _TEXT_SIZE = 760.0, 11.0
 _ONE, _OTHER, _GREY, _LINE = "#0072b2", "#d55e00", "#5b6b78", "#c3ccd3"
@@ -28,16 +28,18 @@ def touches_picture(touches_of: Mapping[int, int]) -> str:
         runs = touches_of.get(count, 0)
         tall = height * runs / most
         x = 30 + k * pitch
-        parts.append(element("rect", x=x + 1, y=20 + height - tall, width=pitch - 2, height=tall, fill=_ONE))
+        parts.append(svg.rectangle((x + 1, 20 + height - tall), (pitch - 2, tall), fill=_ONE))
         if runs and pitch > 24:
             share = f"{100 * runs / total:.0f} %" if runs / total >= 0.01 else "< 1 %"
-            parts.append(text(share, x + pitch / 2, 15 + height - tall, size=10, anchor="middle", fill=_GREY))
+            parts.append(
+                svg.text(share, x + pitch / 2, 15 + height - tall, size=10, anchor="middle", fill=_GREY)
+            )
         if pitch > 16 or count % 5 == 0:
-            parts.append(text(str(count), x + pitch / 2, 34 + height, size=_TEXT_SIZE, anchor="middle"))
+            parts.append(svg.text(str(count), x + pitch / 2, 34 + height, size=_TEXT_SIZE, anchor="middle"))
     end = 30 + (high - low + 1) * pitch
-    parts.append(element("line", x1=30, x2=end, y1=20 + height, y2=20 + height, stroke=_LINE))
-    parts.append(text("touches", 30, 50 + height, size=_TEXT_SIZE, fill=_GREY))
-    return _svg(parts, 58 + height)
+    parts.append(svg.segment((30, 20 + height), (end, 20 + height), stroke=_LINE))
+    parts.append(svg.text("touches", 30, 50 + height, size=_TEXT_SIZE, fill=_GREY))
+    return svg.document((_WIDTH, 58 + height), *parts, title="touches that runs took")
 
 
 def pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel], height_mm: float) -> str:
@@ -57,10 +59,11 @@ def pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel
         row, column = divmod(k, _COLUMNS)
         parts.append(_overlay(one, other, height_mm, column * side, row * (side + 30), side))
         for line, (state, colour) in enumerate(((one, _ONE), (other, _OTHER))):
-            words = shorten_middle(named[id(state)], _TEXT_SIZE, side - 24)
+            words = svg.shorten_middle(named[id(state)], _TEXT_SIZE, side - 24)
             y = row * (side + 30) + side - 4 + 15 * line
-            parts.append(text(words, column * side + 12, y, size=_TEXT_SIZE, fill=colour))
-    return _svg(parts, math.ceil(len(drawn) / _COLUMNS) * (side + 30))
+            parts.append(svg.text(words, column * side + 12, y, size=_TEXT_SIZE, fill=colour))
+    height = math.ceil(len(drawn) / _COLUMNS) * (side + 30)
+    return svg.document((_WIDTH, height), *parts, title="outlines of the hardest pairs")
 
 
 def _overlay(one: State, other: State, height_mm: float, x: float, y: float, side: float) -> str:
@@ -76,14 +79,8 @@ def _overlay(one: State, other: State, height_mm: float, x: float, y: float, sid
         return [at + (ring - middle) * scale * np.array([1, -1]) for ring in rings_of(shape)]
 
     return "".join(
-        element(
-            "path",
-            d=path_data(rings(shape)),
-            fill=colour,
-            fill_opacity=0.14,
-            fill_rule="evenodd",
-            stroke=colour,
-            stroke_width=1.4,
+        svg.closed_path(
+            rings(shape), fill=colour, fill_opacity=0.14, fill_rule="evenodd", stroke=colour, stroke_width=1.4
         )
         for shape, colour in ((first, _ONE), (second, _OTHER))
         if not shape.is_empty
@@ -105,8 +102,3 @@ def _align(first: shapely.Geometry, second: shapely.Geometry) -> shapely.Geometr
         for k in range(_ALIGNMENT_TURNS)
     ]
     return turned[int(np.argmax(shapely.area(shapely.intersection(first, turned))))]
-
-
-def _svg(parts: Sequence[str], height: float) -> str:
-    box = f"0 0 {number(_WIDTH)} {number(height)}"
-    return element("svg", *parts, xmlns="http://www.w3.org/2000/svg", viewBox=box, font_family="sans-serif")

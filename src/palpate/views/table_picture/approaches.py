@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.views.svg import INK, LABEL_SIZE, LINE, MAX_OTHERS, THIN, element, shorten, text, text_width
+from palpate.views import svg
 from palpate.views.table_picture.frame import View, arrow_head, end_cross, last_visible_point, leader
 from palpate.views.table_picture.labels import LabelPlacer
 from palpate.views.table_picture.values import ApproachArrow, Picture
@@ -40,7 +40,7 @@ def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: Lab
         _line(start, until),
         _line(until, end, "2 4"),
         arrow_head(before if is_room else end, along),
-        element("circle", cx=start[0], cy=start[1], r=2.2, fill=INK),
+        svg.circle(start, 2.2, fill=svg.INK),
     ]
     if any(outcome.may_miss for outcome in item.predictions):
         shown.append(end_cross(end))
@@ -81,7 +81,7 @@ def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: L
 
 def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
     """Find which hypotheses say that it misses, and which that it may, with the words for it."""
-    outcomes = list(enumerate(item.predictions[:MAX_OTHERS]))
+    outcomes = list(enumerate(item.predictions[: svg.MAX_OTHERS]))
     certain = [index for index, outcome in outcomes if outcome.stop_mm is None]
     possible = [index for index, outcome in outcomes if outcome.may_miss and outcome.stop_mm is not None]
     verbs = ((certain, "misses" if len(certain) == 1 else "miss"), (possible, "may miss"))
@@ -89,10 +89,12 @@ def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
 
 
 def _name(finger: str, at: Floats, towards: float, placer: LabelPlacer) -> str:
-    content = shorten(f"next: {finger}", LABEL_SIZE, 120, bold=True)
-    box = placer.place(at, text_width(content, LABEL_SIZE, bold=True) + 4, 15.0, clear=7.0, towards=towards)
-    return leader(at, box, 5.0, INK) + text(
-        content, box.x, box.y + 4, size=LABEL_SIZE, fill=INK, anchor="middle", weight="bold"
+    content = svg.shorten(f"next: {finger}", svg.LABEL_SIZE, 120, bold=True)
+    box = placer.place(
+        at, svg.text_width(content, svg.LABEL_SIZE, bold=True) + 4, 15.0, clear=7.0, towards=towards
+    )
+    return leader(at, box, 5.0, svg.INK) + svg.text(
+        content, box.x, box.y + 4, size=svg.LABEL_SIZE, fill=svg.INK, anchor="middle", weight="bold"
     )
 
 
@@ -115,7 +117,7 @@ def _travel_direction(item: ApproachArrow) -> Floats:
 def _stops(item: ApproachArrow) -> list[Stop]:
     return [
         (index, *outcome.stop_mm)
-        for index, outcome in enumerate(item.predictions[:MAX_OTHERS])
+        for index, outcome in enumerate(item.predictions[: svg.MAX_OTHERS])
         if outcome.stop_mm is not None
     ]
 
@@ -133,32 +135,25 @@ def _groups(stops: Sequence[Stop]) -> list[list[Stop]]:
 
 
 def _line(start: Floats, end: Floats, dash: str | None = None) -> str:
-    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
-    return element("line", **ends, stroke=INK, stroke_width=LINE, stroke_dasharray=dash)
+    return svg.segment(start, end, stroke=svg.INK, stroke_width=svg.LINE, stroke_dasharray=dash)
 
 
 def _stop(colour: str, tips: Floats, aside: Floats, radius: float, *, faint: bool) -> str:
     """A bar in its lane, with the tip at both ends, `tips` (2, 2), where it really is."""
     shown = [
-        element(
-            "circle",
-            cx=x,
-            cy=y,
-            r=radius,
+        svg.circle(
+            (x, y),
+            radius,
             fill="none" if faint else colour,
             fill_opacity=None if faint else 0.06,
             stroke=colour,
-            stroke_width=THIN,
+            stroke_width=svg.THIN,
             stroke_opacity=0.4 if faint else 0.7,
         )
         for x, y in tips.tolist()
     ]
     (x1, y1), (x2, y2) = (tips + aside).tolist()
-    shown.append(
-        element(
-            "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=_NARROW_BAR if faint else _BAR
-        )
-    )
+    shown.append(svg.segment((x1, y1), (x2, y2), stroke=colour, stroke_width=_NARROW_BAR if faint else _BAR))
     return "".join(shown)
 
 
@@ -172,16 +167,16 @@ def _letters(
     placer: LabelPlacer,
 ) -> str:
     """Letters of hypotheses in their colours, and a few words, beside what they name."""
-    words = text_width(after, LABEL_SIZE, bold=True) + 4 if after else 0.0
+    words = svg.text_width(after, svg.LABEL_SIZE, bold=True) + 4 if after else 0.0
     box = placer.place(anchor, _LETTER_WIDTH * len(indices) + words + 4, 15.0, clear=clear, towards=towards)
     y = box.y + 4
-    shown = [leader(anchor, box, clear, INK)]
+    shown = [leader(anchor, box, clear, svg.INK)]
     for k, index in enumerate(indices):
         x = box.left + 2 + _LETTER_WIDTH * (k + 0.5)
         name = chr(ord("a") + index)
         colour = picture.colour(index)
-        shown.append(text(name, x, y, size=LABEL_SIZE, fill=colour, anchor="middle", weight="bold"))
+        shown.append(svg.text(name, x, y, size=svg.LABEL_SIZE, fill=colour, anchor="middle", weight="bold"))
     if after:
         x = box.left + 6 + _LETTER_WIDTH * len(indices)
-        shown.append(text(after, x, y, size=LABEL_SIZE, fill=INK, weight="bold"))
+        shown.append(svg.text(after, x, y, size=svg.LABEL_SIZE, fill=svg.INK, weight="bold"))
     return "".join(shown)

@@ -6,25 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.views.svg import (
-    FAINT,
-    INK,
-    LABEL_SIZE,
-    LINE,
-    MAX_OTHERS,
-    MUTED,
-    PAPER,
-    RULE,
-    THIN,
-    TIP,
-    Column,
-    element,
-    number,
-    path_data,
-    shorten,
-    text,
-    text_width,
-)
+from palpate.views import svg
 from palpate.views.table_picture.labels import Box, LabelPlacer
 from palpate.views.table_picture.values import ApproachArrow, FingerBase, Picture, TouchMark
 
@@ -82,7 +64,7 @@ class View:
 def view_of(picture: Picture, left: float, top: float) -> View:
     """The window that shows all outlines and contacts with some air, and as much of the table as fits."""
     parts = [*picture.found, *picture.truth]
-    parts += [ring for other in picture.others[:MAX_OTHERS] for ring in other.rings]
+    parts += [ring for other in picture.others[: svg.MAX_OTHERS] for ring in other.rings]
     parts += [_tip_corners(touch) for touch in picture.touches if touch.touched]
     parts += _nearest_part(parts, [_tip_corners(touch) for touch in picture.touches if not touch.touched])
     parts += [_stops(item) for item in picture.approaches]
@@ -114,7 +96,9 @@ def _tip_corners(touch: TouchMark) -> Floats:
 
 def _stops(item: ApproachArrow) -> Floats:
     """Return where the tip may be stopped (n, 2), with its radius around; n may be 0."""
-    ends = [end for stop in item.predictions[:MAX_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm]
+    ends = [
+        end for stop in item.predictions[: svg.MAX_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm
+    ]
     centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
     return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])
 
@@ -150,11 +134,13 @@ def grid(view: View) -> str:
     rules = []
     for x in _lines_of(view.x_mm, step):
         at = view.at((x, 0.0))[0]
-        rules.append(f"M{number(at)},{number(view.top)}V{number(view.top + view.height)}")
+        rules.append(f"M{svg.number(at)},{svg.number(view.top)}V{svg.number(view.top + view.height)}")
     for y in _lines_of(view.y_mm, step):
         at = view.at((0.0, y))[1]
-        rules.append(f"M{number(view.left)},{number(at)}H{number(view.left + view.width)}")
-    return element("path", d="".join(rules) or "M0,0", stroke=FAINT, stroke_width=THIN, fill="none")
+        rules.append(f"M{svg.number(view.left)},{svg.number(at)}H{svg.number(view.left + view.width)}")
+    return svg.element(
+        "path", d="".join(rules) or "M0,0", stroke=svg.FAINT, stroke_width=svg.THIN, fill="none"
+    )
 
 
 def ticks(view: View) -> str:
@@ -163,14 +149,23 @@ def ticks(view: View) -> str:
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     bottom = view.top + view.height
     shown = [
-        text(_signed(x, decimals), view.at((x, 0.0))[0], bottom + 16, fill=MUTED, anchor="middle", size=11)
+        svg.text(
+            _signed(x, decimals), view.at((x, 0.0))[0], bottom + 16, fill=svg.MUTED, anchor="middle", size=11
+        )
         for x in _lines_of(view.x_mm, step)
     ]
     shown += [
-        text(_signed(y, decimals), view.left - 7, view.at((0.0, y))[1] + 4, fill=MUTED, anchor="end", size=11)
+        svg.text(
+            _signed(y, decimals),
+            view.left - 7,
+            view.at((0.0, y))[1] + 4,
+            fill=svg.MUTED,
+            anchor="end",
+            size=11,
+        )
         for y in _lines_of(view.y_mm, step)
     ]
-    shown.append(text("x, y in mm, frame W", view.left, bottom + 38, fill=MUTED, size=11))
+    shown.append(svg.text("x, y in mm, frame W", view.left, bottom + 38, fill=svg.MUTED, size=11))
     return "".join(shown)
 
 
@@ -184,11 +179,10 @@ def scale_bar(view: View) -> str:
     span = nice_step(view.x_mm[1] - view.x_mm[0], 5.0)
     right, y = view.left + view.width, view.top + view.height + 34
     left = right - span * view.scale
-    bar = f"M{number(left)},{number(y - 4)}v8M{number(left)},{number(y)}H{number(right)}m0,-4v8"
-    caption = f"{number(span)} mm"
-    return element("path", d=bar, stroke=INK, stroke_width=LINE, fill="none") + text(
-        caption, left - 8, y + 4, anchor="end", size=12
-    )
+    ends = f"M{svg.number(left)},{svg.number(y - 4)}v8M{svg.number(left)},{svg.number(y)}"
+    bar = f"{ends}H{svg.number(right)}m0,-4v8"
+    line = svg.element("path", d=bar, stroke=svg.INK, stroke_width=svg.LINE, fill="none")
+    return line + svg.text(f"{svg.number(span)} mm", left - 8, y + 4, anchor="end", size=12)
 
 
 def normal_wedge(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
@@ -196,9 +190,15 @@ def normal_wedge(centre: Floats, radius: float, lo_rad: float, hi_rad: float) ->
     count = max(2, math.ceil((hi_rad - lo_rad) / 0.12) + 1)
     angle = np.linspace(lo_rad, hi_rad, count)
     rim = centre + radius * np.column_stack([np.cos(angle), -np.sin(angle)])
-    wedge = path_data([np.vstack([centre, rim])])
-    return element(
-        "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
+    wedge = svg.path_data([np.vstack([centre, rim])])
+    return svg.element(
+        "path",
+        d=wedge,
+        fill=svg.TIP,
+        fill_opacity=0.3,
+        stroke=svg.TIP,
+        stroke_width=svg.THIN,
+        stroke_opacity=0.7,
     )
 
 
@@ -222,48 +222,37 @@ def leader(anchor: Floats, box: Box, clear: float, colour: str) -> str:
     if distance < clear + 14:
         return ""
     begin = anchor + away * ((clear - 3) / distance)
-    return element(
-        "line",
-        x1=begin[0],
-        y1=begin[1],
-        x2=near[0],
-        y2=near[1],
-        stroke=colour,
-        stroke_width=0.8,
-        stroke_opacity=0.6,
-    )
+    return svg.segment(begin, near, stroke=colour, stroke_width=0.8, stroke_opacity=0.6)
 
 
-def heading(content: str, column: Column, y: float) -> str:
+def heading(content: str, column: svg.Column, y: float) -> str:
     """A heading of a part of the panel, ruled below."""
-    rule = element(
-        "line", x1=column.left, y1=y + 7, x2=column.right, y2=y + 7, stroke=RULE, stroke_width=THIN
-    )
-    return text(content, column.left, y, size=12, fill=MUTED, weight="bold") + rule
+    rule = svg.segment((column.left, y + 7), (column.right, y + 7), stroke=svg.RULE, stroke_width=svg.THIN)
+    return svg.text(content, column.left, y, size=12, fill=svg.MUTED, weight="bold") + rule
 
 
 def arrow_head(tip: Floats, along: Floats, size: float = 11.0) -> str:
     """A head that ends at `tip` (2,) and points along a unit vector (2,), SVG units."""
     back, across = tip - size * along, 0.36 * size * np.array([-along[1], along[0]])
-    return element("path", d=path_data([np.array([tip, back + across, back - across])]), fill=INK)
+    return svg.closed_path([np.array([tip, back + across, back - across])], fill=svg.INK)
 
 
-def end_cross(at: Floats, colour: str = INK) -> str:
+def end_cross(at: Floats, colour: str = svg.INK) -> str:
     """Mark where an approach ends that nothing stopped."""
     x, y = at.tolist()
-    return element(
+    return svg.element(
         "path",
-        d=f"M{number(x - 4)},{number(y - 4)}l8,8m0,-8l-8,8",
+        d=f"M{svg.number(x - 4)},{svg.number(y - 4)}l8,8m0,-8l-8,8",
         stroke=colour,
-        stroke_width=LINE,
+        stroke_width=svg.LINE,
         fill="none",
     )
 
 
 def badge(index: int, colour: str, x: float, y: float) -> str:
     """The letter of the index-th other hypothesis, in a disc of its outline's colour."""
-    disc = element("circle", cx=x, cy=y, r=8.0, fill=PAPER, stroke=colour, stroke_width=THIN)
-    letter = text(chr(ord("a") + index), x, y + 3.8, size=11, fill=colour, anchor="middle", weight="bold")
+    disc = svg.circle((x, y), 8.0, fill=svg.PAPER, stroke=colour, stroke_width=svg.THIN)
+    letter = svg.text(chr(ord("a") + index), x, y + 3.8, size=11, fill=colour, anchor="middle", weight="bold")
     return disc + letter
 
 
@@ -281,20 +270,17 @@ def draw_base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
     half = np.array([frame.width, frame.height]) / 2
     beyond = float(np.max(np.abs(away) / half))
     if is_base_visible(base, view):
-        mark = element("rect", x=at[0] - 5, y=at[1] - 5, width=10.0, height=10.0, fill=INK)
+        mark = svg.rectangle((at[0] - 5, at[1] - 5), (10.0, 10.0), fill=svg.INK)
     else:
         at = middle + away / beyond
         along = away / np.hypot(*away)
         across = np.array([-along[1], along[0]])
-        mark = element(
-            "path",
-            d=path_data(
-                [np.array([at, at - 16 * along + 6 * across, at - 12 * along, at - 16 * along - 6 * across])]
-            ),
-            fill=INK,
+        mark = svg.closed_path(
+            [np.array([at, at - 16 * along + 6 * across, at - 12 * along, at - 16 * along - 6 * across])],
+            fill=svg.INK,
         )
     placer.add_disc(at, 12.0, 4.0)
-    content = shorten(base.name, LABEL_SIZE, 90)
+    content = svg.shorten(base.name, svg.LABEL_SIZE, 90)
     inward = math.atan2(away[1], -away[0])
-    box = placer.place(at, text_width(content, LABEL_SIZE) + 4, 15.0, clear=13.0, towards=inward)
-    return mark + text(content, box.x, box.y + 4, size=LABEL_SIZE, fill=INK, anchor="middle")
+    box = placer.place(at, svg.text_width(content, svg.LABEL_SIZE) + 4, 15.0, clear=13.0, towards=inward)
+    return mark + svg.text(content, box.x, box.y + 4, size=svg.LABEL_SIZE, fill=svg.INK, anchor="middle")

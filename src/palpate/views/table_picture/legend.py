@@ -5,28 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.views.svg import (
-    AXIS,
-    FOUND,
-    FOUND_FILL,
-    HUES,
-    INK,
-    LINE,
-    MISS,
-    MUTED,
-    PAPER,
-    THICK,
-    THIN,
-    TIP,
-    TIP_FILL,
-    TRUTH,
-    Column,
-    element,
-    path_data,
-    shorten,
-    text,
-    text_width,
-)
+from palpate.views import svg
 from palpate.views.table_picture.frame import (
     View,
     arrow_head,
@@ -40,7 +19,7 @@ from palpate.views.table_picture.values import Picture
 _ROW = 20.0
 
 
-def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
+def legend(picture: Picture, view: View, column: svg.Column, y: float) -> tuple[str, float]:
     """Draw what the marks in the drawing mean; only those that are there."""
     planned = bool(picture.approaches)
     predicted = [item for approach in picture.approaches for item in approach.predictions]
@@ -74,94 +53,90 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
     for wanted, key, meaning in entries:
         if wanted:
             y += _ROW
-            shown.append(key(column.left + 20, y - 4.5) + text(meaning, column.left + 50, y, size=12.5))
+            shown.append(key(column.left + 20, y - 4.5) + svg.text(meaning, column.left + 50, y, size=12.5))
     if picture.touches:
         y += _ROW
         first = picture.touches[0]
-        sample = f"{shorten(first.finger, 12, 70, bold=True)} · {first.grip}"
-        width = text_width(sample, 12, bold=True)
+        sample = f"{svg.shorten(first.finger, 12, 70, bold=True)} · {first.grip}"
+        width = svg.text_width(sample, 12, bold=True)
         shown.append(
-            text(sample, column.left, y, size=12, fill=TIP if first.touched else MISS, weight="bold")
+            svg.text(
+                sample, column.left, y, size=12, fill=svg.TIP if first.touched else svg.MISS, weight="bold"
+            )
         )
-        shown.append(text("finger and number of the grip", column.left + max(50.0, width + 10), y, size=12.5))
+        shown.append(
+            svg.text("finger and number of the grip", column.left + max(50.0, width + 10), y, size=12.5)
+        )
     return "".join(shown), y + 6
 
 
 def _line_key(
     x: float, y: float, colour: str, width: float, dash: str | None = None, cap: str | None = None
 ) -> str:
-    return element(
-        "line",
-        x1=x - 16,
-        y1=y,
-        x2=x + 16,
-        y2=y,
-        stroke=colour,
-        stroke_width=width,
-        stroke_dasharray=dash,
-        stroke_linecap=cap,
+    return svg.segment(
+        (x - 16, y), (x + 16, y), stroke=colour, stroke_width=width, stroke_dasharray=dash, stroke_linecap=cap
     )
 
 
 def _found_key(x: float, y: float) -> str:
-    return element(
-        "rect", x=x - 16, y=y - 6, width=32.0, height=12.0, fill=FOUND_FILL, stroke=FOUND, stroke_width=THICK
+    return svg.rectangle(
+        (x - 16, y - 6), (32.0, 12.0), fill=svg.FOUND_FILL, stroke=svg.FOUND, stroke_width=svg.THICK
     )
 
 
 def _pose_key(x: float, y: float) -> str:
-    line = element("line", x1=x - 8, y1=y, x2=x + 14, y2=y, stroke=FOUND, stroke_width=THICK)
+    line = svg.segment((x - 8, y), (x + 14, y), stroke=svg.FOUND, stroke_width=svg.THICK)
     return line + _origin_key(x - 8, y)
 
 
 def _origin_key(x: float, y: float) -> str:
-    return element("circle", cx=x, cy=y, r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    return svg.circle((x, y), 4.0, fill=svg.PAPER, stroke=svg.FOUND, stroke_width=svg.THICK)
 
 
 def _truth_key(x: float, y: float) -> str:
-    return _line_key(x, y, TRUTH, LINE)
+    return _line_key(x, y, svg.TRUTH, svg.LINE)
 
 
 def _other_key(x: float, y: float) -> str:
-    return _line_key(x, y, MUTED, THIN, "5 3")
+    return _line_key(x, y, svg.MUTED, svg.THIN, "5 3")
 
 
 def _hypothesis_key(x: float, y: float) -> str:
     lines = [
-        element("line", x1=x - 16, y1=at, x2=x + 16, y2=at, stroke=hue, stroke_width=LINE, stroke_opacity=0.7)
-        for at, hue in ((y - 4, HUES[0]), (y, HUES[1]), (y + 4, HUES[2]))
+        svg.segment((x - 16, at), (x + 16, at), stroke=hue, stroke_width=svg.LINE, stroke_opacity=0.7)
+        for at, hue in ((y - 4, svg.HUES[0]), (y, svg.HUES[1]), (y + 4, svg.HUES[2]))
     ]
     return "".join(lines)
 
 
 def _approach_key(x: float, y: float) -> str:
-    return _line_key(x, y, INK, LINE) + arrow_head(np.array([x + 8, y]), np.array([1.0, 0.0]))
+    return _line_key(x, y, svg.INK, svg.LINE) + arrow_head(np.array([x + 8, y]), np.array([1.0, 0.0]))
 
 
 def _stop_key(x: float, y: float) -> str:
     ends = [
-        element("circle", cx=at, cy=y, r=7.0, fill="none", stroke=HUES[0], stroke_width=THIN)
+        svg.circle((at, y), 7.0, fill="none", stroke=svg.HUES[0], stroke_width=svg.THIN)
         for at in (x - 8, x + 8)
     ]
-    return "".join(ends) + element("line", x1=x - 8, y1=y, x2=x + 8, y2=y, stroke=HUES[0], stroke_width=4.5)
+    return "".join(ends) + svg.segment((x - 8, y), (x + 8, y), stroke=svg.HUES[0], stroke_width=4.5)
 
 
 def _end_key(x: float, y: float) -> str:
-    return _line_key(x - 6, y, INK, LINE, "2 4") + end_cross(np.array([x + 10, y]))
+    return _line_key(x - 6, y, svg.INK, svg.LINE, "2 4") + end_cross(np.array([x + 10, y]))
 
 
 def _touch_key(x: float, y: float) -> str:
-    line = element("line", x1=x - 16, y1=y, x2=x + 8, y2=y, stroke=TIP, stroke_width=LINE)
-    tip = element("circle", cx=x + 9, cy=y, r=7.0, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)
-    start = element("circle", cx=x - 16, cy=y, r=2.2, fill=TIP)
-    return line + start + tip + element("circle", cx=x + 9, cy=y, r=2.6, fill=TIP)
+    line = svg.segment((x - 16, y), (x + 8, y), stroke=svg.TIP, stroke_width=svg.LINE)
+    tip = svg.circle((x + 9, y), 7.0, fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=svg.LINE)
+    start = svg.circle((x - 16, y), 2.2, fill=svg.TIP)
+    return line + start + tip + svg.circle((x + 9, y), 2.6, fill=svg.TIP)
 
 
 def _pad_key(x: float, y: float) -> str:
-    line = element("line", x1=x - 16, y1=y, x2=x + 9, y2=y, stroke=TIP, stroke_width=LINE)
-    face = element("line", x1=x + 9, y1=y - 8, x2=x + 9, y2=y + 8, stroke=TIP, stroke_width=3.0)
-    start = element("circle", cx=x - 16, cy=y, r=2.2, fill=TIP)
-    return line + start + face + element("circle", cx=x + 9, cy=y + 5, r=2.6, fill=TIP)
+    line = svg.segment((x - 16, y), (x + 9, y), stroke=svg.TIP, stroke_width=svg.LINE)
+    face = svg.segment((x + 9, y - 8), (x + 9, y + 8), stroke=svg.TIP, stroke_width=3.0)
+    start = svg.circle((x - 16, y), 2.2, fill=svg.TIP)
+    return line + start + face + svg.circle((x + 9, y + 5), 2.6, fill=svg.TIP)
 
 
 def _normal_key(x: float, y: float) -> str:
@@ -169,28 +144,25 @@ def _normal_key(x: float, y: float) -> str:
 
 
 def _miss_key(x: float, y: float) -> str:
-    swept = element(
-        "line",
-        x1=x - 10,
-        y1=y,
-        x2=x + 10,
-        y2=y,
-        stroke=MISS,
+    swept = svg.segment(
+        (x - 10, y),
+        (x + 10, y),
+        stroke=svg.MISS,
         stroke_opacity=0.12,
         stroke_width=13.0,
         stroke_linecap="round",
     )
-    return swept + _line_key(x, y, MISS, LINE, "6 4") + end_cross(np.array([x + 10, y]), MISS)
+    return swept + _line_key(x, y, svg.MISS, svg.LINE, "6 4") + end_cross(np.array([x + 10, y]), svg.MISS)
 
 
 def _beyond_key(x: float, y: float) -> str:
     head = np.array([[x + 8, y], [x - 8, y - 6], [x - 4, y], [x - 8, y + 6]])
-    return element("path", d=path_data([head]), fill=INK)
+    return svg.closed_path([head], fill=svg.INK)
 
 
 def _base_key(x: float, y: float) -> str:
-    return element("rect", x=x - 5, y=y - 5, width=10.0, height=10.0, fill=INK)
+    return svg.rectangle((x - 5, y - 5), (10.0, 10.0), fill=svg.INK)
 
 
 def _workspace_key(x: float, y: float) -> str:
-    return _line_key(x, y, AXIS, LINE, "1 4", "round")
+    return _line_key(x, y, svg.AXIS, svg.LINE, "1 4", "round")

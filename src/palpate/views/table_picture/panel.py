@@ -5,25 +5,8 @@ import math
 import numpy as np
 
 from palpate.base.geometry import Floats
+from palpate.views import svg
 from palpate.views.numerals import at_most, decimal
-from palpate.views.svg import (
-    AXIS,
-    CARD,
-    FOUND,
-    FOUND_FILL,
-    INK,
-    LINE,
-    MAX_OTHERS,
-    MUTED,
-    RULE,
-    THIN,
-    Column,
-    element,
-    path_data,
-    shorten,
-    text,
-    text_width,
-)
 from palpate.views.table_picture.frame import View, arrow_head, badge, heading
 from palpate.views.table_picture.legend import legend
 from palpate.views.table_picture.values import ApproachArrow, BoundedPose, OtherHypothesis, Picture
@@ -31,7 +14,7 @@ from palpate.views.table_picture.values import ApproachArrow, BoundedPose, Other
 _INSET_SIZE = 170.0
 
 
-def whole_table(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
+def whole_table(picture: Picture, view: View, column: svg.Column, y: float) -> tuple[str, float]:
     """The whole table, small: workspace, bases, the object, and the window of the drawing."""
     radius = picture.workspace_radius_mm
     if radius is None or not picture.bases:
@@ -56,24 +39,19 @@ def whole_table(picture: Picture, view: View, column: Column, y: float) -> tuple
     size = window[1] - window[0]
     shown = [
         title,
-        element(
-            "rect",
-            x=window[0, 0],
-            y=window[0, 1],
-            width=float(size[0]),
-            height=float(size[1]),
-            fill=CARD,
-            stroke=RULE,
-            stroke_width=THIN,
+        svg.rectangle(
+            (window[0, 0], window[0, 1]),
+            (float(size[0]), float(size[1])),
+            fill=svg.CARD,
+            stroke=svg.RULE,
+            stroke_width=svg.THIN,
         ),
-        element(
-            "circle",
-            cx=x,
-            cy=cy,
-            r=radius * scale,
+        svg.circle(
+            (x, cy),
+            radius * scale,
             fill="none",
-            stroke=AXIS,
-            stroke_width=LINE,
+            stroke=svg.AXIS,
+            stroke_width=svg.LINE,
             stroke_dasharray="1 4",
             stroke_linecap="round",
         ),
@@ -81,31 +59,26 @@ def whole_table(picture: Picture, view: View, column: Column, y: float) -> tuple
     if picture.found:
         rings = [page(ring) for ring in picture.found]
         shown.append(
-            element(
-                "path",
-                d=path_data(rings),
-                fill=FOUND_FILL,
-                fill_rule="evenodd",
-                stroke=FOUND,
-                stroke_width=THIN,
+            svg.closed_path(
+                rings, fill=svg.FOUND_FILL, fill_rule="evenodd", stroke=svg.FOUND, stroke_width=svg.THIN
             )
         )
-    for other in picture.others[:MAX_OTHERS] if picture.approaches else ():
+    for other in picture.others[: svg.MAX_OTHERS] if picture.approaches else ():
         rings = [page(ring) for ring in other.rings]
-        shown.append(element("path", d=path_data(rings), fill="none", stroke=AXIS, stroke_width=0.6))
+        shown.append(svg.closed_path(rings, fill="none", stroke=svg.AXIS, stroke_width=0.6))
     shown += [
         _approach_line(page(item.start_mm), page(item.at(item.travel_mm))) for item in picture.approaches
     ]
     for base in picture.bases:
         at = page(base.at_mm)
-        shown.append(element("rect", x=at[0] - 4, y=at[1] - 4, width=8.0, height=8.0, fill=INK))
+        shown.append(svg.rectangle((at[0] - 4, at[1] - 4), (8.0, 8.0), fill=svg.INK))
         side = 1 if at[0] >= box[0] else -1
         free = (
             box[0] + column.width / 2 - at[0] - 10 if side > 0 else at[0] - 10 - (box[0] - column.width / 2)
         )
         shown.append(
-            text(
-                shorten(base.name, 11, float(free)),
+            svg.text(
+                svg.shorten(base.name, 11, float(free)),
                 at[0] + 9 * side,
                 at[1] + 4,
                 size=11,
@@ -117,10 +90,10 @@ def whole_table(picture: Picture, view: View, column: Column, y: float) -> tuple
 
 def _approach_line(start: Floats, end: Floats) -> str:
     """An approach of the next grip from its start to its end."""
-    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
-    dot = element("circle", cx=start[0], cy=start[1], r=2.2, fill=INK)
+    dot = svg.circle(start, 2.2, fill=svg.INK)
     along = (end - start) / max(float(np.hypot(*(end - start))), 1e-9)
-    return element("line", **ends, stroke=INK, stroke_width=THIN) + dot + arrow_head(end, along, 7.0)
+    line = svg.segment(start, end, stroke=svg.INK, stroke_width=svg.THIN)
+    return line + dot + arrow_head(end, along, 7.0)
 
 
 _NAME_WIDTH, _OUTCOME_WIDTH = 136.0, 106.0
@@ -137,7 +110,7 @@ def prediction_width(picture: Picture) -> float:
     return _NAME_WIDTH + _OUTCOME_WIDTH * min(len(picture.approaches), _MAX_ABREAST)
 
 
-def prediction_table(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+def prediction_table(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
     """A row for each hypothesis that is drawn, a column for each approach; the y at which it ends."""
     if not picture.approaches:
         return "", y
@@ -148,24 +121,24 @@ def prediction_table(picture: Picture, _view: View, column: Column, y: float) ->
     for first in range(0, len(picture.approaches), _MAX_ABREAST):
         part, y = _block(picture, picture.approaches[first : first + _MAX_ABREAST], column, y)
         shown.append(part)
-    hidden = len(picture.others) - MAX_OTHERS
+    hidden = len(picture.others) - svg.MAX_OTHERS
     if hidden > 0:
         y += _LINE_HEIGHT + 2
-        shown.append(text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=MUTED))
+        shown.append(svg.text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=svg.MUTED))
     return "".join(shown), y + 6
 
 
 def _block(
-    picture: Picture, approaches: tuple[ApproachArrow, ...], column: Column, y: float
+    picture: Picture, approaches: tuple[ApproachArrow, ...], column: svg.Column, y: float
 ) -> tuple[str, float]:
     at = [column.right - _OUTCOME_WIDTH * (len(approaches) - k) for k in range(len(approaches))]
     shown = [_lines((item.finger,), x, y, bold=True) for item, x in zip(approaches, at, strict=True)]
     shown.append(_lines(_HEADS, column.left, y + _LINE_HEIGHT, room=_NAME_WIDTH))
     shown += [_lines(item.words, x, y + _LINE_HEIGHT) for item, x in zip(approaches, at, strict=True)]
     y += _LINE_HEIGHT * (1 + len(_HEADS)) + 5
-    for index, other in enumerate(picture.others[:MAX_OTHERS]):
+    for index, other in enumerate(picture.others[: svg.MAX_OTHERS]):
         shown.append(
-            element("line", x1=column.left, y1=y, x2=column.right, y2=y, stroke=RULE, stroke_width=THIN / 2)
+            svg.segment((column.left, y), (column.right, y), stroke=svg.RULE, stroke_width=svg.THIN / 2)
         )
         shown.append(_name(picture, index, other, column.left, at[0], y))
         outcomes = [item.predictions[index].words for item in approaches]
@@ -178,13 +151,15 @@ def _name(picture: Picture, index: int, other: OtherHypothesis, left: float, rig
     room = right - left - 34
     return (
         badge(index, picture.colour(index), left + 9, y + 17)
-        + text(shorten(other.label, 12, room), left + 26, y + _LINE_HEIGHT, size=12)
-        + text(shorten(other.reason, 11, room), left + 26, y + 2 * _LINE_HEIGHT, size=11, fill=MUTED)
+        + svg.text(svg.shorten(other.label, 12, room), left + 26, y + _LINE_HEIGHT, size=12)
+        + svg.text(
+            svg.shorten(other.reason, 11, room), left + 26, y + 2 * _LINE_HEIGHT, size=11, fill=svg.MUTED
+        )
     )
 
 
 def _outcome(words: tuple[str, ...], left: float, y: float) -> str:
-    return _lines(words[:1], left, y, colour=INK) + _lines(words[1:], left, y + _LINE_HEIGHT)
+    return _lines(words[:1], left, y, colour=svg.INK) + _lines(words[1:], left, y + _LINE_HEIGHT)
 
 
 def _lines(
@@ -192,17 +167,17 @@ def _lines(
     left: float,
     y: float,
     *,
-    colour: str = MUTED,
+    colour: str = svg.MUTED,
     bold: bool = False,
     room: float = _OUTCOME_WIDTH,
 ) -> str:
     return "".join(
-        text(
-            shorten(line, _TEXT_SIZE, room - 6, bold=bold),
+        svg.text(
+            svg.shorten(line, _TEXT_SIZE, room - 6, bold=bold),
             left,
             y + _LINE_HEIGHT * (k + 1),
             size=_TEXT_SIZE,
-            fill=INK if bold else colour,
+            fill=svg.INK if bold else colour,
             weight="bold" if bold else None,
         )
         for k, line in enumerate(words)
@@ -218,7 +193,7 @@ def panel_width(picture: Picture) -> float:
     return max(_WIDTH, prediction_width(picture))
 
 
-def draw_panel(picture: Picture, view: View, column: Column, top: float) -> tuple[str, float]:
+def draw_panel(picture: Picture, view: View, column: svg.Column, top: float) -> tuple[str, float]:
     """The panel, and the y at which it ends; SVG units."""
     y = top
     shown = []
@@ -229,7 +204,7 @@ def draw_panel(picture: Picture, view: View, column: Column, top: float) -> tupl
     return "".join(shown), y - 16.0
 
 
-def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+def _pose(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
     pose = picture.pose
     if pose is None:
         return "", y
@@ -237,9 +212,9 @@ def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str,
     y += 24
     for name, value, bound in _pose_rows(pose):
         y += _ROW + 2
-        shown.append(text(name, column.left, y, size=15, fill=FOUND, weight="bold"))
-        shown.append(text(value, column.left + 150, y, size=15, anchor="end"))
-        shown.append(text(bound, column.left + 165, y, size=15, fill=MUTED))
+        shown.append(svg.text(name, column.left, y, size=15, fill=svg.FOUND, weight="bold"))
+        shown.append(svg.text(value, column.left + 150, y, size=15, anchor="end"))
+        shown.append(svg.text(bound, column.left + 165, y, size=15, fill=svg.MUTED))
     return "".join(shown), y + 6
 
 
@@ -259,35 +234,35 @@ def _certified_half_width(values: tuple[float, ...]) -> str:
     return at_most(max(hi - shown, shown - lo, 0.0))
 
 
-def _facts(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+def _facts(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
     if not picture.facts:
         return "", y
     shown = [heading("Facts", column, y + 12)]
     y += 24
     for name, value in picture.facts:
         y += _ROW - 1
-        label = shorten(name, 12.5, column.width * 0.55)
-        room = column.width - text_width(label, 12.5) - 12
-        shown.append(text(label, column.left, y, size=12.5, fill=MUTED))
-        shown.append(text(shorten(value, 12.5, room), column.right, y, size=12.5, anchor="end"))
+        label = svg.shorten(name, 12.5, column.width * 0.55)
+        room = column.width - svg.text_width(label, 12.5) - 12
+        shown.append(svg.text(label, column.left, y, size=12.5, fill=svg.MUTED))
+        shown.append(svg.text(svg.shorten(value, 12.5, room), column.right, y, size=12.5, anchor="end"))
     return "".join(shown), y + 6
 
 
-def _others(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+def _others(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
     if not picture.others or picture.approaches:
         return "", y
     title = "Other hypotheses" if picture.found else "Hypotheses"
     shown = [heading(f"{title} ({len(picture.others)})", column, y + 12)]
     y += 24
-    for index, other in enumerate(picture.others[:MAX_OTHERS]):
+    for index, other in enumerate(picture.others[: svg.MAX_OTHERS]):
         y += _ROW
         shown.append(badge(index, picture.colour(index), column.left + 9, y - 4.5))
-        reason = shorten(other.reason, 12, 185)
-        room = column.width - 26 - text_width(reason, 12) - 10
-        shown.append(text(shorten(other.label, 12.5, room), column.left + 26, y, size=12.5))
-        shown.append(text(reason, column.right, y, size=12, fill=MUTED, anchor="end"))
-    hidden = len(picture.others) - MAX_OTHERS
+        reason = svg.shorten(other.reason, 12, 185)
+        room = column.width - 26 - svg.text_width(reason, 12) - 10
+        shown.append(svg.text(svg.shorten(other.label, 12.5, room), column.left + 26, y, size=12.5))
+        shown.append(svg.text(reason, column.right, y, size=12, fill=svg.MUTED, anchor="end"))
+    hidden = len(picture.others) - svg.MAX_OTHERS
     if hidden > 0:
         y += _ROW
-        shown.append(text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=MUTED))
+        shown.append(svg.text(f"and {hidden} more, not drawn", column.left + 26, y, size=12, fill=svg.MUTED))
     return "".join(shown), y + 6

@@ -7,35 +7,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import points_in_polygon
-from palpate.views.svg import (
-    AXIS,
-    CARD,
-    DASHES,
-    FOUND,
-    FOUND_FILL,
-    INK,
-    LABEL_SIZE,
-    LINE,
-    MAX_OTHERS,
-    MISS,
-    MUTED,
-    PAPER,
-    RULE,
-    THICK,
-    THIN,
-    TIP,
-    TIP_FILL,
-    TRUTH,
-    Column,
-    element,
-    escape,
-    number,
-    path_data,
-    shorten,
-    text,
-    text_width,
-    wrap,
-)
+from palpate.views import svg
 from palpate.views.table_picture.approaches import approach_labels, draw_approach
 from palpate.views.table_picture.frame import (
     View,
@@ -85,10 +57,10 @@ def draw_view(picture: Picture, view: View, clip: str) -> str:
     bases = [draw_base(base, view, placer) for base in picture.bases]
     return "".join(
         [
-            element("clipPath", element("rect", **frame), id=clip),
-            element("rect", **frame, fill=CARD),
-            element("g", *drawn, clip_path=f"url(#{clip})", stroke_linejoin="round"),
-            element("rect", **frame, fill="none", stroke=RULE, stroke_width=THIN),
+            svg.element("clipPath", svg.element("rect", **frame), id=clip),
+            svg.element("rect", **frame, fill=svg.CARD),
+            svg.element("g", *drawn, clip_path=f"url(#{clip})", stroke_linejoin="round"),
+            svg.element("rect", **frame, fill="none", stroke=svg.RULE, stroke_width=svg.THIN),
             *bases,
             *labels,
             ticks(view),
@@ -102,14 +74,12 @@ def _workspace(picture: Picture, view: View) -> str:
         return ""
     x, y = view.at((0.0, 0.0))
     radius = picture.workspace_radius_mm * view.scale
-    return element(
-        "circle",
-        cx=x,
-        cy=y,
-        r=radius,
+    return svg.circle(
+        (x, y),
+        radius,
         fill="none",
-        stroke=RULE,
-        stroke_width=LINE,
+        stroke=svg.RULE,
+        stroke_width=svg.LINE,
         stroke_dasharray="1 4",
         stroke_linecap="round",
     )
@@ -118,20 +88,20 @@ def _workspace(picture: Picture, view: View) -> str:
 def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
     shown = []
     few = bool(picture.approaches) and len(picture.others) <= _MAX_FILLED_HYPOTHESES
-    for index, other in enumerate(picture.others[:MAX_OTHERS]):
+    for index, other in enumerate(picture.others[: svg.MAX_OTHERS]):
         rings = [view.to_page(ring) for ring in other.rings]
         for ring in rings:
             placer.add_ring(ring, 0.7)
         shown.append(
-            element(
+            svg.element(
                 "path",
-                element("title", escape(f"{other.label}: {other.reason}")),
-                d=path_data(rings),
+                svg.element("title", svg.escape(f"{other.label}: {other.reason}")),
+                d=svg.path_data(rings),
                 fill=picture.colour(index) if few else "none",
                 fill_opacity=0.04 if few else None,
                 fill_rule="evenodd" if few else None,
                 stroke=picture.colour(index),
-                stroke_width=LINE if picture.approaches else THIN,
+                stroke_width=svg.LINE if picture.approaches else svg.THIN,
                 stroke_opacity=(0.75 if few else 0.45) if picture.approaches else None,
                 stroke_dasharray=_dash(picture, index),
             )
@@ -142,7 +112,7 @@ def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
 def _dash(picture: Picture, index: int) -> str | None:
     """Dashes of an outline: of a plan's hypotheses only those that lie on another one, so that both show."""
     if not picture.approaches:
-        return DASHES[index % len(DASHES)]
+        return svg.DASHES[index % len(svg.DASHES)]
     own = np.vstack(picture.others[index].rings)
     for other in picture.others[:index]:
         rings = np.vstack(other.rings)
@@ -159,21 +129,20 @@ def _found_outline(picture: Picture, view: View, placer: LabelPlacer) -> str:
             placer.add_ring(ring, 3.0)
         placer.add_inside(rings, _INSIDE_WEIGHT)
         shown.append(
-            element(
-                "path",
-                d=path_data(rings),
-                fill=FOUND_FILL,
+            svg.closed_path(
+                rings,
+                fill=svg.FOUND_FILL,
                 fill_opacity=0.85,
                 fill_rule="evenodd",
-                stroke=FOUND,
-                stroke_width=THICK,
+                stroke=svg.FOUND,
+                stroke_width=svg.THICK,
             )
         )
     if picture.truth:
         rings = [view.to_page(ring) for ring in picture.truth]
         for ring in rings:
             placer.add_ring(ring, 3.0)
-        shown.append(element("path", d=path_data(rings), fill="none", stroke=TRUTH, stroke_width=LINE))
+        shown.append(svg.closed_path(rings, fill="none", stroke=svg.TRUTH, stroke_width=svg.LINE))
     if picture.pose is not None:
         shown.append(_pose_mark(picture.pose, view, placer))
     return "".join(shown)
@@ -182,13 +151,13 @@ def _found_outline(picture: Picture, view: View, placer: LabelPlacer) -> str:
 def _pose_mark(pose: BoundedPose, view: View, placer: LabelPlacer) -> str:
     """The origin of the object's frame with its own x axis, which a round part has none of."""
     at = view.at((pose.x_mm[0], pose.y_mm[0]))
-    dot = element("circle", cx=at[0], cy=at[1], r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    dot = svg.circle(at, 4.0, fill=svg.PAPER, stroke=svg.FOUND, stroke_width=svg.THICK)
     placer.add_disc(at, 4.0, 2.0)
     if pose.turns_freely:
         return dot
     tip = at + 22 * np.array([math.cos(pose.theta_rad[0]), -math.sin(pose.theta_rad[0])])
     placer.add_line(np.array([at, tip]), 2.0)
-    line = element("line", x1=at[0], y1=at[1], x2=tip[0], y2=tip[1], stroke=FOUND, stroke_width=THICK)
+    line = svg.segment(at, tip, stroke=svg.FOUND, stroke_width=svg.THICK)
     return line + dot
 
 
@@ -197,10 +166,10 @@ def _axes(view: View, placer: LabelPlacer) -> str:
         return ""
     x, y = view.at((0.0, 0.0)).tolist()
     placer.add_line(np.array([[x, y - _AXIS_LENGTH], [x, y], [x + _AXIS_LENGTH, y]]), 1.5)
-    lines = f"M{number(x)},{number(y - _AXIS_LENGTH)}V{number(y)}H{number(x + _AXIS_LENGTH)}"
-    heads = f"M{number(x - 3.5)},{number(y - _AXIS_LENGTH + 7)}l3.5,-7l3.5,7"
-    heads += f"M{number(x + _AXIS_LENGTH - 7)},{number(y - 3.5)}l7,3.5l-7,3.5"
-    return element("path", d=lines + heads, stroke=AXIS, stroke_width=LINE, fill="none")
+    lines = f"M{svg.number(x)},{svg.number(y - _AXIS_LENGTH)}V{svg.number(y)}H{svg.number(x + _AXIS_LENGTH)}"
+    heads = f"M{svg.number(x - 3.5)},{svg.number(y - _AXIS_LENGTH + 7)}l3.5,-7l3.5,7"
+    heads += f"M{svg.number(x + _AXIS_LENGTH - 7)},{svg.number(y - 3.5)}l7,3.5l-7,3.5"
+    return svg.element("path", d=lines + heads, stroke=svg.AXIS, stroke_width=svg.LINE, fill="none")
 
 
 def _axis_letters(view: View, placer: LabelPlacer) -> str:
@@ -213,7 +182,9 @@ def _axis_letters(view: View, placer: LabelPlacer) -> str:
         ("y", (0.0, -_AXIS_LENGTH), math.pi / 2),
     ):
         box = placer.place(origin + np.array(offset), 9.0, 12.0, clear=3.0, towards=towards)
-        shown.append(text(letter, box.x, box.y + 4, fill=AXIS, anchor="middle", weight="bold", size=12))
+        shown.append(
+            svg.text(letter, box.x, box.y + 4, fill=svg.AXIS, anchor="middle", weight="bold", size=12)
+        )
     return "".join(shown)
 
 
@@ -221,19 +192,19 @@ def _approach(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     """The way of the tip's centre; what a miss has swept is shaded."""
     start, end = view.at(touch.start_mm), view.at(touch.end_mm)
     placer.add_line(np.array([start, end]), 1.0)
-    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
-    begin = element("circle", cx=start[0], cy=start[1], r=2.2, fill=TIP if touch.touched else MISS)
+    begin = svg.circle(start, 2.2, fill=svg.TIP if touch.touched else svg.MISS)
     if touch.touched:
-        return element("line", **ends, stroke=TIP, stroke_width=LINE) + begin
-    swept = element(
-        "line",
-        **ends,
-        stroke=MISS,
+        return svg.segment(start, end, stroke=svg.TIP, stroke_width=svg.LINE) + begin
+    swept = svg.segment(
+        start,
+        end,
+        stroke=svg.MISS,
         stroke_opacity=0.12,
         stroke_width=2 * touch.tip_radius_mm * view.scale,
         stroke_linecap="butt" if touch.has_face else "round",
     )
-    return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
+    way = svg.segment(start, end, stroke=svg.MISS, stroke_width=svg.LINE, stroke_dasharray="6 4")
+    return swept + way + begin
 
 
 def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
@@ -242,12 +213,12 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     if not touch.touched:
         dashed: dict[str, str | float] = {
             "fill": "none",
-            "stroke": MISS,
-            "stroke_width": LINE,
+            "stroke": svg.MISS,
+            "stroke_width": svg.LINE,
             "stroke_dasharray": "3 3",
         }
-        return _outline_of_tip(touch, view, **dashed) + end_cross(centre, MISS)
-    shown = [_outline_of_tip(touch, view, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
+        return _outline_of_tip(touch, view, **dashed) + end_cross(centre, svg.MISS)
+    shown = [_outline_of_tip(touch, view, fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=svg.LINE)]
     if touch.normal_rad is not None:
         lo, hi = touch.normal_rad
         reach = max(_WEDGE_RADIUS, radius + 20)
@@ -257,7 +228,7 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
                 np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0
             )
     for u, v in map(view.at, touch.points_mm) if touch.has_face else [centre]:
-        shown.append(element("circle", cx=u, cy=v, r=2.6, fill=TIP))
+        shown.append(svg.circle((u, v), 2.6, fill=svg.TIP))
     return "".join(shown)
 
 
@@ -265,15 +236,15 @@ def _outline_of_tip(touch: TouchMark, view: View, **style: str | float) -> str:
     """A disc where the tip was in the end, or a pad's face."""
     (x, y), radius = view.at(touch.end_mm).tolist(), touch.tip_radius_mm * view.scale
     if not touch.has_face:
-        return element("circle", cx=x, cy=y, r=radius, **style)
+        return svg.circle((x, y), radius, **style)
     along = view.at(touch.end_mm) - view.at(touch.start_mm)
     u, v = (radius * along / max(float(np.hypot(*along)), 1e-9)).tolist()
-    return element("line", x1=x - v, y1=y + u, x2=x + v, y2=y - u, **style | {"stroke_width": 3.0})
+    return svg.segment((x - v, y + u), (x + v, y - u), **style | {"stroke_width": 3.0})
 
 
 def _touch_label(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
-    content = f"{shorten(touch.finger, LABEL_SIZE, 90, bold=True)} · {touch.grip}"
-    width = text_width(content, LABEL_SIZE, bold=True)
+    content = f"{svg.shorten(touch.finger, svg.LABEL_SIZE, 90, bold=True)} · {touch.grip}"
+    width = svg.text_width(content, svg.LABEL_SIZE, bold=True)
     end, start = view.at(touch.end_mm), view.at(touch.start_mm)
     back = math.atan2(end[1] - start[1], start[0] - end[0])
     shown = last_visible_point(start, end, view)
@@ -283,12 +254,12 @@ def _touch_label(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     clear = max(touch.tip_radius_mm * view.scale, 5.0) + 4
     box = placer.place(end, width + 4, 15.0, clear=clear, towards=back + math.pi / 2)
     verb = "touched" if touch.touched else "missed"
-    colour = TIP if touch.touched else MISS
-    return element(
+    colour = svg.TIP if touch.touched else svg.MISS
+    return svg.element(
         "g",
-        element("title", escape(f"finger {touch.finger}, grip {touch.grip}: {verb}")),
+        svg.element("title", svg.escape(f"finger {touch.finger}, grip {touch.grip}: {verb}")),
         leader(end, box, clear, colour),
-        text(content, box.x, box.y + 4, size=LABEL_SIZE, fill=colour, anchor="middle", weight="bold"),
+        svg.text(content, box.x, box.y + 4, size=svg.LABEL_SIZE, fill=colour, anchor="middle", weight="bold"),
     )
 
 
@@ -298,7 +269,9 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
     frame = view.frame
     middle = np.array([frame.x, frame.y])
     rivals = [view.to_page(ring) for ring in (*picture.found, *picture.truth)]
-    drawn = [np.vstack([view.to_page(ring) for ring in other.rings]) for other in picture.others[:MAX_OTHERS]]
+    drawn = [
+        np.vstack([view.to_page(ring) for ring in other.rings]) for other in picture.others[: svg.MAX_OTHERS]
+    ]
     for index, own in enumerate(drawn):
         inside = np.all(np.abs(own - middle) < np.array([frame.width, frame.height]) / 2 - 12, axis=1)
         points = own[inside] if inside.any() else own
@@ -333,40 +306,32 @@ _SPACE_BELOW = 46.0
 def draw(picture: Picture) -> str:
     """The picture as an SVG document of its own, which may also be pasted into an HTML page."""
     left = _PAGE_MARGIN + _TICKS_WIDTH
-    title = wrap(picture.title, 24, 1080, most_lines=2, bold=True)
-    subtitle = [part for line in picture.subtitle for part in wrap(line, 13.5, 1080, most_lines=2)]
+    title = svg.wrap(picture.title, 24, 1080, most_lines=2, bold=True)
+    subtitle = [part for line in picture.subtitle for part in svg.wrap(line, 13.5, 1080, most_lines=2)]
     y = _PAGE_MARGIN - 6
     head = []
     for line in title:
         y += 30
-        head.append(text(line, left, y, size=24, fill=INK, weight="bold"))
+        head.append(svg.text(line, left, y, size=24, fill=svg.INK, weight="bold"))
     for line in subtitle:
         y += 21
-        head.append(text(line, left, y, size=13.5, fill=MUTED))
+        head.append(svg.text(line, left, y, size=13.5, fill=svg.MUTED))
     top = y + 24
     view = view_of(picture, left, top)
-    column = Column(left + view.width + _PANEL_GAP, panel_width(picture))
+    column = svg.Column(left + view.width + _PANEL_GAP, panel_width(picture))
     _, panel_end = draw_panel(picture, view, column, top - 2)
     view = view.taller(panel_end - _SPACE_BELOW - top)
     panel, panel_end = draw_panel(picture, view, column, top - 2)
     width = column.right + _PAGE_MARGIN
     height = max(top + view.height + _SPACE_BELOW, panel_end) + _PAGE_MARGIN - 8
     clip = f"window-{zlib.crc32(repr((view, picture.title)).encode()):08x}"
-    return (
-        element(
-            "svg",
-            element("title", escape(picture.title or "Recognition")),
-            element("desc", escape(_description(picture))),
-            element("rect", width=width, height=height, fill=PAPER),
-            *head,
-            draw_view(picture, view, clip),
-            panel,
-            xmlns="http://www.w3.org/2000/svg",
-            viewBox=f"0 0 {number(width)} {number(height)}",
-            role="img",
-            font_family="sans-serif",
-        )
-        + "\n"
+    return svg.document(
+        (width, height),
+        *head,
+        draw_view(picture, view, clip),
+        panel,
+        title=picture.title or "Recognition",
+        description=_description(picture),
     )
 
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from palpate.base.geometry import Floats
-from palpate.views.svg import BADGES, HUES
+from palpate.views import svg
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Picture:
     @property
     def colours(self) -> tuple[str, ...]:
         """Colours of the other hypotheses, in turn: one for each where their predictions are drawn too."""
-        return HUES if self.approaches else BADGES
+        return svg.HUES if self.approaches else svg.BADGES
 
     def colour(self, index: int) -> str:
         """Colour of one of `others`."""
