@@ -36,7 +36,8 @@ from palpate.rig.bench import environment, set_up
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.session.run import IdentificationJob, run_identification
+from palpate.rig.identification.result import IdentificationJob
+from palpate.rig.session.run import run_identification
 
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 

@@ -66,7 +66,8 @@ from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.emulated.ground_truth import built_pose, in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.loop import check_accuracy
-from palpate.rig.session.run import IdentificationJob, run_identification
+from palpate.rig.identification.result import IdentificationJob
+from palpate.rig.session.run import run_identification
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from support.benches.simulated_rig import SimulatedRig

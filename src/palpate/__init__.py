@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from palpate.base.errors import OutputError as OutputError
     from palpate.base.errors import PalpateError as PalpateError
     from palpate.base.errors import SafetyStop as SafetyStop
-    from palpate.jobs.answers import Answer as Answer
-    from palpate.jobs.answers import Plan as Plan
-    from palpate.jobs.answers import RecognitionAnswer as RecognitionAnswer
     from palpate.jobs.bus import scan as scan
     from palpate.jobs.bus import stop as stop
     from palpate.jobs.catalogue import check_objects as check_objects
@@ -31,6 +28,9 @@ if TYPE_CHECKING:
     from palpate.jobs.files import load_rig as load_rig
     from palpate.jobs.files import load_scene as load_scene
     from palpate.jobs.files import save as save
+    from palpate.jobs.recognition import Answer as Answer
+    from palpate.jobs.recognition import Plan as Plan
+    from palpate.jobs.recognition import RecognitionAnswer as RecognitionAnswer
     from palpate.jobs.recognition import plan as plan
     from palpate.jobs.recognition import recognise as recognise
     from palpate.jobs.rig import Rig as Rig
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES = {
-    "jobs.answers": ("Answer", "Plan", "RecognitionAnswer"),
     "jobs.bus": ("scan", "stop"),
     "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
     "jobs.files": (
@@ -63,7 +62,7 @@ _HOMES = {
         "load_scene",
         "save",
     ),
-    "jobs.recognition": ("plan", "recognise"),
+    "jobs.recognition": ("Answer", "Plan", "RecognitionAnswer", "plan", "recognise"),
     "jobs.rig": ("Rig", "open_rig"),
     "jobs.session": ("Session", "open_session"),
     "jobs.study": ("study",),

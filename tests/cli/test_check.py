@@ -21,7 +21,7 @@ from palpate.rig.bench import BenchRig, connect
 from palpate.rig.diagnostics.hold_check import judge_hold
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
 from palpate.views.check_table import show_check
-from palpate.views.ports_table import show_unplugged
+from palpate.views.tables import show_unplugged
 from support.benches.doctor import checked
 from support.benches.rigs import firm_rig
 from support.commands.command import Here, missing, violations

@@ -15,7 +15,7 @@ import typer
 from palpate.base.errors import InputError
 from palpate.base.file_io import check_place, check_places, write_text
 from palpate.cli.main import app
-from palpate.cli.options import rig_files
+from palpate.cli.terminal import rig_files
 from palpate.config import shipped_objects, shipped_rig
 from palpate.config.loading import shipped_references
 from support.benches.rigs import firm_rig

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from palpate.cli.ports import parse_ids
+from palpate.cli.setup import parse_ids
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Bus, Ping
@@ -23,7 +23,7 @@ from palpate.drivers.transport.ports import PortTaken, SerialPort, open_port, se
 from palpate.rig.diagnostics.host_ports import find_unplugged, ports_out
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, scan_result, stop_all
 from palpate.testing import served
-from palpate.views.ports_table import show_unplugged
+from palpate.views.tables import show_unplugged
 from support.benches.rigs import firm_rig
 from support.commands.command import PALPATE, PATIENCE_S, Here, missing, started, violations
 from support.devices.servo_wire import MotorWire, served_servos

@@ -21,7 +21,7 @@ from palpate.cli.main import app
 from palpate.cli.run_display import IdentificationProgress
 from palpate.cli.terminal import StatusLine, Terminal, TimeLeft, duration_words
 from palpate.rig.identification.observers import MoveEvent
-from palpate.views.ports_table import show_unplugged
+from palpate.views.tables import show_unplugged
 from palpate.views.tables import table as plain_table
 from support.benches.rigs import firm_rig, small, small_parts
 from support.campaign.sampling import sample

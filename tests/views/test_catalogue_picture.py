@@ -21,21 +21,22 @@ from palpate.rig.catalogue.section_stack import (
     symmetry_of_region,
     symmetry_of_state,
 )
-from palpate.views.catalogue.card import CardFacts, TwinNote, ranges_words, shade, side_rings
-from palpate.views.catalogue.check_text import fit_words
-from palpate.views.catalogue.layout import (
+from palpate.views.catalogue.card import (
     CONCAVE,
     HEIGHT,
-    MAX_CONTOURS,
     UNREACHED,
     WIDTH,
-    cards_of,
-    known_words,
+    CardFacts,
+    TwinNote,
+    ranges_words,
+    shade,
+    side_rings,
 )
+from palpate.views.catalogue.check_text import fit_words, known_words
 from palpate.views.catalogue.listing import TwinGroup, group_pairs
-from palpate.views.catalogue.picture import draw_objects
+from palpate.views.catalogue.picture import MAX_CONTOURS, cards_of, draw_objects
 from palpate.views.svg import CARD, FOUND, TIP, shorten_middle, text_width
-from palpate.views.table_picture.labels import Box
+from palpate.views.table_picture.frame import Box
 from support.benches.parts import (
     L_SHAPE,
     fingers_at,
@@ -229,7 +230,7 @@ def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: An
 def test_a_large_file_makes_pages_of_bounded_size_that_say_what_is_left_out(
     states: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("palpate.views.catalogue.layout.MAX_CARDS", 240)
+    monkeypatch.setattr("palpate.views.catalogue.picture.MAX_CARDS", 240)
     tall = [
         stacked_part(f"p{k}", *(section(z, z + 1, polygon(60, 30 - z)) for z in range(5))) for k in range(250)
     ]

@@ -17,12 +17,13 @@ from hypothesis import strategies as st
 from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
 from palpate.views.numerals import at_most
-from palpate.views.report.calibration import report_html, write_report
-from palpate.views.report.calibration_numbers import (
+from palpate.views.report.calibration import (
     finger_tables,
     never_pressed,
     plus_minus,
+    report_html,
     residuals_mm,
+    write_report,
 )
 from palpate.views.report.calibration_plots import residual_histograms, residual_map, svg, taxel_gains
 from support.benches.calibration_files import calibration_example

@@ -26,8 +26,7 @@ from palpate.views.live.frames import FrameStore, setting_of
 from palpate.views.report.run import run_report
 from palpate.views.svg import number, shorten, text_width, wrap
 from palpate.views.table_picture.approaches import lanes
-from palpate.views.table_picture.frame import View, nice_step, view_of
-from palpate.views.table_picture.labels import Box, LabelPlacer
+from palpate.views.table_picture.frame import Box, LabelPlacer, View, nice_step, view_of
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import (
     ApproachArrow,

@@ -4,6 +4,8 @@ Every message says what was wrong, where, and what to do next, in one line, for 
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
+from collections.abc import Sequence
+
 
 class PalpateError(Exception):
     """Root of every error that palpate raises on purpose."""
@@ -35,3 +37,9 @@ def printable_text(text: str) -> str:
 def quantity(count: int, one: str, many: str) -> str:
     """A number with its noun."""
     return f"{count} {one if count == 1 else many}"
+
+
+def join_words(words: Sequence[str]) -> str:
+    """Words as a sentence lists them: "a, b and c"; empty for none."""
+    *others, last = words or [""]
+    return f"{', '.join(others)} and {last}" if others else last

@@ -6,8 +6,14 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import VIEW_PORT, JsonOption, NoCalibrationOption, ViewOption, ViewPortOption
-from palpate.cli.terminal import note_on_interruption
+from palpate.cli.terminal import (
+    VIEW_PORT,
+    JsonOption,
+    NoCalibrationOption,
+    ViewOption,
+    ViewPortOption,
+    note_on_interruption,
+)
 
 
 class _Steps(Enum):

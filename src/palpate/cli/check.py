@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption, NoCalibrationOption, RigOption
-from palpate.cli.terminal import note_on_interruption
+from palpate.cli.terminal import JsonOption, NoCalibrationOption, RigOption, note_on_interruption
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -157,8 +156,7 @@ class _Asked:
     def look(self, doing: str, references: Path | None = None, *, moves: bool) -> "Iterator[_Looking]":
         """Open the rig, draw it if asked to, and say on a moving line what is being done."""
         from palpate.base.file_io import check_places, write_text
-        from palpate.cli.options import rig_files
-        from palpate.cli.terminal import StatusLine, Terminal, check_can_ask_to_move
+        from palpate.cli.terminal import StatusLine, Terminal, check_can_ask_to_move, rig_files
         from palpate.jobs.rig import open_rig
         from palpate.views.rig_drawing import draw_rig
 

@@ -23,12 +23,10 @@ from typer.exceptions import TyperException
 from palpate.base.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable_text
 from palpate.cli.calibrate import calibrate, home
 from palpate.cli.check import check, doctor
-from palpate.cli.identify import identify, plan, recognize
+from palpate.cli.identify import identify, plan, recognize, study
 from palpate.cli.objects import check_objects, import_objects, merge, remove, rename, show_objects
-from palpate.cli.ports import emulate, find_port, scan, stop
 from palpate.cli.sessions import export, info, list_sessions, prune, replay, report
-from palpate.cli.setup import init, schema, setup_motors
-from palpate.cli.study import study
+from palpate.cli.setup import emulate, find_port, init, scan, schema, setup_motors, stop
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view, watch
 from palpate.jobs.script import RigWarning

@@ -6,8 +6,13 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsArgument, RigOption
-from palpate.cli.terminal import note_on_interruption
+from palpate.cli.terminal import (
+    JsonOption,
+    NoCalibrationOption,
+    ObjectsArgument,
+    RigOption,
+    note_on_interruption,
+)
 
 
 class _Units(StrEnum):
@@ -126,8 +131,7 @@ def import_objects(
         requested_heights,
         split_names,
     )
-    from palpate.cli.options import rig_files, several_files
-    from palpate.cli.terminal import StatusLine, Terminal
+    from palpate.cli.terminal import StatusLine, Terminal, rig_files, several_files
     from palpate.config.catalogue_results import ImportOut
     from palpate.config.result_model import to_json
     from palpate.rig.catalogue.cad_import import ImportOptions
@@ -202,8 +206,7 @@ def show_objects(
     Says which states the rig's fingers would not tell apart; `objects check` says what would.
     """
     from palpate.base.file_io import check_places, write_text
-    from palpate.cli.options import rig_files
-    from palpate.cli.terminal import StatusLine, Terminal
+    from palpate.cli.terminal import StatusLine, Terminal, rig_files
     from palpate.config.result_model import to_json
     from palpate.jobs.catalogue import list_objects
     from palpate.jobs.files import load_objects
@@ -250,8 +253,7 @@ def check_objects(
     Exit code 1: some pair can never be distinguished. Pairs for which that is open: 0.
     """
     from palpate.base.file_io import check_places, write_text
-    from palpate.cli.options import rig_files
-    from palpate.cli.terminal import StatusLine, Terminal, print_notices
+    from palpate.cli.terminal import StatusLine, Terminal, print_notices, rig_files
     from palpate.config.result_model import to_json
     from palpate.jobs import catalogue
     from palpate.jobs.files import load_objects

@@ -18,7 +18,7 @@ from rich.console import Console
 from palpate.base.errors import InputError, quantity
 from palpate.base.optional_imports import MissingPackageError, install_command
 from palpate.cli.terminal import StatusLine
-from palpate.jobs.answers import Answer
+from palpate.jobs.recognition import Answer
 from palpate.recognizer import Recognition
 from palpate.rig.identification.observers import (
     Event,

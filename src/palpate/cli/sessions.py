@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.base.vocabulary import SESSIONS_FOLDER
-from palpate.cli.options import JsonOption, SessionArgument
+from palpate.cli.terminal import JsonOption, SessionArgument
 
 _FOLDER = Path(SESSIONS_FOLDER)
 _PIPED_COLUMNS = 1000
@@ -137,7 +137,7 @@ def report(
     Verdict and bounds, each grip's picture, why each rival fell, timing, devices, calibration, settings.
     """
     from palpate.base.file_io import check_places, write_text
-    from palpate.cli.options import session_files
+    from palpate.cli.terminal import session_files
     from palpate.rig.session.archive import summary_of
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session
@@ -173,8 +173,7 @@ def export(
     """
     from palpate.base.errors import InputError, quantity
     from palpate.base.file_io import check_different
-    from palpate.cli.options import session_files
-    from palpate.cli.terminal import Terminal
+    from palpate.cli.terminal import Terminal, session_files
     from palpate.config.result_model import to_json
     from palpate.config.session_results import ExportedOut, ExportOut
     from palpate.rig.session.log_file import session_of

@@ -1,12 +1,216 @@
-"""Commands that begin a rig: `init` and `schema` write its file and schema, `setup-motors` its servos."""
+"""Commands that set up a rig: its file and schema, ports, servos, torque off, and its devices emulated."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.options import JsonOption, PortOption
-from palpate.cli.terminal import note_on_interruption
+from palpate.base.errors import InputError
+from palpate.cli.terminal import (
+    JsonOption,
+    ObjectsOption,
+    PortOption,
+    RigOption,
+    SceneOption,
+    SeedOption,
+    note_on_interruption,
+)
+
+
+@note_on_interruption("nothing was changed")
+def find_port(
+    only_list: Annotated[bool, typer.Option("--list", help="Only list the ports; ask nothing.")] = False,
+    json: JsonOption = False,
+) -> int:
+    """List serial ports; find out which is yours by unplugging it.
+
+    Without a terminal it only lists. Exit code 3: there is no port.
+    """
+    from palpate.cli.terminal import Terminal, can_ask
+    from palpate.config.result_model import to_json
+    from palpate.drivers.transport import MonotonicClock, serial_ports
+    from palpate.rig.diagnostics.host_ports import find_unplugged, ports_out
+    from palpate.views.tables import show_ports, show_unplugged
+
+    console = Terminal(stderr=json, soft_wrap=True)
+    ports = serial_ports()
+    show_ports(ports, console)
+    asks = ports and not only_list and can_ask()
+    found = find_unplugged(serial_ports, _ask_to_unplug, MonotonicClock()) if asks else ()
+    if asks:
+        show_unplugged(found, console)
+    if json:
+        typer.echo(to_json(ports_out(ports, found[0] if found else None)))
+    return 0 if ports else 3
+
+
+def _ask_to_unplug(what: str) -> bool:
+    try:
+        text = typer.prompt(f"{what}, then press Enter (q ends)", default="", show_default=False, err=True)
+    except typer.Abort:
+        return False
+    return not str(text).strip().lower().startswith("q")
+
+
+_FACTORY_BAUDRATE = 57_600
+
+
+@note_on_interruption("nothing was written")
+def scan(
+    port: PortOption = None,
+    rig: RigOption = None,
+    baud: Annotated[
+        list[int] | None, typer.Option("--baud", help="Try this baud rate only; may be repeated.")
+    ] = None,
+    ids: Annotated[
+        str | None,
+        typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5."),
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Find servos at every baud rate and id. Moves nothing.
+
+    Exit code 3: nothing answers, two servos share an id, or the rig file says otherwise.
+    """
+    from palpate.cli.terminal import StatusLine, Terminal
+    from palpate.config.result_model import to_json
+    from palpate.drivers.dynamixel import ALL_IDS
+    from palpate.rig.diagnostics.servo_bus import find_endpoint, is_scan_well, scan_bus
+    from palpate.views.tables import show_scan
+
+    wanted = ALL_IDS if ids is None else parse_ids(ids)
+    for rate in baud or ():
+        if rate <= 0:
+            raise InputError(f"--baud {rate}: a baud rate is positive, such as {_FACTORY_BAUDRATE}")
+    place = find_endpoint(rig, port)
+    console = Terminal(stderr=True, soft_wrap=True)
+    with StatusLine(console, f"scanning {place.port}") as doing:
+
+        def tell(baudrate: int, dxl_id: int | None) -> None:
+            doing.now(
+                f"scanning {place.port} at {baudrate} baud" + ("" if dxl_id is None else f", id {dxl_id}")
+            )
+
+        out = scan_bus(place, baud or [], wanted, tell)
+    if json:
+        typer.echo(to_json(out))
+    show_scan(out, console if json else Terminal(soft_wrap=True), console)
+    return 0 if is_scan_well(out, place) else 3
+
+
+def parse_ids(text: str) -> list[int]:
+    """The ids of "1-20", "1,2,11-16" and the like, in order. Raises InputError."""
+    from palpate.drivers.dynamixel import MAX_ID
+
+    found: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            raise InputError(
+                f'--ids "{text}": "{part}" is neither an id nor a range; write them as 1-20 or 1,5'
+            )
+        low, high = int(first), int(last or first)
+        if not low <= high <= MAX_ID:
+            raise InputError(f'--ids "{text}": "{part}" is not a range within 0-{MAX_ID}')
+        found.update(range(low, high + 1))
+    return sorted(found)
+
+
+@note_on_interruption("NOT confirmed that torque is off")
+def stop(
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file (TOML).")] = None,
+    port: PortOption = None,
+    baud: Annotated[
+        int | None, typer.Option("--baud", help="Baud rate, with --port; 1000000 if left out.")
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Switch torque off on every servo, now, beside whatever runs.
+
+    Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
+    """
+    from palpate.cli.terminal import Terminal
+    from palpate.config.result_model import to_json
+    from palpate.jobs import bus
+    from palpate.views.tables import show_stop
+
+    out = bus.stop(port=port, rig=rig, baudrate=baud)
+    if json:
+        typer.echo(to_json(out))
+    show_stop(out, Terminal(stderr=json, soft_wrap=True))
+    return 0 if out.confirmed else 3
+
+
+_LOOPBACK = "127.0.0.1"
+_SERVED_LATENCY_MS = 100  # two processes share the computer: the devices' may have to wait for its turn
+
+
+def emulate(
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    scene: SceneOption = None,
+    seed: SeedOption = 0,
+    pty: Annotated[
+        bool,
+        typer.Option("--pty/--tcp", help="Serve on pseudo-terminals, or on TCP ports of this computer."),
+    ] = True,
+    tcp_port: Annotated[
+        int | None,
+        typer.Option(
+            "--tcp-port", min=1, max=65535, help="With --tcp: the first port; any free ones without it."
+        ),
+    ] = None,
+    host: Annotated[
+        str | None,
+        typer.Option("--host", help="With --tcp: this computer's address to serve on; 127.0.0.1 without it."),
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
+    ] = None,
+    rig_out: Annotated[
+        Path | None, typer.Option("--rig-out", help="Write a rig file that uses the served ports.")
+    ] = None,
+) -> None:
+    """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
+    from palpate.base.file_io import check_places, write_text
+    from palpate.cli.terminal import rig_files, scene_files
+    from palpate.config import shipped_rig
+    from palpate.jobs.rig import open_rig
+
+    if pty and tcp_port is not None:
+        raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")
+    if pty and host is not None:
+        raise InputError("--host is for --tcp; pseudo-terminals have no address")
+    if host is not None and not host.startswith("127."):
+        typer.echo(
+            f"warning: whoever reaches {host} over the network can drive these devices, unasked",
+            err=True,
+        )
+    opened = open_rig(rig, seed=seed, calibration=False)
+    check_places({"--rig-out": rig_out}, {**rig_files(rig), "--objects": objects, **scene_files(scene)})
+    served = opened.serve(objects, scene=scene, pty=pty, tcp_port=tcp_port or 0, host=host or _LOOPBACK)
+    with served as service:
+        if rig_out is not None:
+            text = (rig or shipped_rig()).read_text(encoding="utf-8")
+            write_text(rig_out, _replace_ports(text, service.paths))
+        typer.echo(json.dumps({"format": "palpate/ports@1", "ports": service.paths}))
+        service.wait(seconds)
+
+
+def _replace_ports(text: str, paths: dict[str, str]) -> str:
+    """The rig file with its mock ports replaced and without its emulation table; comments are kept."""
+    import tomlkit
+
+    document = tomlkit.parse(text)
+    document.pop("emulation", None)
+    bus = document["bus"]
+    bus["latency_ms"] = _SERVED_LATENCY_MS
+    bus["port"] = paths[str(bus["port"])]
+    for finger in document["fingers"]:
+        finger["array"]["port"] = paths[str(finger["array"]["port"])]
+    return tomlkit.dumps(document)
+
 
 _SHIPPED_SCHEMA = "../schemas/rig.schema.json"
 

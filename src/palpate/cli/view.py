@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.base.errors import InputError
-from palpate.cli.options import (
+from palpate.cli.terminal import (
     VIEW_PORT,
     NoCalibrationOption,
     RigOption,
     SessionArgument,
     ViewOption,
     ViewPortOption,
+    note_on_interruption,
 )
-from palpate.cli.terminal import note_on_interruption
 
 if TYPE_CHECKING:
     from palpate.config import RigFile
@@ -152,8 +152,8 @@ def watch(
     Keys: q ends, t tares, r resets the counts. Exit code 3: an array is missing or goes away.
     """
     from palpate.base.file_io import check_places
-    from palpate.cli.options import rig_files, session_files
     from palpate.cli.run_display import view_starter
+    from palpate.cli.terminal import rig_files, session_files
     from palpate.cli.watch_display import Keys, choose_display, discard_stdout, show_updates, write_picture
     from palpate.jobs.rig import open_rig
     from palpate.jobs.session import open_session

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from palpate.base.errors import quantity
+from palpate.base.errors import join_words, quantity
 from palpate.base.file_io import MOST_OUTLINES
 from palpate.base.geometry import Bools, Floats
 from palpate.config.objects_tables import (
@@ -136,8 +136,7 @@ def _heights_problems(state: StateText, place: Place) -> Iterator[Finding]:
 
 def heights_in_words(ranges: Iterable[tuple[float, float]]) -> str:
     """Ranges of height as people read them: "4.5–5.5 and 11.5–12.5 mm"."""
-    *others, last = [f"{low:g}–{high:g}" for low, high in ranges]
-    return f"{', '.join(others)} and {last} mm" if others else f"{last} mm"
+    return f"{join_words([f'{low:g}–{high:g}' for low, high in ranges])} mm"
 
 
 def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:

@@ -20,7 +20,7 @@ from palpate.config import ObjectsFile, Scene
 from palpate.config.emulation import ConfigurationText
 from palpate.config.result_model import to_json
 from palpate.config.writers import file_text
-from palpate.jobs.answers import Answer
+from palpate.jobs.recognition import Answer
 from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.catalogue.preparation import prepare_catalogue

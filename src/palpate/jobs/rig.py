@@ -17,7 +17,6 @@ from palpate.config.calibration_file import ReferencesFile
 from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
 from palpate.drivers.transport import Clock, MonotonicClock
 from palpate.jobs import recognition
-from palpate.jobs.answers import Answer, Plan
 from palpate.jobs.calibration import (
     SHIPPED_RIG,
     CalibrationAnswer,
@@ -32,6 +31,7 @@ from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig, examine_rig
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
+from palpate.jobs.recognition import Answer, Plan
 from palpate.jobs.script import unwind_on_signals, warn_operator
 from palpate.rig.array_monitor import find_array_ports, select_fingers, stream_arrays
 from palpate.rig.array_playback import pace_clock

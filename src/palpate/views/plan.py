@@ -6,6 +6,7 @@ Numbers are rounded so that what is printed still holds.
 import math
 from collections.abc import Sequence
 
+from palpate.base.errors import join_words
 from palpate.base.vocabulary import RecognitionVerdict, Strategy
 from palpate.config.recognition_results import (
     ApproachOut,
@@ -18,8 +19,7 @@ from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.grip_choice import GripPlan
 from palpate.rig.identification.result import state_names
 from palpate.views.numerals import at_least, at_most, decimal, floor_to, minus_signs
-from palpate.views.recognition import rings_at, touch_mark
-from palpate.views.recognition_text import ContactRecord
+from palpate.views.recognition import ContactRecord, rings_at, touch_mark
 from palpate.views.table_picture import picture, values
 
 
@@ -155,7 +155,7 @@ def hypotheses_words(indices: Sequence[int]) -> str:
     hidden = len(indices) - len(shown)
     if hidden:
         shown.append(f"{hidden} {'more' if shown else 'of the hypotheses not shown'}")
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    return join_words(shown)
 
 
 def _one_left_words(planned: GripPlan) -> str:

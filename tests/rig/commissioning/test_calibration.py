@@ -42,7 +42,7 @@ from palpate.rig.commissioning.hand_prober import joint_sides
 from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.mechanisms.arm import arm_kinematics
-from palpate.views.report.calibration_numbers import finger_tables
+from palpate.views.report.calibration import finger_tables
 from support.benches.simulated_rig import Kept, SimulatedProber, SimulatedRig
 from support.commands.command import missing
 from support.commands.repository import EXAMPLES

@@ -42,7 +42,7 @@ from palpate.rig.commissioning.hand_prober import approaches_of
 from palpate.rig.emulated.ground_truth import built_pose
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms.slide import slide_kinematics
-from palpate.views.report.calibration_numbers import summary
+from palpate.views.report.calibration import summary
 from support.benches.calibration_files import bench_calibration, full_calibration
 from support.benches.rigs import STAGE, quick_bench
 from support.benches.simulated_rig import Kept, SimulatedProber, SimulatedRig

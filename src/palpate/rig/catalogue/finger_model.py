@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate.base.errors import InputError, quantity
+from palpate.base.errors import InputError, join_words, quantity
 from palpate.base.geometry import ObjectModel, State
 from palpate.base.tips import Tip, TipShape
 from palpate.config import FingerConfig, RigFile
@@ -108,7 +108,7 @@ def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
 def finger_heights_text(at: Sequence[AtHeight]) -> str:
     """Heights in words, such as "10 mm (f1, f2) and 25 mm (f3)"."""
     words = [f"{item.height_mm:g} mm ({', '.join(item.fingers)})" for item in at]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return join_words(words)
 
 
 def _bound_mm(finger: FingerConfig, rig: RigFile) -> float:

@@ -1,4 +1,4 @@
-"""One card of the picture of objects: names, section with pockets, side view, heights, numbers."""
+"""One card of the picture of objects: layout, names, section with pockets, side view, heights, numbers."""
 
 import math
 from collections.abc import Sequence
@@ -8,30 +8,53 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.base.errors import quantity
+from palpate.base.errors import join_words, quantity
 from palpate.base.geometry import Floats, State
 from palpate.base.geometry.outlines import rings_of
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import Level, Range, SectionSymmetry, symmetry_of_region
+from palpate.rig.catalogue.section_stack import (
+    Level,
+    Range,
+    SectionSymmetry,
+    StateSections,
+    symmetry_of_region,
+)
 from palpate.rig.catalogue.twins import unreached_region
 from palpate.views import svg
-from palpate.views.catalogue.layout import (
-    BAR_WIDTH,
-    BOTTOM,
-    CONCAVE,
-    HEIGHT,
-    LINES,
-    MARGIN,
-    ROOM,
-    SHADES,
-    SIDE,
-    UNREACHED,
-    UNREACHED_LINE,
-    WIDTH,
-    Card,
-    known_words,
-)
+from palpate.views.catalogue.check_text import known_words
 from palpate.views.table_picture.frame import nice_step
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A drawing of a state: its only section, at some ranges of height, or several from the bottom up."""
+
+    state: StateSections
+    shown: tuple[Level, ...]
+    ranges_mm: tuple[Range, ...] = ()
+
+    @property
+    def is_stack(self) -> bool:
+        """True if different sections are drawn over each other."""
+        return not self.ranges_mm
+
+
+MARGIN, GAP = 14.0, 14.0
+ROOM = 190.0
+"""Side of the square in which a section is drawn."""
+BAR_WIDTH = 78.0
+"""Width of the ladder of heights with its numbers."""
+SIDE = 76.0
+"""Height of the side view, beneath the ladder."""
+WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
+LINES, BOTTOM = 102.0, 102.0
+HEIGHT = LINES + ROOM + BOTTOM
+
+CONCAVE = "#f6ecd4"
+UNREACHED, UNREACHED_LINE = "#e6cfdd", "#8f5a7e"
+SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
+"""Colours of the lowest and of the highest section."""
+
 
 _SIDE_MARGIN = 4.0
 
@@ -227,7 +250,7 @@ def ranges_words(ranges_mm: Sequence[Range], most: int = 3) -> str:
     words = [f"{low:.4g}–{high:.4g}" for low, high in ranges_mm[:most]]
     if len(ranges_mm) > most:
         words.append(f"{len(ranges_mm) - most} more")
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return join_words(words)
 
 
 class _Page:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from importlib.metadata import version
 from itertools import chain
 
-from palpate.base.errors import quantity
+from palpate.base.errors import join_words, quantity
 from palpate.config.catalogue_results import (
     ObjectsCheckOut,
     PairOut,
@@ -14,6 +14,7 @@ from palpate.config.catalogue_results import (
     StateListedOut,
     StateNameOut,
 )
+from palpate.rig.catalogue.section_stack import Range
 from palpate.views.numerals import ceil_to, floor_to
 from palpate.views.report.page import heading, lines, page, paragraph, picture, section, table
 
@@ -131,19 +132,45 @@ def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
     return "no one height would distinguish them for certain"
 
 
-def _inside_words(range_mm: tuple[float, float]) -> str:
+def _inside_words(range_mm: Range) -> str:
     """A range to hundredths of a mm, rounded inward: all of what is said holds."""
     if range_mm[0] == range_mm[1]:
         return f"{range_mm[0]:g}"
+    low, high = _round_inward(range_mm)
+    return f"{low:.6g}–{high:.6g}"
+
+
+def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
+    """Say "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
+
+    `known_mm`: ascending ranges, both ends included; `top_mm`: how high the part is. Ends are rounded to
+    0.01 mm so that no more is called known than is. `most`: how many ranges are listed.
+    """
+    ends = [0.0, *(z for found in known_mm for z in found), top_mm]
+    gaps = [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if low < high]
+    if gaps and sum(high - low for low, high in gaps) < top_mm / 2:
+        return f"not known at {_ranges_words([(floor_to(low), ceil_to(high)) for low, high in gaps], most)}"
+    return f"known at {_ranges_words(list(map(_round_inward, known_mm)), most)} only"
+
+
+def _round_inward(range_mm: Range) -> Range:
+    """A range to hundredths of a mm; as it is where nothing would be left."""
     low, high = ceil_to(range_mm[0]), floor_to(range_mm[1])
-    return f"{low:g}–{high:g}" if low < high else f"{range_mm[0]:.6g}–{range_mm[1]:.6g}"
+    return (low, high) if low < high else range_mm
+
+
+def _ranges_words(ranges_mm: Sequence[Range], most: int) -> str:
+    words = [f"{low:.6g}–{high:.6g}" for low, high in ranges_mm[:most]]
+    more = len(ranges_mm) - len(words)
+    if not words:
+        return quantity(more, "range of height", "ranges of height")
+    if more:
+        return f"{', '.join(words)} mm and {quantity(more, 'more range', 'more ranges')}"
+    return f"{join_words(words)} mm"
 
 
 def _heights(heights_mm: Sequence[float]) -> str:
-    words = [f"{height:g}" for height in heights_mm]
-    return (
-        f"{words[0] if len(words) == 1 else ', '.join(words[:-1]) + ' and ' + words[-1]} mm" if words else ""
-    )
+    return f"{join_words([f'{height:g}' for height in heights_mm])} mm" if heights_mm else ""
 
 
 def _more_line(left: Sequence[object]) -> list[str]:

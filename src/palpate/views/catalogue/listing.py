@@ -14,8 +14,7 @@ from rich.text import Text
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import PushResponse
 from palpate.config.catalogue_results import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
-from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
-from palpate.views.catalogue.layout import known_words
+from palpate.views.catalogue.check_text import fit_words, known_words, pair_lines, rig_words
 from palpate.views.numerals import ceil_to
 from palpate.views.tables import table
 

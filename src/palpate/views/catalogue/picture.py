@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import shapely
 
 from palpate.base.errors import quantity
 from palpate.rig.catalogue.finger_model import RigFingers, finger_heights_text
-from palpate.rig.catalogue.section_stack import StateSections
+from palpate.rig.catalogue.section_stack import Level, Range, StateSections
 from palpate.views import svg
-from palpate.views.catalogue.card import CardFacts, draw_card, shade
-from palpate.views.catalogue.layout import (
+from palpate.views.catalogue.card import (
     CONCAVE,
     GAP,
     HEIGHT,
@@ -18,13 +18,65 @@ from palpate.views.catalogue.layout import (
     UNREACHED_LINE,
     WIDTH,
     Card,
-    cards_of,
+    CardFacts,
+    draw_card,
+    shade,
 )
 
 _PAGE_MARGIN = 28.0
 _COLUMNS = 4
 _MAX_CARDS_PER_PAGE = 60
 _MAX_NAMES_LEFT_OUT = 6
+
+MAX_CARDS = 960
+"""Of all pages."""
+MAX_CONTOURS = 12
+"""Sections drawn over each other in one card."""
+_ALIKE_SHARE = 0.015
+"""Share of a section's size: sections that are as near are drawn as one."""
+
+
+def cards_of(
+    states: Sequence[StateSections], fingers: RigFingers
+) -> tuple[tuple[Card, ...], tuple[StateSections, ...]]:
+    """The cards in the states' order, and the states for which there is no room."""
+    return tuple(_card(state, fingers) for state in states[:MAX_CARDS]), tuple(states[MAX_CARDS:])
+
+
+def _card(state: StateSections, fingers: RigFingers) -> Card:
+    lowest, *others = state.levels
+    if all(_are_drawn_alike(lowest.region, level.region) for level in others):
+        return Card(state, (lowest,), _unite_ranges([level.z_mm for level in state.levels]))
+    return Card(state, _choose_levels(state.levels, fingers))
+
+
+def _unite_ranges(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
+    """Ranges of height with those that touch as one, ascending."""
+    joined: list[Range] = []
+    for low, high in sorted(ranges_mm):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(high, joined[-1][1])
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+def _are_drawn_alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
+    """True if two sections would be drawn alike."""
+    west, south, east, north = one.bounds
+    within_mm = _ALIKE_SHARE * max(east - west, north - south)
+    if np.abs(np.subtract(one.bounds, other.bounds)).max() > within_mm:
+        return False
+    return bool(shapely.hausdorff_distance(one.boundary, other.boundary) <= within_mm)
+
+
+def _choose_levels(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
+    """The lowest, the highest, those that fingers meet, and some evenly between."""
+    spans = [at.span_mm for at in fingers.at]
+    met = [k for k, level in enumerate(levels) if any(level.is_within(span) for span in spans)]
+    met = met[: MAX_CONTOURS - 2]
+    even = np.linspace(0, len(levels) - 1, min(len(levels), MAX_CONTOURS - len(met))).round().astype(int)
+    return tuple(levels[k] for k in sorted({*even.tolist(), *met}))
 
 
 def draw_objects(

@@ -18,7 +18,7 @@ from palpate.base.geometry import Floats
 from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
 from palpate.views.numerals import signed
-from palpate.views.report.calibration_numbers import never_pressed, residuals_mm
+from palpate.views.report.calibration import never_pressed, residuals_mm
 from palpate.views.svg import AXIS, CARD, FAINT, FOUND, FOUND_FILL, HUES, INK, MUTED, RULE, TRUTH
 from palpate.views.table_picture.frame import nice_step
 

@@ -22,8 +22,7 @@ from palpate.rig.session.logged_values import (
 from palpate.rig.session.recorded_session import SessionSamples
 from palpate.views.answer import answer_lines
 from palpate.views.numerals import at_most
-from palpate.views.recognition import bounded_pose, touch_mark
-from palpate.views.recognition_text import ContactRecord, why_lines
+from palpate.views.recognition import ContactRecord, bounded_pose, touch_mark, why_lines
 from palpate.views.report.page import columns, heading, lines, page, paragraph, picture, section, table
 from palpate.views.run_scene import outlines_in_w
 from palpate.views.sessions_text import info_lines, instant_words

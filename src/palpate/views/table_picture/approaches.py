@@ -7,8 +7,14 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.views import svg
-from palpate.views.table_picture.frame import View, arrow_head, end_cross, last_visible_point, leader
-from palpate.views.table_picture.labels import LabelPlacer
+from palpate.views.table_picture.frame import (
+    LabelPlacer,
+    View,
+    arrow_head,
+    end_cross,
+    last_visible_point,
+    leader,
+)
 from palpate.views.table_picture.values import ApproachArrow, Picture
 
 _BAR, _LANE = 4.5, 6.0

@@ -10,6 +10,7 @@ from palpate.base.geometry.plane import points_in_polygon
 from palpate.views import svg
 from palpate.views.table_picture.approaches import approach_labels, draw_approach
 from palpate.views.table_picture.frame import (
+    LabelPlacer,
     View,
     badge,
     draw_base,
@@ -22,7 +23,6 @@ from palpate.views.table_picture.frame import (
     ticks,
     view_of,
 )
-from palpate.views.table_picture.labels import LabelPlacer
 from palpate.views.table_picture.panel import draw_panel, panel_width
 from palpate.views.table_picture.values import (
     BoundedPose,
