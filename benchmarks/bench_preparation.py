@@ -4,8 +4,7 @@ Outlines of 66 edges, no two alike, for one kind of finger. Each row is a proces
 objects file and prepares the catalogue, as `palpate recognize` does before it recognises: processor time,
 that of its children too; time on the clock; the most memory of the process itself (its imports take 105 MB).
 First start: the cache is empty. Second: it has everything. "+1": one outline of the file is another one.
-"kept" are the files in the cache. "pairs" are the tables that are needed where there is no compiled kernel,
-in seconds, and the memory with them; they are never kept.
+"kept" are the files in the cache.
 
 Xeon, two cores that others used as well (so the clock tells more than there was):
 
@@ -35,16 +34,12 @@ from palpate.rig.catalogue.preparation import prepare_catalogue
 _HEIGHT_MM = 10.0
 
 
-def measured(path: str, radius_mm: str, pairs: str) -> None:
+def measured(path: str, radius_mm: str) -> None:
     """Print what one start costs, as JSON."""
     before, begin = _processor_s(), time.perf_counter()
     finger = Finger(float(radius_mm), _HEIGHT_MM)
-    catalogue = prepare_catalogue(palpate.load_objects(path).objects, [finger])
+    prepare_catalogue(palpate.load_objects(path).objects, [finger])
     found = {"cpu_s": _processor_s() - before, "wall_s": time.perf_counter() - begin, "mb": _most_mb()}
-    if pairs == "pairs":
-        begin_s = time.process_time()
-        catalogue.pairs(finger, finger)
-        found |= {"pairs_s": time.process_time() - begin_s, "pairs_mb": _most_mb()}
     print(json.dumps(found))
 
 
@@ -59,10 +54,10 @@ def _most_mb() -> float:
     return int(line.split()[1]) / 1024
 
 
-def start(path: Path, radius_mm: float, cache: Path, pairs: str = "") -> dict[str, float]:
+def start(path: Path, radius_mm: float, cache: Path) -> dict[str, float]:
     """A process that prepares."""
     done = subprocess.run(
-        [sys.executable, __file__, "--start", str(path), str(radius_mm), pairs],
+        [sys.executable, __file__, "--start", str(path), str(radius_mm)],
         stdout=subprocess.PIPE,
         check=True,
         env=os.environ | {"PALPATE_CACHE": str(cache), "OPENBLAS_NUM_THREADS": "1"},
@@ -74,9 +69,8 @@ def start(path: Path, radius_mm: float, cache: Path, pairs: str = "") -> dict[st
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description="What preparing a catalogue costs.")
-    parser.add_argument("--start", nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--start", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--most", type=int, default=2000, help="outlines in the largest catalogue")
-    parser.add_argument("--pairs", action="store_true", help="tables of pairs, too: up to 2 GB and a minute")
     given = parser.parse_args()
     if given.start:
         measured(*given.start)
@@ -84,8 +78,8 @@ def main() -> None:
     rng = np.random.default_rng(1)
     models = [jagged(rng, f"outline {number}") for number in range(given.most + 1)]
     print(
-        "outlines   r   first start             second start            +1 outline     kept     pairs\n"
-        "          mm    cpu s  clock s    MB     cpu s  clock s    MB    cpu s  clock s    MB      s     MB"
+        "outlines   r   first start             second start            +1 outline     kept\n"
+        "          mm    cpu s  clock s    MB     cpu s  clock s    MB    cpu s  clock s    MB"
     )
     with TemporaryDirectory() as folder:
         for radius_mm in (0.0, 5.0):
@@ -103,9 +97,6 @@ def main() -> None:
                 for row in (first, second):
                     text += f"  {row['cpu_s']:>6.2f} {row['wall_s']:>8.2f} {row['mb']:>5.0f} "
                 text += f" {changed['cpu_s']:>6.2f} {changed['wall_s']:>8.2f} {kept_mb:>5.0f}"
-                if given.pairs:
-                    paired = start(path, radius_mm, cache, "pairs")
-                    text += f" {paired['pairs_s']:>6.1f} {paired['pairs_mb']:>6.0f}"
                 print(text, flush=True)
 
 

@@ -68,7 +68,6 @@ def row(name: str, tolerance: float, normal_deg: float | None, fingers: int, gri
     begin = time.process_time()
     finger = scenes[0][1][0].finger
     edges = catalogue.edges(finger)
-    catalogue.pairs(finger, finger)
     catalogue.boundary(finger)
     prepared = time.process_time() - begin
     seconds, left, wide, kept, refused = [], [], [], 0, 0

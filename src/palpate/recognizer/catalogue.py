@@ -80,11 +80,11 @@ FACET_ERROR_MM = 0.1
 SYMMETRY_TOLERANCE_MM = 1e-3
 _TRAVEL_STEP_MM = 20.0
 _MAX_ADDED_TOLERANCE_SHARE = 0.01  # of a state's tolerance
-_MAX_FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
+_MAX_FLAT_EDGES = 600  # of a state: larger ones are searched by strip trees
 
 
 class Catalogue:
-    """Known objects, prepared. Grown edges and tables of pairs are made when a finger first needs them.
+    """Known objects, prepared. Grown edges are made when a finger first needs them.
 
     `facet_error_mm`: how far an arc may bulge over its facet; part of the error bound, so small, but every
     halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched

@@ -3,7 +3,7 @@
 #include "calls.h"
 #include "polish.h"
 
-/* Settings of `witness_polish`. */
+/* Settings of `numpy_witnesses.polish`. */
 #define STEPS 6
 #define RELAXATION 0.6
 #define GAIN 0.9
