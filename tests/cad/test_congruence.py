@@ -37,9 +37,9 @@ def apart(mesh, rotation, within, shift=(0.0, 0.0, 0.0)):
     return solid_congruence_bound_mm(solid(mesh), rotation, np.array(shift, dtype=float), within)
 
 
-def sampled_mm(mesh, rotation, shift, seed=0, count=60):
+def sampled_mm(mesh, rotation, shift, seed=0):
     """Largest distance of some points of the moved surface, held against every triangle."""
-    points = trimesh.sample.sample_surface(mesh, count, seed=seed)[0]
+    points = trimesh.sample.sample_surface(mesh, 60, seed=seed)[0]
     points = np.vstack([points, mesh.vertices]) @ rotation.T + shift
     every = np.repeat(np.asarray(mesh.triangles), len(points), axis=0)
     some = np.tile(points, (len(mesh.faces), 1))

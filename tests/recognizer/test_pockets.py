@@ -424,7 +424,7 @@ def test_a_path_along_an_edge_that_is_off_by_more_than_its_end(seed: int, measur
     assert holding_truth(found, placed) is not None
 
 
-def on_a_vertex(placed: Placed, vertex: int, half: float = 0.03) -> tuple[Contact, float]:
+def on_a_vertex(placed: Placed, vertex: int) -> tuple[Contact, float]:
     """A point that comes square to the edge after a vertex, with the normal of the edge before it; how far
     that faces away from where the point came.
     """
@@ -432,7 +432,7 @@ def on_a_vertex(placed: Placed, vertex: int, half: float = 0.03) -> tuple[Contac
     end = corners(placed)[vertex]
     heading = turned(unit(near + math.pi), 0.5)
     away = math.acos(np.clip(np.dot(unit(far), -heading), -1.0, 1.0)) - math.pi / 2
-    return exact_contact(f"vertex {vertex}", 0.0, end - 80.0 * heading, end, far, half), away
+    return exact_contact(f"vertex {vertex}", 0.0, end - 80.0 * heading, end, far, 0.03), away
 
 
 @pytest.mark.parametrize("vertex", range(4))

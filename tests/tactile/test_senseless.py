@@ -256,8 +256,8 @@ def at_time(time_us: int) -> Spoil:
     return lambda message: message._replace(time_us=time_us)
 
 
-def counting(value: int, size: int = 6) -> Spoil:
-    body = Frame(2, 3, np.full(size, value, "<u2").tobytes())
+def counting(value: int) -> Spoil:
+    body = Frame(2, 3, np.full(6, value, "<u2").tobytes())
     return lambda message: message._replace(body=body)
 
 

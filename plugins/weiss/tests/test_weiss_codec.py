@@ -97,14 +97,14 @@ noise = st.lists(
 
 
 def fed(
-    dialect: WeissDialect, data: bytes, cuts: list[int], max_payload: int = 64
+    dialect: WeissDialect, data: bytes, cuts: list[int]
 ) -> tuple[list[WeissPacket | WeissFault], WeissDecoder]:
-    decoder = WeissDecoder(dialect, max_payload)
+    decoder = WeissDecoder(dialect, 64)
     places = sorted({0, len(data), *(cut % (len(data) + 1) for cut in cuts)})
     out: list[WeissPacket | WeissFault] = []
     for a, b in pairwise(places):
         out += decoder.feed(data[a:b])
-        assert decoder.waiting < 6 + max_payload + 2
+        assert decoder.waiting < 6 + 64 + 2
     return out + decoder.give_up(), decoder
 
 

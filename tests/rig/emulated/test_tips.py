@@ -58,11 +58,11 @@ OTHER = Stack((Block(shapely.box(-26, -22, 26, 22), (0.0, 6.0)), Block(BODY, (6.
 LOW = Stack((Block(shapely.Polygon([(-25, -16), (24, -12), (2, 22)]), (0.0, 8.0)),))
 
 
-def ball_rig(radius_mm: float = 5.0, latitude_deg: float | None = None) -> RigFile:
+def ball_rig(latitude_deg: float | None = None) -> RigFile:
     """The small rig with balls."""
     data = small_rig().model_dump(exclude_unset=True)
     for finger in data["fingers"]:
-        finger["tip"] |= {"shape": "ball", "radius_mm": radius_mm, "max_latitude_deg": latitude_deg}
+        finger["tip"] |= {"shape": "ball", "radius_mm": 5.0, "max_latitude_deg": latitude_deg}
     return RigFile.model_validate(data)
 
 
@@ -223,7 +223,7 @@ def pad_rig(tip: Change | None = None, array: Change | None = None, **other: Cha
     return RigFile.model_validate(data)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", sample(range(2), [0]))
 def test_parts_are_identified_by_pads(seed: int) -> None:
     session = emulated_session(seed=seed, rig=pad_rig(), objects=small_objects())
     result = identify_checked(session, Catalogue(small_objects().objects))

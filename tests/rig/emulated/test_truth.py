@@ -41,7 +41,7 @@ FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 BENCH = load_rig(firm_rig())
 
 
-def truths(seed: int) -> list[FingerTruth]:
+def truths_of(seed: int) -> list[FingerTruth]:
     fingers = emulate(FRESH, None, seed).bench.fingers
     return [finger.truth for finger in fingers if isinstance(finger.truth, FingerTruth)]
 
@@ -54,7 +54,7 @@ def test_fresh_fingers_are_off_by_what_is_declared_and_no_more() -> None:
     """Distances from the drawing, as the file tells them: zero at Goal Position 0, mm per turn."""
     shares = []
     for seed in range(20):
-        for spec, truth in zip(slides(), truths(seed), strict=True):
+        for spec, truth in zip(slides(), truths_of(seed), strict=True):
             per_turn = truth.mm_per_rad * 2 * math.pi
             at_zero = truth.zero_mm - per_turn / 2
             shares.append(
@@ -134,11 +134,6 @@ def test_another_seed_is_another_array() -> None:
 PLACEMENT = draw_placement(load_objects(shipped_objects()), 20.0, np.random.default_rng(4))
 
 
-def slides_of_seed(seed: int) -> list[FingerTruth]:
-    fingers = emulate(FRESH, None, seed).bench.fingers
-    return [finger.truth for finger in fingers if isinstance(finger.truth, FingerTruth)]
-
-
 def moved(point: tuple[float, float], angle: float, shift: tuple[float, float]) -> tuple[float, float]:
     at = complex(*point) * complex(math.cos(angle), math.sin(angle)) + complex(*shift)
     return at.real, at.imag
@@ -153,7 +148,7 @@ def test_a_hand_that_stands_as_drawn_but_elsewhere_takes_the_part_along() -> Non
             base_mm=moved(spec.base_mm, angle, shift),
             heading_rad=math.radians(spec.heading_deg) + angle,
         )
-        for spec, truth in zip(FRESH.fingers, slides_of_seed(0), strict=True)
+        for spec, truth in zip(FRESH.fingers, truths_of(0), strict=True)
     ]
     x, y = moved((PLACEMENT.x_mm, PLACEMENT.y_mm), angle, shift)
     elsewhere = replace(PLACEMENT, x_mm=x, y_mm=y, theta_rad=PLACEMENT.theta_rad + angle)
@@ -162,7 +157,7 @@ def test_a_hand_that_stands_as_drawn_but_elsewhere_takes_the_part_along() -> Non
 
 def test_a_drawn_hand_sees_the_part_elsewhere_by_what_its_fingers_are_off() -> None:
     for seed in range(3):
-        truths = slides_of_seed(seed)
+        truths = truths_of(seed)
         there = in_hand_frame(PLACEMENT, FRESH, truths)
         # The middle of the bases goes to the middle of the drawn ones; the part is as far from it as it was.
         drawn = np.mean([finger.base_mm for finger in FRESH.fingers], axis=0)
@@ -187,7 +182,7 @@ def test_a_stage_turns_about_where_its_centre_bound_allows_in_the_calibrations_f
         stage |= {"range_deg": [-30.0, 30.0], "backlash_deg": 0.0, "zero_deg": 180.0, "bound_deg": 0.0}
         rig = RigFile.model_validate(data | {"stage": stage})
         assert rig.stage is not None
-        truths = slides_of_seed(seed)
+        truths = truths_of(seed)
         drawn = [BasePose(item.base_mm, math.radians(item.heading_deg)) for item in rig.fingers]
         frame = align_to_nominal(drawn, [BasePose(item.base_mm, item.heading_rad) for item in truths])
         bound = frame_offset_bound_mm(rig, rig.stage.centre_mm)

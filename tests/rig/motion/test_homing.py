@@ -41,8 +41,8 @@ def anywhere(rig: RigFile = RIG) -> RigFile:
     return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"start": "anywhere"})})
 
 
-def session_of(seed: int, rig: RigFile | None = None) -> EmulatedSession:
-    return emulated_session(seed=seed, rig=rig or anywhere(), objects=small_objects())
+def session_of(seed: int) -> EmulatedSession:
+    return emulated_session(seed=seed, rig=anywhere(), objects=small_objects())
 
 
 def off_mm(session: EmulatedSession, hand: Hand) -> float:

@@ -132,10 +132,9 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
 
 @pytest.mark.slow
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [7])
-def test_arms_identify(seed: int) -> None:
+def test_arms_identify() -> None:
     objects = load_objects(shipped_objects())
-    session = emulated_session(seed=seed, rig=SMALL, objects=objects)
+    session = emulated_session(rig=SMALL, objects=objects)
     result = identify_checked(session, Catalogue(objects.objects))
     assert result.outcome is IdentificationVerdict.IDENTIFIED
 

@@ -194,15 +194,10 @@ def by_column(angle: Floats, by_ray: Floats, middle: float) -> Floats:
     return np.bincount(slot[on_array], by_ray[on_array], minlength=COLS)
 
 
-def presses_of(
-    finger: PressingFinger,
-    bearings_deg: Sequence[float] = BEARINGS_DEG,
-    force_n: float = 3.5,
-    bearing_sigma_rad: float = math.radians(0.3),
-) -> list[PressAtBearing]:
+def presses_of(finger: PressingFinger, bearings_deg: Sequence[float] = BEARINGS_DEG) -> list[PressAtBearing]:
     """Presses against a disc at some bearings and two against a face."""
     wanted = [(b, DISC_MM) for b in bearings_deg] + [(b, None) for b in FACES_DEG]
-    return [finger.press(math.radians(b), size, force_n, bearing_sigma_rad) for b, size in wanted]
+    return [finger.press(math.radians(b), size, 3.5, math.radians(0.3)) for b, size in wanted]
 
 
 # ----------------------------------------------------------------------------------------------------

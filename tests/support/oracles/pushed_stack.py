@@ -68,10 +68,8 @@ def state_of(blocks: tuple[Block, ...]) -> State:
     return State("standing", tuple(Section(block.z, (block.polygon,)) for block in blocks))
 
 
-def worst_lean_rad(
-    blocks: tuple[Block, ...], mass_kg: float, friction: float, pushes: list[Push], travel_mm: float = 2.0
-) -> float:
-    """Largest lean while fingers run into the part, go on for `travel_mm` at most, and go back."""
+def worst_lean_rad(blocks: tuple[Block, ...], mass_kg: float, friction: float, pushes: list[Push]) -> float:
+    """Largest lean while fingers run into the part, go on for 2 mm at most, and go back."""
     model = mujoco.MjModel.from_xml_string(
         _MODEL.format(
             step=_STEP_S,
@@ -82,7 +80,7 @@ def worst_lean_rad(
     )
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, 400)
-    fingers = [_Finger(push, blocks, travel_mm) for push in pushes]
+    fingers = [_Finger(push, blocks, 2.0) for push in pushes]
     worst = 0.0
     for step in range(round(_LONGEST_S / _STEP_S)):
         if all(finger.is_done for finger in fingers) or worst > _FALLEN_RAD:

@@ -160,10 +160,10 @@ def place(model: ObjectModel, rng: np.random.Generator, spread: float = 15.0) ->
     return Placed(model, float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
-def place_within(model: ObjectModel, rng: np.random.Generator, radius: float = 20.0) -> Placed:
-    """The object turned anyhow, with its centre of area anywhere in a circle about the table's."""
+def place_within(model: ObjectModel, rng: np.random.Generator) -> Placed:
+    """The object turned anyhow, with its centre of area anywhere in 20 mm about the table's."""
     theta = float(rng.uniform(-math.pi, math.pi))
-    away, bearing = radius * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    away, bearing = 20.0 * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     x, y = away * unit(bearing) - shapely.get_coordinates(Placed(model, 0.0, 0.0, theta).shape.centroid)[0]
     return Placed(model, float(x), float(y), theta)
 
