@@ -105,7 +105,9 @@ def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path,
     assert told["sent_bytes"] == sent_bytes(seed_7)
 
 
-def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path: Path, here: Here) -> None:
+def test_a_session_with_keys_by_their_old_names_replays(
+    one_grip: Path, tmp_path: Path, here: Here, caplog: pytest.LogCaptureFixture
+) -> None:
     def change(lines: list[str]) -> list[str]:
         found, checked = [], 0
         for line in lines:
@@ -126,7 +128,7 @@ def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path
     (folder / "rig.toml").write_text(text.replace("[search]", f"[search]\n{keys}"), encoding="utf-8")
     done = here("replay", folder)
     assert (done.code, "all as recorded" in done.out) == (0, True)
-    first, second = done.err.splitlines()
+    first, second = caplog.messages
     assert "search.stranger_chance is now called false_match_probability" in first
     assert "search.unnoticed_shift_mm is now called detectable_shift_mm" in second
 
