@@ -125,25 +125,25 @@ class ArmModel(FingerModel):
         """Direction of the second link."""
         return self._angles(values, servos_rad, ways)[1]
 
-    def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
+    def travel_per_turn(self, values: Floats, servos_rad: Floats) -> Floats:
         """Both joints turn it about their axes."""
         upper, fore = self._links(values, servos_rad, np.zeros_like(servos_rad))
         return np.stack([left_normals(upper + fore), left_normals(fore)], axis=1)
 
     def rounding_mm(self, values: Floats, servos_rad: Floats, normal: Floats, /) -> Floats:
         """Both joints are measured on the move, over a few steps."""
-        along = np.einsum("nkx,nx->nk", self.moved_by(values, servos_rad), normal) / self.gear_ratio
+        along = np.einsum("nkx,nx->nk", self.travel_per_turn(values, servos_rad), normal) / self.gear_ratio
         result: Floats = TICK_RAD * _STEP_SHARE * np.hypot(along[:, 0], along[:, 1])
         return result
 
-    def repeated_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
+    def repeat_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
         """Steps of both encoders, and joints that may be on the other flank of their play."""
         values, servos = np.tile(self.prior, (2, 1)), np.stack([first_rad, again_rad])
         ways = np.zeros((2, 2))
         first, again = self.centres(values, servos, ways) @ [1.0, 1j]
         travel = float(self.facing_rad(values, servos, ways)[0]) - facing_rad
         moved = (again - first) * np.exp(-1j * travel)
-        levers = np.linalg.norm(self.moved_by(values, servos)[0], axis=1)
+        levers = np.linalg.norm(self.travel_per_turn(values, servos)[0], axis=1)
         steps = float(np.hypot(*(levers * TICK_RAD / self.gear_ratio))) / math.sqrt(6)
         turned = 4 * float(levers @ self.prior[[SHOULDER_PLAY, ELBOW_PLAY]])
         limit = REPEAT_SIGMAS * math.hypot(steps, REPEAT_SIGMA_MM)

@@ -17,7 +17,7 @@ from palpate.calibration.finger_fit import (
     predict_residuals,
 )
 from palpate.calibration.finger_model import RADIUS, FingerModel
-from palpate.calibration.frame_alignment import align_to_nominal, fitted_poses, nominal_poses
+from palpate.calibration.frame_alignment import align_to_nominal, nominal_poses, poses_of
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import FingerConfig
 
@@ -42,7 +42,7 @@ def check_still(
                 f"{_name_of(placing)}: finger {item.finger} touched it at first and missed it later: it has "
                 "moved; put it back, keep it from sliding, and begin this placing again"
             )
-        off, limit = model[item.finger].repeated_mm(
+        off, limit = model[item.finger].repeat_mm(
             np.array(item.servos_rad), np.array(other.servos_rad), item.facing_rad
         )
         if off > limit:
@@ -136,7 +136,7 @@ def _check_sizes(
 def _check_bounds(specs: Sequence[FingerConfig], models: Sequence[FingerModel], fit: FingerFit) -> None:
     """Refuse values that the rig file rules out: they would come from references of a wrong size."""
     sigma = np.sqrt(np.diag(fit.covariance))
-    nominal, found = nominal_poses(specs), fitted_poses(fit.values)
+    nominal, found = nominal_poses(specs), poses_of(fit.values)
     frame = align_to_nominal(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
         radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm

@@ -293,7 +293,7 @@ def touch_arrays(
         towards = np.column_stack([np.cos(angle), np.sin(angle)])
         rounding[own] = model.rounding_mm(values, servos[own], towards)
         # Towards the contact a joint's turn brings the tip nearer; the force turns it back, to that flank.
-        nearer = np.einsum("nkx,nx->nk", model.moved_by(values, servos[own]), towards)
+        nearer = np.einsum("nkx,nx->nk", model.travel_per_turn(values, servos[own]), towards)
         pushed = np.where(loads.pushes[own], np.sign(nearer), ways[own])
         unsure = np.abs(pushed - ways[own]) / 2
         unsure = np.where(ways[own] == 0, 1.0, unsure) if model.gives_all_round else unsure

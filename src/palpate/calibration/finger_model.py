@@ -85,7 +85,7 @@ class FingerModel(ABC):
         """Prior by the rig file alone."""
 
     @classmethod
-    def calibrated(cls, spec: Any, _actuators: Any) -> Self:
+    def from_actuators(cls, spec: Any, _actuators: Any) -> Self:
         """Prior of a finger whose actuators have been measured."""
         return cls.nominal(spec)
 
@@ -94,14 +94,14 @@ class FingerModel(ABC):
         """Prior of a calibrated finger, where it is and not elsewhere."""
         return cls.nominal(spec)
 
-    def widened(self, columns: int) -> Self:
+    def widen(self, columns: int) -> Self:
         """The same with so many values, of which those that it has no use for are pinned at 0."""
         own = len(self.prior)
         prior, covariance = np.zeros(columns), _PINNED_SIGMA**2 * np.eye(columns)
         prior[:own], covariance[:own, :own] = self.prior, self.covariance
         return replace(self, prior=prior, covariance=covariance)
 
-    def fixed(self, sigma: float) -> Self:
+    def fix(self, sigma: float) -> Self:
         """The same, all its values known to within a deviation of `sigma` (mm, rad)."""
         return replace(self, covariance=sigma**2 * np.eye(len(self.prior)))
 
@@ -121,7 +121,7 @@ class FingerModel(ABC):
         ...
 
     @abstractmethod
-    def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
+    def travel_per_turn(self, values: Floats, servos_rad: Floats) -> Floats:
         """Travel of the tip per turn of each joint, mm/rad: (n, 2, 2), the one next to the base first.
 
         A slide's second joint is its servo.
@@ -134,7 +134,7 @@ class FingerModel(ABC):
         ...
 
     @abstractmethod
-    def repeated_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
+    def repeat_mm(self, first_rad: Floats, again_rad: Floats, facing_rad: float, /) -> tuple[float, float]:
         """Distance of a repeated touch from the first one, along its way, and what explains.
 
         Servo angles (2,) of both; `facing_rad`: where the finger faces, from its direction of travel. A way

@@ -80,7 +80,7 @@ def nominal_poses(specs: Sequence[FingerConfig]) -> list[BasePose]:
     return [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
 
 
-def fitted_poses(values: Floats) -> list[BasePose]:
+def poses_of(values: Floats) -> list[BasePose]:
     """Places of fingers by values (fingers, k) of a fit."""
     return [BasePose((x, y), heading) for x, y, heading in values[:, :3].tolist()]
 
@@ -127,7 +127,7 @@ def align_fit(specs: Sequence[FingerConfig], fit: FingerFit) -> AlignedFit:
 
 def _align_values(nominal: Sequence[BasePose], fingers: int, flat: Floats) -> tuple[Floats, RigidMotion]:
     values = flat.reshape(fingers, -1).copy()
-    places = fitted_poses(values)
+    places = poses_of(values)
     frame = align_to_nominal(nominal, places)
     for row, place in zip(values, places, strict=True):
         there = frame.place(place)
@@ -210,7 +210,7 @@ def bound_contacts(
     )
     values, covariance = hand.values[index], hand.of(index)
     rows = np.tile(values, (len(servos), 1))
-    levers = np.linalg.norm(model.moved_by(rows, servos), axis=2).max(axis=0)
+    levers = np.linalg.norm(model.travel_per_turn(rows, servos), axis=2).max(axis=0)
     parts = model.joint_bounds(values, covariance, levers, sigmas, slow)
     scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
     position = PositionParts(

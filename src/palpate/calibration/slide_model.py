@@ -92,7 +92,7 @@ class SlideModel(FingerModel):
         return cls.with_slide(spec, slide_in_contact(spec))
 
     @classmethod
-    def calibrated(cls, spec: SlideFingerConfig, actuators: ActuatorsCalibration) -> Self:
+    def from_actuators(cls, spec: SlideFingerConfig, actuators: ActuatorsCalibration) -> Self:
         """Prior with the slide as it was measured."""
         return cls.with_slide(spec, SlideInContact.from_calibration(actuators.slide))
 
@@ -127,7 +127,7 @@ class SlideModel(FingerModel):
         result: Floats = values[:, HEADING] - ways[:, 0] * values[:, AIM_PLAY] + aim
         return result
 
-    def moved_by(self, values: Floats, servos_rad: Floats) -> Floats:
+    def travel_per_turn(self, values: Floats, servos_rad: Floats) -> Floats:
         """The aim turns it about the base, the slide moves it along."""
         along = unit_vectors(self.facing_rad(values, servos_rad, np.zeros_like(servos_rad)))
         aim = left_normals(along) * self._distance(values, servos_rad)[:, None]
@@ -142,8 +142,8 @@ class SlideModel(FingerModel):
         result: Floats = np.hypot(along, across)
         return result
 
-    def repeated_mm(self, first_rad: Floats, again_rad: Floats, _facing_rad: float, /) -> tuple[float, float]:
-        """An aim that comes from the other side stands a few encoder steps elsewhere, which is seen."""
+    def repeat_mm(self, first_rad: Floats, again_rad: Floats, _facing_rad: float, /) -> tuple[float, float]:
+        """Steps of the slide; an aim that comes from the other side stands elsewhere, which is seen."""
         per_rad = abs(self.mm_per_rad)
         off = abs(float(again_rad[1] - first_rad[1])) * per_rad
         limit = REPEAT_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), REPEAT_SIGMA_MM)

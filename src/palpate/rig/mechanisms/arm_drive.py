@@ -204,7 +204,7 @@ class ArmDrive:
         """Angles at the end of the way."""
         return {} if self._motion is None else self._angles(self._motion.posture(self._motion.length_mm))
 
-    def reached_rad(self, servo: Servo, gap_mm: float) -> float:
+    def tolerance_rad(self, servo: Servo, gap_mm: float) -> float:
         """Each servo may use half of the gap."""
         k = self._kinematics
         joint, lever = (

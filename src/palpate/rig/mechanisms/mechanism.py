@@ -132,7 +132,7 @@ class Drive(Protocol):
         """Goals of the servos that move, at the end."""
         ...
 
-    def reached_rad(self, servo: Servo, gap_mm: float, /) -> float:
+    def tolerance_rad(self, servo: Servo, gap_mm: float, /) -> float:
         """Angle by which a servo is off its target if the tip is off by about `gap_mm`."""
         ...
 

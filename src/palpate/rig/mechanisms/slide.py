@@ -304,7 +304,7 @@ class SlideDrive:
         """The last goal."""
         return self._targets
 
-    def reached_rad(self, _servo: Servo, gap_mm: float) -> float:
+    def tolerance_rad(self, _servo: Servo, gap_mm: float) -> float:
         """Only the slide's is asked for: the aim has a tolerance of its own."""
         return gap_mm / abs(self._kinematics.mm_per_rad)
 

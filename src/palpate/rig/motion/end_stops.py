@@ -51,7 +51,7 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     if (near - now_at) * way > 0:
         slide.set_profile(speed / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
         goals = {slide: kinematics.slide_servo_rad(near)}
-        hand.move_servos(goals, lambda servo: finger.drive.reached_rad(servo, ARRIVED_MM))
+        hand.move_servos(goals, lambda servo: finger.drive.tolerance_rad(servo, ARRIVED_MM))
     slide.set_goal_current_a(_STALL_CURRENT_SHARE * full_a)
     # Soft limits end before the stop: this move alone may go past them.
     ends = sorted((kinematics.slide_servo_rad(near), kinematics.slide_servo_rad(past)))

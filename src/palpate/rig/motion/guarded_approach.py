@@ -216,7 +216,7 @@ def _free_mover(
     finger: HostFinger, begin: Callable[[float], ServoGoals], run: ApproachState | None = None
 ) -> FreeMover:
     def tolerance_rad(servo: Servo) -> float:
-        return finger.drive.reached_rad(servo, ARRIVED_MM)
+        return finger.drive.tolerance_rad(servo, ARRIVED_MM)
 
     return FreeMover(finger, begin, tolerance_rad, run)
 

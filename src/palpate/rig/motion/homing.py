@@ -251,7 +251,7 @@ def _angle_rad(hand: _Hand, servo: Servo) -> float:
 
 def _go_back(hand: _Hand, finger: HostFinger) -> None:
     """Go from the stop to where the finger waits."""
-    hand.move_servos(finger.drive.retract(), lambda servo: finger.drive.reached_rad(servo, _ARRIVED_MM))
+    hand.move_servos(finger.drive.retract(), lambda servo: finger.drive.tolerance_rad(servo, _ARRIVED_MM))
 
 
 def _marked_turns(bus: Bus, slide: Servo) -> int | None:

@@ -125,7 +125,7 @@ def _retract(hand: _Hand) -> None:
         goals |= finger.drive.retract()
     by_servo = {servo: finger for finger in hand.fingers for servo in finger.drive.servos}
     if goals:
-        hand.move_servos(goals, lambda servo: by_servo[servo].drive.reached_rad(servo, ARRIVED_MM))
+        hand.move_servos(goals, lambda servo: by_servo[servo].drive.tolerance_rad(servo, ARRIVED_MM))
 
 
 def _bring_to_standby(hand: _Hand, standby: Standby, index: int) -> bool:
@@ -224,7 +224,7 @@ class _WayMover(FreeMover):
         *,
         feels: bool = True,
     ) -> None:
-        super().__init__(finger, self._follow, lambda servo: finger.drive.reached_rad(servo, ARRIVED_MM))
+        super().__init__(finger, self._follow, lambda servo: finger.drive.tolerance_rad(servo, ARRIVED_MM))
         self._hand, self._way, self._piece, self._speed_mm_s, self._feels = (
             hand,
             way,
