@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from palpate.base.errors import InputError as InputError
     from palpate.base.errors import OutputError as OutputError
     from palpate.base.errors import PalpateError as PalpateError
+    from palpate.base.errors import RigWarning as RigWarning
     from palpate.base.errors import SafetyStop as SafetyStop
     from palpate.jobs.bus import scan as scan
     from palpate.jobs.bus import stop as stop
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from palpate.jobs.recognition import recognise as recognise
     from palpate.jobs.rig import Rig as Rig
     from palpate.jobs.rig import open_rig as open_rig
-    from palpate.jobs.script import RigWarning as RigWarning
     from palpate.jobs.session import Session as Session
     from palpate.jobs.session import open_session as open_session
     from palpate.jobs.study import study as study
@@ -66,7 +66,6 @@ _HOMES = {
     "jobs.rig": ("Rig", "open_rig"),
     "jobs.session": ("Session", "open_session"),
     "jobs.study": ("study",),
-    "jobs.script": ("RigWarning",),
     "recognizer": ("Contact", "Finger", "NormalRange"),
     "rig.identification.observers": (
         "MoveEvent",
@@ -75,7 +74,7 @@ _HOMES = {
         "StageEvent",
         "TouchEvent",
     ),
-    "base.errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"),
+    "base.errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "RigWarning", "SafetyStop"),
 }
 
 __all__ = ["__version__", *(name for names in _HOMES.values() for name in names)]  # noqa: PLE0604

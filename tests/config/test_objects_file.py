@@ -12,7 +12,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, RigWarning
 from palpate.config import load_objects
 from palpate.config.objects_checks import drop_redundant_points
 from palpate.config.objects_file import load_objects_text
@@ -20,7 +20,6 @@ from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_j
 from palpate.config.schema import schema_text
 from palpate.config.writers import file_text
 from palpate.jobs.files import load_objects as load_and_warn
-from palpate.jobs.script import RigWarning
 from support.commands.command import missing, violations
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]

@@ -1,9 +1,10 @@
-"""Tree of errors. Beneath every layer: it imports nothing, everyone may import it.
+"""Tree of errors. Beneath every layer: it imports nothing of palpate, everyone may import it.
 
 Every message says what was wrong, where, and what to do next, in one line, for a person who has not
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
+import warnings
 from collections.abc import Sequence
 
 
@@ -25,6 +26,15 @@ class DeviceError(PalpateError):
 
 class SafetyStop(PalpateError):
     """A limit would be or was exceeded and the motion was stopped. Exit code 4."""
+
+
+class RigWarning(UserWarning):
+    """Warning about a run that the operator should know and that does not stop it."""
+
+
+def warn_operator(text: str) -> None:
+    """Warn with `text`."""
+    warnings.warn(text, RigWarning, stacklevel=2)
 
 
 def printable_text(text: str) -> str:

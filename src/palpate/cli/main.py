@@ -20,7 +20,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.base.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable_text
+from palpate.base.errors import DeviceError, OutputError, PalpateError, RigWarning, SafetyStop, printable_text
 from palpate.cli.calibrate import calibrate, home
 from palpate.cli.check import check, doctor
 from palpate.cli.identify import identify, plan, recognize, study
@@ -29,7 +29,6 @@ from palpate.cli.sessions import export, info, list_sessions, prune, replay, rep
 from palpate.cli.setup import emulate, find_port, init, scan, schema, setup_motors, stop
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view, watch
-from palpate.jobs.script import RigWarning
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
 _HELP = {"help_option_names": ["-h", "--help"]}

@@ -10,7 +10,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, warn_operator
 from palpate.base.file_io import write_text
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
@@ -22,7 +22,6 @@ from palpate.config.calibration_file import ReferencesFile
 from palpate.config.calibration_file import load_references as read_references
 from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
 from palpate.config.writers import file_text
-from palpate.jobs.script import warn_operator
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

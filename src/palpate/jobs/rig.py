@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, warn_operator
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.config.calibration_file import ReferencesFile
@@ -32,7 +32,6 @@ from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from,
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.recognition import Answer, Plan
-from palpate.jobs.script import unwind_on_signals, warn_operator
 from palpate.rig.array_monitor import find_array_ports, select_fingers, stream_arrays
 from palpate.rig.array_playback import pace_clock
 from palpate.rig.bench import choose_placement, connect, set_up
@@ -44,6 +43,7 @@ from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.observers import Observer
 from palpate.rig.motion.hand import Hand
 from palpate.rig.session.calibration_drift import check_arrays
+from palpate.rig.session.signals import unwind_on_signals
 
 
 @check_arguments

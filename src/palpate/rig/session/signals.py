@@ -1,13 +1,16 @@
-"""Signals that end a run in order: held back until the host next asks something of its environment.
+"""Signals that end a run in order, so that torque is off.
 
-So a recording says where they hit. Between two calls on clock and ports the host takes note of what it got,
-a few lines at most; an interrupt there could not be brought about again. In a long computation, where no
-call comes, it hits after `_MAX_HOLD_S` at latest. A moving rig makes hundreds of calls a second.
+A run holds them back until the host next asks something of its environment, so that a recording says where
+they hit. Between two calls on clock and ports the host takes note of what it got, a few lines at most; an
+interrupt there could not be brought about again. In a long computation, where no call comes, it hits after
+`_MAX_HOLD_S` at latest. A moving rig makes hundreds of calls a second.
 """
 
 import os
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
@@ -90,3 +93,35 @@ class HeldInterrupts:
         self._overdue = True
         if self._pending is not None:
             os.kill(os.getpid(), number)
+
+
+_UNWINDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+@contextmanager
+def unwind_on_signals() -> Iterator[None]:
+    """Unwind for SIGTERM and SIGHUP, which would else end the process at once, torque on; SystemExit then.
+
+    Handlers that a program has set stay. Outside of the main thread, which alone gets signals, this is idle.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in _UNWINDING_SIGNALS if main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, _unwind)
+    try:
+        yield
+    except Interrupted as interruption:  # by this name a session log can replay it
+        if interruption.signal not in ours:
+            raise
+        raise SystemExit(128 + interruption.signal) from None
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _unwind(number: int, frame: FrameType | None) -> None:
+    del frame
+    for each in _UNWINDING_SIGNALS:  # once: torque is being switched off
+        if signal.getsignal(each) is _unwind:
+            signal.signal(each, signal.SIG_IGN)
+    raise Interrupted(signal.Signals(number))
