@@ -238,7 +238,7 @@ class SessionLog(SessionEvents):
         self._sum = 0
         self._said = not needed
         self.has_traffic = False
-        """Whether any byte went through a port."""
+        """True if any byte went through a port."""
         self._stalled_s, self._capacity = stalled_s, capacity
         try:
             self._file = LogFile(self.path)
