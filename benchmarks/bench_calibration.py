@@ -37,7 +37,7 @@ from scipy.stats import chi2, kstest
 
 from palpate.base.errors import PalpateError
 from palpate.base.vocabulary import Strategy
-from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal, nominal_poses
 from palpate.calibration.measurements import RunRecord
 from palpate.config import (

@@ -24,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.drivers.dynamixel import bus, control_table, servo, servo_state
 from palpate.drivers.transport import recording
-from palpate.rig.motion import array_guard, device_loss, finger_movers, hand
+from palpate.rig.motion import array_guard, finger_movers, hand
 from palpate.rig.session import log
 from support.benches.fault_matrix import Cell, Outcome, cells, problems, run_cell, write_page
 from support.benches.fault_rows import FAULTS, LOOKED
@@ -116,7 +116,7 @@ def without_sure_off() -> None:
 
 def without_reconnecting() -> None:
     """An adapter that comes back is not waited for."""
-    replace_guard(device_loss, "_REPLUG_S", 0.0)
+    replace_guard(array_guard, "_REPLUG_S", 0.0)
 
 
 def without_asking_again() -> None:

@@ -20,7 +20,7 @@ from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shi
 from palpate.config.diagnosis_results import HoldCheckOut
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
-from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
+from palpate.rig.diagnostics.motion_checks import check_hold, least_threshold_n, with_light_touch
 
 
 def drawn(seed: int, engine: str, feet: int) -> tuple[RigFile, EmulatedPartConfig]:

@@ -32,10 +32,9 @@ from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.part import FrictionSupport
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
-from palpate.rig.emulated.part_truth import draw_part, support_of
+from palpate.rig.emulated.hidden_truth import draw_part, support_of
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.observers import Event, Observers, StageEvent
+from palpate.rig.identification.loop import Event, Identification, Observers, StageEvent, identify
 from palpate.rig.identification.result import RunFacts, identification_out
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json

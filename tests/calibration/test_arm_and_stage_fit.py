@@ -21,12 +21,11 @@ from palpate.calibration.finger_fit import (
     predict_residuals,
 )
 from palpate.calibration.finger_model import HEADING, RADIUS
+from palpate.calibration.finger_step import calibrate_stage, place_disc
 from palpate.calibration.frame_alignment import BasePose, align_fit, align_to_nominal, nominal_poses
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.reference import ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import ReferenceDisc, ReferencePlate, TouchMeasurement
 from palpate.calibration.rig_models import KnownFingers, nominal_models
 from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
-from palpate.calibration.stage_step import calibrate_stage, place_disc
 from palpate.config import RigFile, StageConfig, load_rig
 from palpate.config.calibration_file import StageCalibration
 from palpate.drivers.kinematics import TICK_RAD

@@ -13,19 +13,20 @@ from scipy.stats import chi2
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Ints
-from palpate.calibration.consistency_checks import check_fit, check_still, estimate_growth
-from palpate.calibration.drift_test import (
+from palpate.calibration.consistency_checks import (
     FALSE_ALARM_RATE,
     ContactUncertainty,
     SurfaceContacts,
+    check_fit,
+    check_still,
     compare_touches,
     contact_uncertainties,
+    estimate_growth,
     touch_covariance,
 )
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays, fit_fingers
 from palpate.calibration.finger_step import plan_placements, touch_placing
-from palpate.calibration.measurements import Probe, TouchMeasurement
-from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import Probe, Reference, ReferenceDisc, ReferencePlate, TouchMeasurement
 from palpate.calibration.rig_models import nominal_models
 from palpate.config import RigFile, load_rig
 from palpate.drivers.kinematics import TICK_RAD

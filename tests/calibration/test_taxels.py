@@ -13,16 +13,20 @@ from hypothesis import strategies as st
 from palpate.base.errors import InputError
 from palpate.base.tips import TipShape
 from palpate.calibration.finger_fit import touch_loads
-from palpate.calibration.idle_statistics import IdleFit, analyse_idle, least_contact_force_n
-from palpate.calibration.measurements import IdleMeasurement, Probe, TouchMeasurement
-from palpate.calibration.press_levels import PressAtBearing, average_levels
+from palpate.calibration.idle_statistics import (
+    IdleFit,
+    PressAtBearing,
+    analyse_idle,
+    average_levels,
+    least_contact_force_n,
+)
+from palpate.calibration.measurements import IdleMeasurement, Probe, ReferenceDisc, TouchMeasurement
 from palpate.calibration.press_model import (
     PressureDistribution,
     dent_and_bearing,
     distribute_pressure,
     fit_presses,
 )
-from palpate.calibration.reference import ReferenceDisc
 from palpate.calibration.tactile_step import fit_gains
 from palpate.config import RigFile, SlideFingerConfig, TactileCalibration, load_rig
 from palpate.drivers.emulators.taxels import Taxels

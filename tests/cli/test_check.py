@@ -10,7 +10,7 @@ from serial.serialutil import SerialBase
 from palpate.base.errors import DeviceError
 from palpate.config import load_rig, shipped_rig
 from palpate.config.diagnosis_results import Cause, CheckOut, FingerHoldOut, HoldCheckOut, Severity
-from palpate.config.result_model import to_json
+from palpate.config.fields import to_json
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -18,7 +18,7 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport import SerialPort
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.diagnostics.hold_check import judge_hold
+from palpate.rig.diagnostics.motion_checks import judge_hold
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
 from palpate.views.check_table import show_check
 from palpate.views.tables import show_unplugged

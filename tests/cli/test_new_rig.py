@@ -14,7 +14,7 @@ from rich.console import Console
 
 import palpate
 from palpate.base.errors import DeviceError, InputError
-from palpate.calibration.reference import ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import ReferenceDisc, ReferencePlate
 from palpate.cli.calibration_dialogue import ConsoleTable
 from palpate.cli.motor_dialogue import set_up_motors
 from palpate.config import load_rig, shipped_rig

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from palpate.base.errors import InputError
-from palpate.calibration.reference import ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import ReferenceDisc, ReferencePlate
 from palpate.config import (
     RigFile,
     SlideFingerConfig,

@@ -28,6 +28,7 @@ from palpate.config import (
     shipped_rig,
 )
 from palpate.config.emulation import ConfigurationText
+from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
 from palpate.config.recognition_results import (
     HypothesisOut,
     InterpretationOut,
@@ -35,7 +36,6 @@ from palpate.config.recognition_results import (
     RecognitionOut,
     StatisticsOut,
 )
-from palpate.config.result_model import BoundsOut, ConfigurationOut, to_json
 from palpate.config.writers import file_text
 from support.benches.rigs import firm_rig
 from support.commands.repository import EXAMPLES

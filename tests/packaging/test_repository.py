@@ -138,10 +138,10 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
         "rig/diagnostics/host_ports.py",
         "jobs/monitor.py",
         "rig/diagnostics/array_examination.py",
-        "rig/array_playback.py",
+        "rig/array_monitor.py",
     }
     waits_for_lost_devices = (
-        "rig/motion/device_loss.py"  # an adapter that is gone, an array after fingers stopped
+        "rig/motion/array_guard.py"  # an adapter that is gone, an array after fingers stopped
     )
     assert sleepers == {"rig/motion/hand.py", waits_for_lost_devices, *without_hand}
     assert "sleep" not in {name for _, name in calls("calibration")}

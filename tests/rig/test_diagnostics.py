@@ -14,9 +14,8 @@ from rich.console import Console
 import palpate
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
-from palpate.calibration.drift_test import contact_uncertainties
-from palpate.calibration.measurements import Probe, TouchMeasurement
-from palpate.calibration.reference import Reference, ReferenceDisc
+from palpate.calibration.consistency_checks import contact_uncertainties
+from palpate.calibration.measurements import Probe, Reference, ReferenceDisc, TouchMeasurement
 from palpate.config import (
     RigFile,
     SlideFingerConfig,
@@ -36,7 +35,7 @@ from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.models import specification
 from palpate.rig.bench import connect
 from palpate.rig.diagnostics.calibration_check import Retouch, judge_friction, judge_touch, retouch, touch_out
-from palpate.rig.diagnostics.hold_check import check_hold, least_threshold_n, with_light_touch
+from palpate.rig.diagnostics.motion_checks import check_hold, least_threshold_n, with_light_touch
 from palpate.rig.diagnostics.servo_bus import endpoint_of_rig
 from palpate.rig.motion.creep import is_sliding
 from palpate.views.check_table import show_check

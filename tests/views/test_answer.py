@@ -9,13 +9,13 @@ import pytest
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
+from palpate.config.fields import BoundsOut, ConfigurationOut
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
     IdentificationOut,
     Relation,
 )
-from palpate.config.result_model import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
 from support.benches.rigs import quick_bench

@@ -15,8 +15,7 @@ from palpate.calibration.actuator_estimators import StopStalls, fit_stops
 from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import ActuatorMeasurements, FingerModel
-from palpate.calibration.measurements import PressMeasurement, Prober, StopMeasurement
-from palpate.calibration.reference import Reference
+from palpate.calibration.measurements import PressMeasurement, Prober, Reference, StopMeasurement
 from palpate.calibration.rig_models import nominal_models
 from palpate.config import FingerConfig
 from palpate.config.calibration_finger import Actuators

@@ -21,8 +21,7 @@ from scipy.optimize import least_squares
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotation_matrix, wrap_angle
 from palpate.calibration.finger_model import RADIUS, FingerModel
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.reference import Reference
+from palpate.calibration.measurements import Reference, TouchMeasurement
 from palpate.calibration.rig_models import nominal_model
 from palpate.config import FingerConfig
 

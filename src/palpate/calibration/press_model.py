@@ -28,7 +28,7 @@ from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
-from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
+from palpate.calibration.idle_statistics import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.rig_models import nominal_model
 from palpate.config import FingerConfig
 from palpate.drivers.tactile import Description

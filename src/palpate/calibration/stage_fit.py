@@ -21,8 +21,7 @@ from palpate.base.geometry.plane import rotate
 from palpate.calibration.experiment_design import touch_arrays
 from palpate.calibration.finger_fit import ReferencePlacement, TouchArrays, predict_residuals, touch_loads
 from palpate.calibration.finger_model import FingerModel
-from palpate.calibration.measurements import TouchMeasurement
-from palpate.calibration.reference import ReferenceDisc
+from palpate.calibration.measurements import ReferenceDisc, TouchMeasurement
 from palpate.calibration.rig_models import KnownFingers
 from palpate.config import FingerConfig, StageConfig
 from palpate.drivers.kinematics import TICK_RAD

@@ -17,11 +17,18 @@ from palpate.base.geometry import Bools, Floats
 from palpate.calibration.experiment_design import locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import FingerModel
-from palpate.calibration.idle_statistics import COVERAGE_SIGMAS, IdleFit, analyse_idle, least_contact_force_n
-from palpate.calibration.measurements import LEG_IN, Prober
-from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
+from palpate.calibration.idle_statistics import (
+    COVERAGE_SIGMAS,
+    IdleFit,
+    PressAtBearing,
+    PressLevels,
+    analyse_idle,
+    average_levels,
+    informative_presses,
+    least_contact_force_n,
+)
+from palpate.calibration.measurements import LEG_IN, Prober, Reference
 from palpate.calibration.press_model import PressFit, dent_and_bearing, fit_presses
-from palpate.calibration.reference import Reference
 from palpate.calibration.rig_models import nominal_model, nominal_models
 from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile import Description, Shape, column_windows

@@ -62,7 +62,7 @@ def calibrate(
     )
     from palpate.cli.run_display import view_starter
     from palpate.cli.terminal import Terminal, ask_to_move, check_can_ask_to_move
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs.calibration import CalibrationPaths, check_references
     from palpate.jobs.files import load_references
     from palpate.jobs.rig import open_rig
@@ -117,7 +117,7 @@ def home(
     """
     from palpate.cli.terminal import Terminal, ask_to_move
     from palpate.config.commissioning_results import HomedSlideOut, HomeOut
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)

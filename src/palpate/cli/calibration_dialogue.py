@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from palpate.base.errors import InputError
 from palpate.calibration.finger_step import plan_placements
-from palpate.calibration.reference import Reference
+from palpate.calibration.measurements import Reference
 from palpate.cli.terminal import StatusLine
 from palpate.config import RigFile
 from palpate.config.calibration_file import ReferencesFile, StageCalibration

@@ -11,7 +11,7 @@ from rich.table import Table
 from palpate.cli.terminal import StatusLine, Terminal
 from palpate.config import RigFile
 from palpate.config.commissioning_results import SetupOut, SetupOutcome
-from palpate.config.result_model import to_json
+from palpate.config.fields import to_json
 from palpate.drivers.dynamixel import BAUD_RATE, BAUD_RATES, Bus, FoundServo, ItemChange, ServoPort
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, list_motors, set_up_all
 from palpate.rig.diagnostics.servo_bus import BusEndpoint

@@ -133,7 +133,7 @@ def import_objects(
     )
     from palpate.cli.terminal import StatusLine, Terminal, rig_files, several_files
     from palpate.config.catalogue_results import ImportOut
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.rig.catalogue.cad_import import ImportOptions
     from palpate.rig.catalogue.folder_import import files_in, import_files
     from palpate.views.import_table import files_out, show_files, show_import
@@ -207,7 +207,7 @@ def show_objects(
     """
     from palpate.base.file_io import check_places, write_text
     from palpate.cli.terminal import StatusLine, Terminal, rig_files
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs.catalogue import list_objects
     from palpate.jobs.files import load_objects
     from palpate.jobs.rig import open_rig
@@ -254,7 +254,7 @@ def check_objects(
     """
     from palpate.base.file_io import check_places, write_text
     from palpate.cli.terminal import StatusLine, Terminal, print_notices, rig_files
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs import catalogue
     from palpate.jobs.files import load_objects
     from palpate.jobs.rig import open_rig

@@ -21,7 +21,7 @@ def list_sessions(context: typer.Context, folder: FolderOption = _FOLDER, json: 
     if context.invoked_subcommand is not None:
         return 0
     from palpate.cli.terminal import Terminal
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.config.session_results import SessionsOut
     from palpate.rig.session.archive import find_sessions
     from palpate.views.sessions_text import show_sessions
@@ -43,7 +43,7 @@ def info(
     json: JsonOption = False,
 ) -> int:
     """Say what a session is: rig, seed, answer, how it ended, how long it took."""
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.rig.session.archive import session_info
     from palpate.rig.session.log_file import session_of
     from palpate.views.sessions_text import info_lines
@@ -109,7 +109,7 @@ def replay(
     """
     from importlib.metadata import version
 
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs.session import open_session
     from palpate.views.sessions_text import replay_lines, replay_out
 
@@ -174,7 +174,7 @@ def export(
     from palpate.base.errors import InputError, quantity
     from palpate.base.file_io import check_different
     from palpate.cli.terminal import Terminal, session_files
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.config.session_results import ExportedOut, ExportOut
     from palpate.rig.session.log_file import session_of
     from palpate.rig.session.log_reader import read_session

@@ -28,7 +28,7 @@ def find_port(
     Without a terminal it only lists. Exit code 3: there is no port.
     """
     from palpate.cli.terminal import Terminal, can_ask
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.drivers.transport import MonotonicClock, serial_ports
     from palpate.rig.diagnostics.host_ports import find_unplugged, ports_out
     from palpate.views.tables import show_ports, show_unplugged
@@ -74,7 +74,7 @@ def scan(
     Exit code 3: nothing answers, two servos share an id, or the rig file says otherwise.
     """
     from palpate.cli.terminal import StatusLine, Terminal
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.drivers.dynamixel import ALL_IDS
     from palpate.rig.diagnostics.servo_bus import find_endpoint, is_scan_well, scan_bus
     from palpate.views.tables import show_scan
@@ -131,7 +131,7 @@ def stop(
     Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
     """
     from palpate.cli.terminal import Terminal
-    from palpate.config.result_model import to_json
+    from palpate.config.fields import to_json
     from palpate.jobs import bus
     from palpate.views.tables import show_stop
 

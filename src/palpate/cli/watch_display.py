@@ -20,7 +20,7 @@ from rich.live import Live
 from palpate.base.file_io import write_text
 from palpate.cli.terminal import Terminal
 from palpate.config import RigFile
-from palpate.config.result_model import to_json
+from palpate.config.fields import to_json
 from palpate.jobs.monitor import Monitor
 from palpate.rig.array_monitor import FingerView, MonitoredFinger
 from palpate.views.watch_screen import WatchPicture, line_of, out_of, summary_of, watch_view

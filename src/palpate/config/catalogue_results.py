@@ -7,7 +7,7 @@ from typing import Literal
 
 from palpate.base.tips import TipShape
 from palpate.base.vocabulary import PushResponse
-from palpate.config.result_model import Interval, Out, Rounded
+from palpate.config.fields import Interval, Out, Rounded
 
 
 class FrameOut(Out):

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Literal
 
-from palpate.config.result_model import Interval, Out, Rounded
+from palpate.config.fields import Interval, Out, Rounded
 
 
 class SettingOut(Out):

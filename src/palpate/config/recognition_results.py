@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.base.vocabulary import IdentificationVerdict, PushResponse, RecognitionVerdict, Strategy
-from palpate.config.result_model import BoundsOut, ConfigurationOut, Interval, Out, Rounded, UnfinishedOut
+from palpate.config.fields import BoundsOut, ConfigurationOut, Interval, Out, Rounded, UnfinishedOut
 
 
 class InterpretationOut(Out):

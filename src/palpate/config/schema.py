@@ -25,9 +25,9 @@ from palpate.config.commissioning_results import (
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.diagnosis_results import CheckOut, DoctorOut
 from palpate.config.emulation import Scene
+from palpate.config.fields import Out
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.recognition_results import GripOut, IdentificationOut, RecognitionOut
-from palpate.config.result_model import Out
 from palpate.config.rig_file import RigFile
 from palpate.config.session_results import ExportOut, ReplayOut, SessionInfoOut, SessionsOut, WatchOut
 from palpate.config.study_result import StudyOut

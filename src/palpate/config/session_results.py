@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.config.result_model import Out, Rounded
+from palpate.config.fields import Out, Rounded
 
 
 class DifferenceOut(Out):

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
-from palpate.config.result_model import Interval, Out, Rounded
+from palpate.config.fields import Interval, Out, Rounded
 
 
 class RivalOut(Out):

@@ -20,8 +20,7 @@ from palpate.config import (
 from palpate.config.calibration_file import ReferencesFile
 from palpate.jobs.files import PathLike, load_references
 from palpate.jobs.monitor import view_log
-from palpate.rig.bench import connect, emulated_table, environment, set_up
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench, connect, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration_run import (
     CalibrationJob,
     RunRecordFile,

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from typing import Generic, TypeVar
 
 from palpate.base.errors import InputError, PalpateError
-from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.config import load_objects
 from palpate.config.calibration_file import ReferencesFile, references_sha256
 from palpate.config.diagnosis_results import (
@@ -17,24 +17,34 @@ from palpate.config.diagnosis_results import (
     FindingOut,
     HoldCheckOut,
 )
+from palpate.config.fields import to_json
 from palpate.config.loading import shipped_objects, shipped_rig
-from palpate.config.result_model import to_json
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
 from palpate.jobs.files import PathLike
-from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_table, environment, set_up
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import (
+    BenchRig,
+    RigOnBench,
+    choose_placement,
+    connect,
+    emulated_table,
+    environment,
+    set_up,
+)
 from palpate.rig.commissioning.calibration_run import build_references, rig_connector
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.calibration_check import CALIBRATION, Retouch, judge_touch, retouch
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
-from palpate.rig.diagnostics.directions import (
+from palpate.rig.diagnostics.host_ports import Computer
+from palpate.rig.diagnostics.motion_checks import (
     EmulatedOnlooker,
     Onlooker,
+    check_hold,
     directions_step,
     examine_directions,
+    judge_hold,
+    least_threshold_n,
+    with_light_touch,
 )
-from palpate.rig.diagnostics.hold_check import check_hold, judge_hold, least_threshold_n, with_light_touch
-from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
 from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, MotionStep, warning
 from palpate.rig.workers import BackgroundCall

@@ -18,19 +18,17 @@ from palpate.base.file_io import write_text
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, Scene
 from palpate.config.emulation import ConfigurationText
-from palpate.config.result_model import to_json
+from palpate.config.fields import to_json
 from palpate.config.writers import file_text
 from palpate.jobs.recognition import Answer
-from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import BenchRig, RigOnBench, choose_placement, environment, set_up
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement, draw_placement
-from palpate.rig.identification.loop import check_accuracy
-from palpate.rig.identification.observers import Observer
+from palpate.rig.identification.loop import Observer, check_accuracy
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder

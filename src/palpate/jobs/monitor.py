@@ -13,7 +13,7 @@ from palpate.config import RigFile
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import check_arguments
 from palpate.rig.array_monitor import FingerView, MonitoredFinger
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.recorded_session import keep_rig
 

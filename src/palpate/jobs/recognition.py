@@ -10,8 +10,8 @@ from palpate import recognizer
 from palpate.base.errors import InputError, PalpateError, quantity
 from palpate.base.vocabulary import DEFAULT_BUDGET, IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
+from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
 from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut
-from palpate.config.result_model import BoundsOut, ConfigurationOut, to_json
 from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from
 from palpate.recognizer import (
     Budget,

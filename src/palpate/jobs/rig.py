@@ -32,15 +32,13 @@ from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from,
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.recognition import Answer, Plan
-from palpate.rig.array_monitor import find_array_ports, select_fingers, stream_arrays
-from palpate.rig.array_playback import pace_clock
-from palpate.rig.bench import choose_placement, connect, set_up
-from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
+from palpate.rig.bench import RigOnBench, choose_placement, connect, load_calibrated, set_up
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
-from palpate.rig.diagnostics.directions import Onlooker
+from palpate.rig.diagnostics.motion_checks import Onlooker
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.identification.observers import Observer
+from palpate.rig.identification.loop import Observer
 from palpate.rig.motion.hand import Hand
 from palpate.rig.session.calibration_drift import check_arrays
 from palpate.rig.session.signals import unwind_on_signals

@@ -14,7 +14,7 @@ from palpate.base.vocabulary import Strategy
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import PathLike, check_arguments
 from palpate.jobs.monitor import Monitor
-from palpate.rig.array_playback import open_recorded_arrays, pace_clock
+from palpate.rig.array_monitor import open_recorded_arrays, pace_clock
 from palpate.rig.bench import choose_placement
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of

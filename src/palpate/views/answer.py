@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 from palpate.base.errors import quantity
 from palpate.base.vocabulary import IdentificationVerdict
+from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import AlternativeOut, CalibrationUsedOut, IdentificationOut
-from palpate.config.result_model import UnfinishedOut
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12

@@ -15,7 +15,7 @@ from palpate.config.diagnosis_results import (
     ServoCheckOut,
     TouchCheckOut,
 )
-from palpate.rig.diagnostics.hold_check import round_down
+from palpate.rig.diagnostics.motion_checks import round_down
 from palpate.views.tables import folding_column, table
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"

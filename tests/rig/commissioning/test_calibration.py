@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from palpate.base.errors import InputError, OutputError
-from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.calibration.frame_alignment import BasePose, RigidMotion, align_to_nominal, nominal_poses
-from palpate.calibration.measurements import Probe, RunRecord, TouchMeasurement
-from palpate.calibration.reference import Reference, ReferenceDisc
+from palpate.calibration.measurements import Probe, Reference, ReferenceDisc, RunRecord, TouchMeasurement
 from palpate.config import (
     ArmFingerConfig,
     CalibrationFile,

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from palpate.base.errors import InputError
+from palpate.calibration.finger_step import measure_stage
 from palpate.calibration.frame_alignment import RigidMotion, align_to_nominal, nominal_poses
-from palpate.calibration.measurements import Probe, RunRecord, TouchMeasurement
-from palpate.calibration.reference import ReferenceDisc
-from palpate.calibration.stage_step import measure_stage
+from palpate.calibration.measurements import Probe, ReferenceDisc, RunRecord, TouchMeasurement
 from palpate.config import (
     CalibrationFile,
     RigFile,

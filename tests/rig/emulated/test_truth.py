@@ -28,7 +28,7 @@ from palpate.drivers.kinematics import Turn
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.finger_truth import dead_taxels
 from palpate.rig.emulated.ground_truth import in_hand_frame
-from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of, support_of
+from palpate.rig.emulated.hidden_truth import PartTruth, draw_part, part_of, support_of
 from palpate.rig.emulated.scene import Placement, displace, draw_placement, shape_of
 from palpate.rig.mechanisms import mechanism_of
 from support.benches.rigs import firm_rig

@@ -24,8 +24,7 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.loop import Identification, search
-from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
+from palpate.rig.identification.loop import Event, Identification, MoveEvent, Observers, PlanEvent, search
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of

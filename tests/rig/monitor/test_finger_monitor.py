@@ -8,8 +8,7 @@ from palpate.cli.watch_display import handle_keys
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.jobs.files import load_rig
 from palpate.jobs.monitor import Monitor, check_streaming
-from palpate.rig.array_monitor import TareState
-from palpate.rig.array_playback import PacedClock
+from palpate.rig.array_monitor import PacedClock, TareState
 from support.devices.array_tips import COLS, DESCRIPTION, ROWS, WatchedTip
 
 

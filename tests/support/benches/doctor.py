@@ -19,11 +19,10 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport.ports import PortForbidden, PortMissing, PortTaken
-from palpate.rig.bench import BenchRig, connect, environment
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import BenchRig, RigOnBench, connect, environment
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
-from palpate.rig.diagnostics.directions import EmulatedOnlooker, directions_step, examine_directions
 from palpate.rig.diagnostics.host_ports import Computer
+from palpate.rig.diagnostics.motion_checks import EmulatedOnlooker, directions_step, examine_directions
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
 from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase
 from palpate.rig.emulated.devices import emulate, on_mock_wires

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.base.errors import OutputError
 from palpate.base.vocabulary import Strategy
-from palpate.calibration.drift_test import contact_uncertainties
+from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.calibration.measurements import Probe
 from palpate.config import (
     RigFile,
@@ -29,7 +29,7 @@ from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.hand_prober import HandProber
 from palpate.rig.diagnostics.calibration_check import retouch
-from palpate.rig.diagnostics.hold_check import check_hold, with_light_touch
+from palpate.rig.diagnostics.motion_checks import check_hold, with_light_touch
 from palpate.rig.emulated.scene import ReferencePlacer
 from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.log import SessionLog

@@ -22,7 +22,7 @@ from palpate.drivers.transport.wire import Device, Emission
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import BenchRig, choose_placement, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
-from palpate.rig.emulated.part_truth import draw_part
+from palpate.rig.emulated.hidden_truth import draw_part
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from palpate.base.geometry import Floats, Ints
+from palpate.calibration.idle_statistics import PressAtBearing
 from palpate.calibration.measurements import (
     LEG_FREE,
     LEG_IN,
@@ -18,7 +19,6 @@ from palpate.calibration.measurements import (
     Probe,
     ServoPath,
 )
-from palpate.calibration.press_levels import PressAtBearing
 from palpate.config import RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth

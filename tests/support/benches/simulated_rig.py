@@ -16,12 +16,12 @@ from palpate.calibration.measurements import (
     IdleMeasurement,
     PressMeasurement,
     Probe,
+    Reference,
     RunRecord,
     ServoPath,
     StopMeasurement,
     TouchMeasurement,
 )
-from palpate.calibration.reference import Reference
 from palpate.calibration.rig_models import nominal_models
 from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger

@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.calibration.finger_fit import ReferencePlacement, TouchArrays
-from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import Reference, ReferenceDisc, ReferencePlate
 from palpate.calibration.slide_model import SlideModel
 from palpate.config import SlideFingerConfig, load_rig
 from support.commands.repository import EXAMPLES

@@ -28,9 +28,9 @@ from palpate.cad.sections import sections_of
 from palpate.cad.stable_states import LeftOut, stable_states, state_as_drawn
 from palpate.cad.state_merging import MergedState, merge_states
 from palpate.config.catalogue_results import FrameOut, ImportedStateOut, OmittedStatesOut
+from palpate.config.fields import DECIMALS
 from palpate.config.objects_tables import PolygonText, SectionText, StateText, outline_edges
 from palpate.config.outline_checks import MIN_EDGE_MM
-from palpate.config.result_model import DECIMALS
 from palpate.rig.catalogue.round_outlines import RoundSections, round_sections
 from palpate.rig.workers import in_processes
 

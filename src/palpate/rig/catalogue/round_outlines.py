@@ -19,8 +19,8 @@ import shapely
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import segment_distance, signed_area
 from palpate.cad.parts import CrossSection, Drawing, Solid, StableState
+from palpate.config.fields import DECIMALS
 from palpate.config.objects_tables import CircleText, PolygonText, SectionText
-from palpate.config.result_model import DECIMALS
 
 _LARGEST_TURN_RAD = math.radians(20.0)
 """Half of what an outline turns at a corner, at most; coarser polygons are none that stand for circles."""

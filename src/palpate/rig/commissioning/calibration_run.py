@@ -19,7 +19,14 @@ from palpate.base.file_io import write_text
 from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays
 from palpate.calibration.finger_model import FingerModel, SlowTouch
-from palpate.calibration.finger_step import fit_touches, hold_out, plan_placements, touch_placing
+from palpate.calibration.finger_step import (
+    calibrate_stage,
+    fit_touches,
+    hold_out,
+    measure_stage,
+    plan_placements,
+    touch_placing,
+)
 from palpate.calibration.frame_alignment import (
     AlignedFit,
     TouchErrors,
@@ -30,10 +37,14 @@ from palpate.calibration.frame_alignment import (
     estimate_array_headings,
     summarise_residuals,
 )
-from palpate.calibration.measurements import Prober, RunRecord, TouchMeasurement
-from palpate.calibration.reference import ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import (
+    Prober,
+    ReferenceDisc,
+    ReferencePlate,
+    RunRecord,
+    TouchMeasurement,
+)
 from palpate.calibration.rig_models import KnownFingers, calibrated_models
-from palpate.calibration.stage_step import calibrate_stage, measure_stage
 from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import (
     CalibrationDevice,

@@ -15,11 +15,11 @@ from palpate.calibration.measurements import (
     IdleMeasurement,
     PressMeasurement,
     Probe,
+    Reference,
     ServoPath,
     StopMeasurement,
     TouchMeasurement,
 )
-from palpate.calibration.reference import Reference
 from palpate.config import FingerConfig, RigFile
 from palpate.config.rig_servos import AimConfig, RotaryConfig
 from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Line
@@ -29,7 +29,6 @@ from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.mechanisms.mechanism import Mechanism
 from palpate.rig.motion.creep import measure_quasi_statically
-from palpate.rig.motion.end_stops import stall_at_stop, swing_aims
 from palpate.rig.motion.guarded_approach import (
     GripPhase,
     aim_fingers,
@@ -38,7 +37,7 @@ from palpate.rig.motion.guarded_approach import (
     turn_stage,
 )
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.press import press_contacts, stop_at_speed
+from palpate.rig.motion.press import press_contacts, stall_at_stop, stop_at_speed, swing_aims
 from palpate.rig.motion.touch import ApproachState, Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.calibration.actuator_estimators import estimate_friction
-from palpate.calibration.drift_test import (
+from palpate.calibration.consistency_checks import (
     ContactUncertainty,
     DriftTest,
     SurfaceContacts,
@@ -36,8 +36,7 @@ from palpate.calibration.finger_fit import (
     predict_residuals,
 )
 from palpate.calibration.finger_model import FingerModel
-from palpate.calibration.measurements import Prober, TouchMeasurement
-from palpate.calibration.reference import Reference
+from palpate.calibration.measurements import Prober, Reference, TouchMeasurement
 from palpate.calibration.rig_models import certain_models
 from palpate.config import CalibrationFile, FingerConfig, RigFile
 from palpate.config.diagnosis_results import (

@@ -41,6 +41,7 @@ from palpate.rig.diagnostics.array_steps import (
     judge_geometry,
     judge_noise,
     judge_scale,
+    judge_taxels,
 )
 from palpate.rig.diagnostics.bus_steps import judge_baud_rate, judge_ids, judge_models, scan_rig_bus
 from palpate.rig.diagnostics.calibration_check import (
@@ -50,7 +51,7 @@ from palpate.rig.diagnostics.calibration_check import (
     need_calibrated_device,
     touch_out,
 )
-from palpate.rig.diagnostics.hold_check import expect_touch_force, judge_touch_force
+from palpate.rig.diagnostics.motion_checks import expect_touch_force, judge_touch_force
 from palpate.rig.diagnostics.port_steps import (
     judge_existence,
     judge_latency,
@@ -94,7 +95,6 @@ from palpate.rig.diagnostics.steps import (
     join_words,
     name_flag,
 )
-from palpate.rig.diagnostics.taxel_steps import judge_taxels
 
 
 @dataclass(frozen=True, eq=False)

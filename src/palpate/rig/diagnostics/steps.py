@@ -7,7 +7,7 @@ from enum import Flag
 
 from palpate.config import FingerConfig, RigFile
 from palpate.config.diagnosis_results import Cause, FindingOut, Severity
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
 

@@ -39,8 +39,14 @@ from palpate.drivers.tactile import Description, Shape
 from palpate.drivers.transport import Device, MockHub, VirtualClock
 from palpate.rig.arrays import emulated_array
 from palpate.rig.emulated.finger_truth import dead_taxels, draws_of, joint_truth, truth_of, with_yield
-from palpate.rig.emulated.hidden_truth import add_imperfections, start_postures, start_stage_rad
-from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
+from palpate.rig.emulated.hidden_truth import (
+    PartTruth,
+    add_imperfections,
+    draw_part,
+    part_of,
+    start_postures,
+    start_stage_rad,
+)
 from palpate.rig.emulated.scene import Placement, outline_at
 
 Devices = Mapping[str, tuple[Device, int]]

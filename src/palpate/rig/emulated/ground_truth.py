@@ -18,7 +18,7 @@ from palpate.config import FingerConfig, RigFile
 from palpate.config.recognition_results import TruthOut
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench
 from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
 from palpate.rig.catalogue.reachability import workspace_words
 from palpate.rig.catalogue.section_stack import region_within

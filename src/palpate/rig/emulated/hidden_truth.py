@@ -1,22 +1,37 @@
-"""Hidden truth of emulated servos: drawn within what a rig file's `[emulation]` allows.
+"""Hidden truth of emulated servos and parts, drawn within what a rig file's `[emulation]` allows.
 
 Friction, cogging and lost torque, which are each servo's own, and a supply
 with a resistance, which all share (`[emulation.mechanics]`); and where fingers stand when they are switched
 on: as a person has put them, or anywhere, drawn again while fingers would cross, or one would stand in the
 part or in an obstacle.
+
+*Part.* The centre of mass is that of the state's sections, as of one material. On its whole base the part
+stands as a stiff body on an elastic foundation that cannot pull: the pressure grows linearly with the place,
+so that it balances about the centre of mass.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import shapely
 
 from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
+from palpate.base.optional_imports import import_extra
 from palpate.config import RigFile
-from palpate.config.emulation import MechanicsConfig
-from palpate.drivers.emulators import Bench, EmulatedServo
+from palpate.config.emulation import EmulatedPartConfig, MechanicsConfig, Range
+from palpate.drivers.emulators import (
+    GRAVITY_M_S2,
+    Bench,
+    EmulatedServo,
+    FrictionSupport,
+    Part,
+    QuasiStaticPart,
+    StillPart,
+)
 from palpate.drivers.kinematics import FingerBody, Servos, Turn
 from palpate.rig.emulated.finger_truth import draw
 from palpate.rig.emulated.scene import Placement, shape_of
@@ -24,6 +39,193 @@ from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.mechanisms.mechanism import Mechanism
 from palpate.rig.mechanisms.swept_volume import is_apart
+
+_SUPPORT_POINTS = 100  # on a whole base
+_MUJOCO_SUPPORT_POINTS = 25  # for MuJoCo, which takes its time for each
+_MIN_POINTS_ACROSS = 4
+_MAX_SUPPORT_DRAWS = 3000
+_MIN_FOOT_SHARE = 0.3  # of what a foot bears on average
+_MIN_FEET_SPREAD_MM = 2.0  # across the feet: on less, feet that yield by 0.1 mm let a part of 20 mm fall over
+_MIN_MARGIN_SHARE = 0.3  # of the way from under the centre of mass to the base's edge
+
+
+@dataclass(frozen=True)
+class PartTruth:
+    """Truth of how the emulated part moves: `seed` decides where its feet are."""
+
+    engine: str
+    mass_kg: float
+    friction: float
+    tip_friction: float
+    feet: int
+    seed: int
+
+    @property
+    def slip_n(self) -> float:
+        """Force through the centre of friction at which the part slides."""
+        return self.friction * self.mass_kg * GRAVITY_M_S2
+
+
+def draw_part(config: EmulatedPartConfig | None, placement: Placement | None, seed: int) -> PartTruth | None:
+    """Draw what a rig file leaves open; what the placement says of its part goes before it."""
+    if config is None:
+        return None
+    rng = np.random.default_rng([seed, 6])
+    mass = _draw(config.mass_kg, rng.uniform(), logarithmic=True)
+    friction = _draw(config.friction, rng.uniform())
+    tip_friction = _draw(config.tip_friction, rng.uniform())
+    return PartTruth(
+        config.engine,
+        (placement and placement.mass_kg) or mass,
+        (placement and placement.friction) or friction,
+        tip_friction,
+        config.feet,
+        int(rng.integers(2**31)),
+    )
+
+
+def _draw(value: float | Range, share: float, *, logarithmic: bool = False) -> float:
+    if not isinstance(value, tuple):
+        return value
+    lo, hi = value
+    return lo * (hi / lo) ** share if logarithmic else lo + share * (hi - lo)
+
+
+def part_of(truth: PartTruth, placement: Placement) -> Part:
+    """The part in its engine.
+
+    Raises InputError for one whose centre of mass is not above its base, and if MuJoCo is not installed.
+    """
+    if truth.engine == "still":
+        return StillPart()
+    support = support_of(truth, placement)
+    if truth.engine == "quasi-static":
+        return QuasiStaticPart(support)
+    import_extra("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
+    from palpate.drivers.emulators.mujoco_part import MassDistribution, MujocoPart  # noqa: PLC0415  # an extra
+
+    centre, height = _centre_of_mass(placement)
+    low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
+    x, y = (high - low).tolist()
+    extent = (x, y, placement.state.top_mm)
+    return MujocoPart(support, MassDistribution((float(centre[0]), float(centre[1])), height, extent))
+
+
+def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:
+    """Points on which the part stands, with loads that balance about its centre of mass."""
+    base = shape_of(placement, placement.state.sections[0])
+    centre, _ = _centre_of_mass(placement)
+    margin = _margin_mm(base.convex_hull, centre)
+    if margin <= 0:
+        raise InputError(
+            f"{placement.model.name}, {placement.state.name}: its centre of mass is not above its base, so "
+            "it cannot stand so on an emulated table where parts move; check the sections' heights, or set "
+            'emulation.part.engine = "still"'
+        )
+    if truth.feet:
+        feet, share = _feet(base, centre, margin, truth.feet, np.random.default_rng(truth.seed))
+    else:
+        feet = _grid(base, _MUJOCO_SUPPORT_POINTS if truth.engine == "mujoco" else _SUPPORT_POINTS)
+        feet, share = _without_pull(feet, centre)
+    return FrictionSupport(feet, share, truth.mass_kg, truth.friction)
+
+
+def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
+    """Centre of mass in W (2,), and its height above the table, mm."""
+    shapes = [shape_of(placement, section) for section in placement.state.sections]
+    lows, highs = np.array([section.z_mm for section in placement.state.sections]).T
+    volume = shapely.area(shapes) * (highs - lows)
+    centres = shapely.get_coordinates(shapely.centroid(shapes))
+    return volume @ centres / volume.sum(), float(volume @ (lows + highs) / 2 / volume.sum())
+
+
+def _margin_mm(hull: shapely.Geometry, point: Floats) -> float:
+    """Distance of a point from the edge of a convex region; negative outside of it."""
+    at = shapely.Point(*point)
+    away = float(shapely.distance(shapely.boundary(hull), at))
+    return away if shapely.contains(hull, at) else -away
+
+
+def _grid(base: shapely.Geometry, count: int) -> Floats:
+    """About `count` points (n, 2), spread evenly over the base in rows along its length."""
+    corner, along, across = _box(base)
+    pitch = math.sqrt(base.area / count)
+    rows, columns = (
+        max(_MIN_POINTS_ACROSS, round(float(np.hypot(*side)) / pitch)) for side in (across, along)
+    )
+    while True:
+        u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+        points: Floats = corner + u.reshape(-1, 1) * along + v.reshape(-1, 1) * across
+        points = points[shapely.contains_xy(base, *points.T)]
+        if len(points) >= count / 2:
+            return points
+        rows, columns = 2 * rows, 2 * columns  # thin walls between the rows
+
+
+def _box(base: shapely.Geometry) -> tuple[Floats, Floats, Floats]:
+    """A rectangle round the base, the smallest as a rule: a corner (2,), and two of its sides from there."""
+    box = shapely.minimum_rotated_rectangle(base)
+    if shapely.area(box) >= shapely.area(base):
+        corner, along, across = shapely.get_coordinates(box)[[0, 1, 3]]
+        return corner, along - corner, across - corner
+    # GEOS (3.14.1) gives 1 of some 6,000 placements one without width: take that along its longest side.
+    ring = shapely.get_coordinates(shapely.convex_hull(base))
+    sides = np.diff(ring, axis=0)
+    length = np.hypot(*sides.T)
+    x, y = sides[np.argmax(length)] / length.max()
+    axes = np.array([[x, y], [-y, x]])
+    low, high = (ring @ axes.T).min(axis=0), (ring @ axes.T).max(axis=0)
+    return low @ axes, (high - low)[0] * axes[0], (high - low)[1] * axes[1]
+
+
+def _without_pull(points: Floats, centre: Floats) -> tuple[Floats, Floats]:
+    """Points that bear something, and what they bear (n,)."""
+    while True:
+        share = _balance_loads(points, np.ones(len(points)), centre)
+        if share.min() >= 0:
+            return points, share
+        points = points[share > 0]
+
+
+def _feet(
+    base: shapely.Geometry, centre: Floats, margin_mm: float, count: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Feet drawn in the base, none of them nearly free, with the centre of mass well between them."""
+    low, high = np.array(shapely.bounds(base)).reshape(2, 2)
+    for _ in range(_MAX_SUPPORT_DRAWS):
+        points = rng.uniform(low, high, (8 * count, 2))
+        points = points[shapely.contains_xy(base, *points.T)][:count]
+        load = rng.uniform(0.3, 1.0, count)
+        if len(points) < count:
+            continue
+        share = _balance_loads(points, load, centre)
+        hull = shapely.MultiPoint(points).convex_hull
+        stands = (
+            _margin_mm(hull, centre) >= _MIN_MARGIN_SHARE * margin_mm
+            and _spread_mm(points, share) >= _MIN_FEET_SPREAD_MM
+        )
+        if share.min() >= _MIN_FOOT_SHARE / count and stands:
+            return points, share
+    raise InputError(
+        f"emulation.part.feet: is {count}; the part would fall over on nearly any such feet; "
+        "draw more of them, or let it stand on its whole base (0)"
+    )
+
+
+def _spread_mm(points: Floats, share: Floats) -> float:
+    """Standard deviation of the load's place across the line along which it is widest."""
+    off = points - share @ points
+    least = float(np.linalg.eigvalsh(off.T @ (share[:, None] * off))[0])
+    return math.sqrt(max(least, 0.0))
+
+
+def _balance_loads(points: Floats, load: Floats, centre: Floats) -> Floats:
+    """Loads (n,) that sum up to 1 and balance about `centre`: `load` times a linear function of the place."""
+    lever = np.column_stack([np.ones(len(points)), points - centre])
+    moments = lever.T @ (load[:, None] * lever)
+    result: Floats = load * (lever @ np.linalg.lstsq(moments, np.array([1.0, 0.0, 0.0]))[0])
+    return result
+
 
 _COGS_PER_TURN = 60  # along a turn of the output shaft
 _LEAST_CHANGE_V = 0.05

@@ -20,7 +20,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Section, State
 from palpate.base.geometry.outlines import EdgeRings, region_of, rings_of
 from palpate.base.tips import TipShape, implementation_for
-from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
+from palpate.calibration.measurements import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators import Bench, Displacement, PartSection
 from palpate.recognizer import Configuration

@@ -8,18 +8,22 @@ it is, but not that it is one of these. If a grip contradicts the earlier ones, 
 moved; the search then begins again with that grip. Where the rig file or an object says what force parts
 bear, what the fingers may have moved them by is bounded and taken into account (`motion_bounds`). A rig of
 which too little is known to tell parts apart is refused beforehand.
+
+*Observers* are called with each event, beside the thread that drives devices.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, PalpateError
 from palpate.base.geometry import Ints
+from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import RigFile
 from palpate.recognizer import (
@@ -27,6 +31,7 @@ from palpate.recognizer import (
     Catalogue,
     Contact,
     FingerApproach,
+    Grip,
     Hypothesis,
     Motion,
     Recognition,
@@ -46,19 +51,104 @@ from palpate.rig.identification.exploration import (
 from palpate.rig.identification.grip_choice import GripChooser, StabilityTable, strategy_rng
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
-from palpate.rig.identification.observers import (
-    MoveEvent,
-    Observers,
-    PlanEvent,
-    RecognitionEvent,
-    StageEvent,
-    TouchEvent,
-)
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.workers import BackgroundCall
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StageEvent(ShortRepr):
+    """Fingers began a stage of a grip. Grips count from 1."""
+
+    grip: int
+    stage: GripPhase
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TouchEvent(ShortRepr):
+    """A grip was carried out: a touch for each of its fingers, misses included."""
+
+    grip: int
+    touches: Sequence[Touch]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecognitionEvent(ShortRepr):
+    """All contacts so far were interpreted."""
+
+    grip: int
+    recognition: Recognition
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanEvent(ShortRepr):
+    """The next grip was chosen by what hypotheses predict of it. `reason`: why the run goes on, in words."""
+
+    grip: int
+    plan: Grip
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MoveEvent(ShortRepr):
+    """Earlier contacts no longer count from this grip on: it contradicts them, or the part may lie elsewhere.
+
+    `furthest_mm`: as far as fingers may have moved the part, more than contacts can be carried over; None
+    where the grip contradicts them.
+    """
+
+    grip: int
+    furthest_mm: float | None = None
+
+
+Event = StageEvent | TouchEvent | RecognitionEvent | PlanEvent | MoveEvent
+Observer = Callable[[Event], None]
+
+
+class Observers:
+    """Several observers as one that neither raises nor waits. Use as a context manager.
+
+    One that has raised is called no more, and ends the run before its next grip (`check`); at the end of the
+    run it is `late_failure`. One that does not return misses what follows.
+    """
+
+    def __init__(self, observers: Sequence[Observer] = (), record: Observer | None = None) -> None:
+        """`record` is called on the calling thread, first; it must neither raise nor wait."""
+        self._record = record
+        self._beside = [
+            BackgroundCall(f"observer {type(observer).__name__}", observer) for observer in observers
+        ]
+
+    def __call__(self, event: Event) -> None:
+        """Pass an event on."""
+        if self._record is not None:
+            self._record(event)
+        for observer in self._beside:
+            observer(event)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for observer in self._beside:
+            observer.__exit__(kind, error, trace)
+
+    def check(self) -> None:
+        """Raise OutputError if an observer has raised: ends the run that is under way."""
+        for observer in self._beside:
+            observer.check()
+
+    @property
+    def late_failure(self) -> PalpateError | None:
+        """OutputError if an observer has raised, to be reported beside the result of a complete run."""
+        failures = (observer.late_failure for observer in self._beside)
+        return next((failure for failure in failures if failure is not None), None)
+
 
 GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
 """Carries out a grip and reports its stages."""

@@ -9,6 +9,7 @@ from palpate.base.errors import PalpateError
 from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import Strategy
 from palpate.config import CalibrationFile, RigFile
+from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
@@ -18,10 +19,9 @@ from palpate.config.recognition_results import (
     Relation,
     TouchRecordOut,
 )
-from palpate.config.result_model import UnfinishedOut
 from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
 from palpate.rig.emulated.ground_truth import compare_answer
-from palpate.rig.emulated.part_truth import PartTruth
+from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.loop import Identification

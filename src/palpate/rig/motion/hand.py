@@ -39,8 +39,9 @@ from palpate.rig.arrays import extractor_of, threshold_problem
 from palpate.rig.fingers import HostFinger, HostStage, drive_of
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.mechanisms.mechanism import Drive, Mechanism
-from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
-from palpate.rig.motion.device_loss import (
+from palpate.rig.motion.array_guard import (
+    ArrayGuard,
+    ArrayReading,
     HandArrays,
     despite_interruptions,
     name_owners,

@@ -16,7 +16,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotate, rotation_matrix
 from palpate.base.vocabulary import RecognitionVerdict
-from palpate.calibration.drift_test import (
+from palpate.calibration.consistency_checks import (
     ContactUncertainty,
     DriftTest,
     SurfaceContacts,

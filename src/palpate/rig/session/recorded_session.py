@@ -38,7 +38,7 @@ from palpate.drivers.transport import (
     VirtualClock,
 )
 from palpate.rig.arrays import array_of
-from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.bench import RigOnBench, load_calibrated
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile

@@ -12,12 +12,11 @@ from palpate.base.errors import InputError
 from palpate.config.fields import Number
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.loop import identify
-from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
+from palpate.rig.identification.loop import Event, Observer, Observers, StageEvent, identify
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth
-from palpate.rig.motion.end_stops import check_slips, slides_at_stops
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.hand import Environment
+from palpate.rig.motion.press import check_slips, slides_at_stops
 from palpate.rig.session.calibration_drift import calibration_used, check_devices
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.workers import BackgroundCall

@@ -9,8 +9,7 @@ import pytest
 
 from palpate.base.errors import DeviceError
 from palpate.config import FingerConfig, RigFile, RigServo
-from palpate.rig.bench import connect, set_up
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench, connect, set_up
 from palpate.rig.diagnostics.diagnosis import STEPS, Diagnosis, diagnose
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import endpoint_of_rig, list_servos

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.base.errors import InputError
 from palpate.config import load_objects, shipped_objects
-from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.bench import RigOnBench, load_calibrated
 
 RIG = pytest.StashKey[RigOnBench]()
 """In a config's stash: the rig under test, if `--rig` names one."""

@@ -12,7 +12,7 @@ import pytest
 from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import RigFile
 from palpate.drivers.dynamixel import ITEMS, MoveEnd, Servo, WatchdogTripped
-from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.bench import RigOnBench
 from palpate.rig.motion.guarded_approach import move_tips, read_positions
 from palpate.rig.motion.hand import WATCHDOG_S, Hand
 from palpate.testing.hardware.bench import (
