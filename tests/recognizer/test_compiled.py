@@ -18,6 +18,7 @@ from palpate.recognizer import Catalogue, Contact, Finger, numpy_steps, recognis
 from palpate.recognizer.budget import Budget, BudgetSpentError
 from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
 from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.interpretation_tree import contact_in_object
 from palpate.recognizer.interpretations import Interpretations, Query
 from palpate.recognizer.model_test import all_half_planes
 from palpate.recognizer.numpy_witnesses import polish
@@ -30,7 +31,6 @@ from palpate.recognizer.pose_region import (
 )
 from palpate.recognizer.recognition import anchor_of, intervals_of
 from palpate.recognizer.steps import Steps
-from palpate.recognizer.tree_branches import contact_in_object
 from palpate.recognizer.verification import Nearness, Poses, Verification, may_fit, verify
 from support.campaign.objects import objects_of
 from support.campaign.sampling import sample

@@ -14,8 +14,7 @@ from palpate.base.tips import TipShape
 from palpate.config.objects_file import objects_from_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.recognizer import Catalogue, Finger, is_exact, recognise
-from palpate.recognizer.ball_obstacle import ball_obstacle
-from palpate.recognizer.tip_obstacle import uncovered_polygons, union_circles
+from palpate.recognizer.tip_obstacle import ball_obstacle, uncovered_polygons, union_circles
 from support.campaign.sampling import sample
 from support.oracles.upright_tips import (
     Block,

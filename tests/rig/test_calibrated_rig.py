@@ -19,10 +19,12 @@ from palpate.calibration.frame_alignment import BasePose
 from palpate.config import (
     CalibrationFile,
     RigFile,
+    RigOnBench,
     StageConfig,
     apply_calibration,
     calibration_path,
     calibration_toml,
+    load_calibrated,
     load_objects,
     load_rig,
     shipped_objects,
@@ -32,7 +34,7 @@ from palpate.config.diagnosis_results import Cause
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import RigOnBench, choose_placement, connect, load_calibrated, set_up
+from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.diagnostics.calibration_check import calibration_out, judge_calibration
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose
 from palpate.rig.diagnostics.host_ports import Computer

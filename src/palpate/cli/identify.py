@@ -145,7 +145,7 @@ def plan(
     from palpate.jobs.files import load_objects, name_of
     from palpate.jobs.rig import open_rig
     from palpate.rig.catalogue.reachability import finding_lines
-    from palpate.views.plan import print_plan
+    from palpate.views.plan_table import print_plan
     from palpate.views.recognition import explain, explanation_lines
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)

@@ -27,7 +27,13 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
     UnusableTaxel,
 )
-from palpate.config.calibration_overlay import apply_calibration, check_calibration, geometry_sha256
+from palpate.config.calibration_overlay import (
+    RigOnBench,
+    apply_calibration,
+    check_calibration,
+    geometry_sha256,
+    load_calibrated,
+)
 from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contacts
 from palpate.config.emulation import Scene, load_scene
 from palpate.config.loading import shipped_objects, shipped_rig
@@ -68,6 +74,7 @@ __all__ = [
     "PositionParts",
     "Residuals",
     "RigFile",
+    "RigOnBench",
     "RigServo",
     "RotaryCalibration",
     "Scene",
@@ -84,6 +91,7 @@ __all__ = [
     "calibration_toml",
     "check_calibration",
     "geometry_sha256",
+    "load_calibrated",
     "load_calibration",
     "load_contacts",
     "load_objects",

@@ -2,19 +2,24 @@
 
 The result is a `RigFile` like any other, with values that were measured and bounds that hold for them. A
 calibration speaks of the frame in which bases and headings are nearest to the rig file's (ADR 0018); what
-that frame leaves open is added where a value is the drawing's.
+that frame leaves open is added where a value is the drawing's. Hand and recogniser use the calibrated rig;
+emulated devices are built from the one in the rig file, which says round what their hidden truth is drawn.
 """
 
 import hashlib
 import json
 import math
+from dataclasses import dataclass
+from importlib.resources.abc import Traversable
+from pathlib import Path
 from typing import Any
 
 from palpate.base.errors import InputError
-from palpate.config.calibration_file import CalibrationFile
+from palpate.config.calibration_file import CalibrationFile, calibration_path, load_calibration
 from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.fields import FileModel
-from palpate.config.rig_file import RigFile
+from palpate.config.loading import shipped_rig
+from palpate.config.rig_file import RigFile, load_rig
 from palpate.config.rig_fingers import BOUND_SIGMAS, FingerConfig
 from palpate.config.rig_servos import StageConfig
 
@@ -141,3 +146,41 @@ def _geometry(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _geometry(item) for key, item in value.items() if key not in _NOT_GEOMETRY}
     return value
+
+
+@dataclass(frozen=True, eq=False)
+class RigOnBench:
+    """A rig: with its calibration laid over it, and as its file `path` describes it.
+
+    Both are the same if `calibration` is None.
+    """
+
+    rig: RigFile
+    described: RigFile
+    calibration: CalibrationFile | None
+    path: Path | Traversable
+
+    @property
+    def calibration_path(self) -> Path | None:
+        """Path that the calibration was read from; None without one."""
+        if self.calibration is None or not isinstance(self.path, Path):
+            return None
+        return calibration_path(self.path)
+
+
+def load_calibrated(path: Path | None, *, calibration: bool = True) -> RigOnBench:
+    """Read a rig file, or the shipped one, and the calibration beside it, if there is one.
+
+    `calibration`: False to leave it alone. The shipped rig has none. Raises InputError if a file is wrong, or
+    the calibration is not of this rig as it is now.
+    """
+    if path is None:
+        rig = load_rig(shipped_rig())
+        return RigOnBench(rig, rig, None, shipped_rig())
+    described = load_rig(path)
+    beside = calibration_path(path)
+    if not calibration or not beside.exists():
+        return RigOnBench(described, described, None, path)
+    found = load_calibration(beside)
+    check_calibration(found, described, str(beside), str(path))
+    return RigOnBench(apply_calibration(described, found), described, found, path)

@@ -5,9 +5,9 @@ value in a file is an error with a place rather than a guess. Measured numbers a
 made, so that file and memory hold the same ones: seven digits (gains five), bounds and standard deviations
 four, rounded up.
 
-*Results.* Keys of published formats come out in the order declared, numbers rounded to a fixed number of decimals (bounds
-outward), so that two runs with one seed can be compared byte by byte. A number that is not finite is a bug
-and raises.
+*Results.* Keys of published formats come out in the order declared, numbers rounded to a fixed number of
+decimals (bounds outward), so that two runs with one seed can be compared byte by byte. A number that is not
+finite is a bug and raises.
 """
 
 import json

@@ -12,6 +12,7 @@ from palpate.base.file_io import check_place, write_text
 from palpate.config import (
     CalibrationFile,
     RigFile,
+    RigOnBench,
     calibration_path,
     calibration_toml,
     check_calibration,
@@ -20,7 +21,7 @@ from palpate.config import (
 from palpate.config.calibration_file import ReferencesFile
 from palpate.jobs.files import PathLike, load_references
 from palpate.jobs.monitor import view_log
-from palpate.rig.bench import RigOnBench, connect, emulated_table, environment, set_up
+from palpate.rig.bench import connect, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration_run import (
     CalibrationJob,
     RunRecordFile,

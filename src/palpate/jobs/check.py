@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 from palpate.base.errors import InputError, PalpateError
 from palpate.calibration.consistency_checks import contact_uncertainties
-from palpate.config import load_objects
+from palpate.config import RigOnBench, load_objects
 from palpate.config.calibration_file import ReferencesFile, references_sha256
 from palpate.config.diagnosis_results import (
     Cause,
@@ -21,15 +21,7 @@ from palpate.config.fields import to_json
 from palpate.config.loading import shipped_objects, shipped_rig
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
 from palpate.jobs.files import PathLike
-from palpate.rig.bench import (
-    BenchRig,
-    RigOnBench,
-    choose_placement,
-    connect,
-    emulated_table,
-    environment,
-    set_up,
-)
+from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration_run import build_references, rig_connector
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.calibration_check import CALIBRATION, Retouch, judge_touch, retouch

@@ -16,12 +16,12 @@ import numpy as np
 from palpate.base.errors import PalpateError
 from palpate.base.file_io import write_text
 from palpate.base.vocabulary import Strategy
-from palpate.config import ObjectsFile, Scene
+from palpate.config import ObjectsFile, RigOnBench, Scene
 from palpate.config.emulation import ConfigurationText
 from palpate.config.fields import to_json
 from palpate.config.writers import file_text
 from palpate.jobs.recognition import Answer
-from palpate.rig.bench import BenchRig, RigOnBench, choose_placement, environment, set_up
+from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.contact_peak import bus_latency_s

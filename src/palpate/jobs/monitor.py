@@ -9,11 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from palpate.base.errors import DeviceError
-from palpate.config import RigFile
+from palpate.config import RigFile, RigOnBench
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import check_arguments
 from palpate.rig.array_monitor import FingerView, MonitoredFinger
-from palpate.rig.bench import RigOnBench
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.recorded_session import keep_rig
 

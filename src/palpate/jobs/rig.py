@@ -12,7 +12,7 @@ from typing import Self
 
 from palpate.base.errors import InputError, warn_operator
 from palpate.base.vocabulary import Strategy
-from palpate.config import ObjectsFile, RigFile, Scene
+from palpate.config import ObjectsFile, RigFile, RigOnBench, Scene, load_calibrated
 from palpate.config.calibration_file import ReferencesFile
 from palpate.drivers.emulators import LOOPBACK, DeviceServer, serve_pty, serve_tcp
 from palpate.drivers.transport import Clock, MonotonicClock
@@ -33,7 +33,7 @@ from palpate.jobs.identification import Callbacks, IdentificationRequest, identi
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.recognition import Answer, Plan
 from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
-from palpate.rig.bench import RigOnBench, choose_placement, connect, load_calibrated, set_up
+from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.motion_checks import Onlooker

@@ -4,7 +4,6 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 """
 
 from palpate.recognizer.approach import Approach, approach_lines, offset_from_lines
-from palpate.recognizer.ball_obstacle import ball_obstacle
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import FACET_ERROR_MM, SYMMETRY_TOLERANCE_MM, Catalogue, prepare_states
 from palpate.recognizer.contact import Contact, Finger, NormalRange
@@ -48,7 +47,7 @@ from palpate.recognizer.recognition import (
 from palpate.recognizer.strategy import Confirmation, confirmation_grip, heuristic_grip, used_approaches
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 from palpate.recognizer.tables import Table
-from palpate.recognizer.tip_obstacle import is_exact
+from palpate.recognizer.tip_obstacle import ball_obstacle, is_exact
 from palpate.recognizer.touch_model import Goals, PushLimits, Resolution
 
 __all__ = [

@@ -2,13 +2,22 @@
 
 Breadth first, as whole-array operations over the whole catalogue. Each level is pruned by angle, by distance,
 and by the closed-form model test on two and on three contacts.
+
+*Branches.* In the null branch (Grimson and Lozano-Pérez) a contact is spurious. From the fourth contact on,
+contacts are paired by pose region: a region says where in the object's frame the new contact must lie, which
+prunes harder than distances to the earlier contacts and costs the same however many of those there are.
 """
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
+from palpate.base.geometry import Bools, Floats
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, NormalRange
+from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.interpretations import (
     Children,
     Interpretations,
@@ -18,6 +27,7 @@ from palpate.recognizer.interpretations import (
     orientation_range,
 )
 from palpate.recognizer.numpy_pairing import distances_fit, look_up
+from palpate.recognizer.pose_region import Cells, divide_orientations
 from palpate.recognizer.steps import STEPS
 from palpate.recognizer.tables import expand_ranges
 
@@ -130,3 +140,144 @@ def narrow_by(query: Query, nodes: Interpretations, *earlier: int) -> Interpreta
     """Narrow by the model test of the last contact and one or two `earlier` ones."""
     group = [*earlier, len(query.contacts) - 1]
     return nodes.narrow(*STEPS.narrow(query.select(group), nodes.edges[:, group], nodes.lo, nodes.hi))
+
+
+def extend_by_region(
+    query: Query, nodes: Interpretations, cells: Cells
+) -> tuple[Interpretations, LevelCount]:
+    """Pair the last contact with every edge on which it may lie somewhere in the cells of `nodes`.
+
+    Raises BudgetSpentError where there are too many to look at.
+    """
+    contact, edges, level = query.contacts[-1], query.edges[-1], len(query.contacts)
+    candidates = int(np.sum(edges.count[nodes.state]))
+    normals = contact.outward_normals()
+    if normals is None:
+        return Interpretations.none(level), LevelCount(level, candidates, 0, 0, 0)
+    found = STEPS.extend(query, normals, cells, *contact_in_object(cells, contact, query.anchor_mm))
+    grown = nodes.extend(_merge_by_pairing(found.children, cells, len(edges.state)))
+    return grown, LevelCount(level, candidates, found.looked_up, len(grown), len(grown))
+
+
+def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
+    """Narrow interpretations to their cells; one with a gap between its cells becomes one for each run.
+
+    Cells must be ordered by interpretation and orientation, as they are built.
+    """
+    if not len(cells):
+        return nodes.select(np.empty(0, np.int64)), cells
+    begins = np.ones(len(cells), dtype=bool)
+    begins[1:] = (np.diff(cells.node) != 0) | (cells.lo[1:] > cells.hi[:-1] + 1e-12)
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(cells)) - 1
+    owner = cells.node[first]
+    split = Interpretations(nodes.state[owner], nodes.edges[owner], cells.lo[first], cells.hi[last])
+    renumbered = Cells(np.cumsum(begins) - 1, cells.state, cells.lo, cells.hi, cells.polygon)
+    return split, renumbered
+
+
+def contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
+    """Place of the contact in the object's frame, in each cell: within reach (k,) mm of a point (k, 2)."""
+    x, y = np.asarray(contact.end_mm) - anchor_mm
+    cos, sin = np.cos(cells.middle), np.sin(cells.middle)
+    point = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - cells.centre
+    reach = cells.half_width * np.hypot(x, y) + cells.radius + contact.position_bound_mm
+    return point, reach
+
+
+def _merge_by_pairing(found: Children, cells: Cells, edges: int) -> Children:
+    """One pairing for each interpretation and edge (of so many), over the hull of its orientations."""
+    key, inverse = np.unique(cells.node[found.parent] * edges + found.edge, return_inverse=True)
+    lo, hi = np.full(len(key), np.inf), np.full(len(key), -np.inf)
+    np.minimum.at(lo, inverse, found.lo)
+    np.maximum.at(hi, inverse, found.hi)
+    return Children(key // edges, key % edges, lo, hi)
+
+
+TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
+COARSE_RAD = 0.015
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Interpretations of the touched contacts at `paired`, in order; all others are null.
+
+    `nodes` has a column for each paired contact. `cells`: their region, or None if it is not known yet.
+    """
+
+    paired: tuple[int, ...]
+    nodes: Interpretations
+    cells: Cells | None = None
+
+
+ROOT_BRANCH = Branch((), Interpretations.none(0))
+"""The branch with which a search begins: nothing is paired."""
+
+
+def grow_branches(
+    query: Query, branches: Sequence[Branch], max_spurious: int
+) -> tuple[list[Branch], LevelCount]:
+    """The branches with the last contact paired, and with it null where fewer than `max_spurious` are.
+
+    Also the counts of the level, over all branches. Raises BudgetSpentError where there are too many ways.
+    """
+    new = len(query.contacts) - 1
+    found, counts = [], []
+    for branch in branches:
+        nodes, count = _pair_last(query, branch)
+        found.append(Branch((*branch.paired, new), nodes))
+        counts.append(count)
+        if new - len(branch.paired) < max_spurious:
+            found.append(branch)
+    if len(counts) == 1:
+        return found, replace(counts[0], level=len(query.contacts))
+    columns = zip(*(astuple(count)[1:] for count in counts), strict=True)
+    return found, LevelCount(len(query.contacts), *(sum(column) for column in columns))
+
+
+def _pair_last(query: Query, branch: Branch) -> tuple[Interpretations, LevelCount]:
+    """The branch's interpretations with one more pairing, that of the last contact."""
+    paired = query.select([*branch.paired, len(query.contacts) - 1])
+    if not branch.paired:
+        return first_level(query.catalogue, query.contacts[-1])
+    if len(branch.paired) == 1:
+        return second_level(paired)
+    if len(branch.paired) < TREE_LEVELS:
+        return third_level(paired, branch.nodes)
+    cells = branch.cells
+    if cells is None:
+        intervals = divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1)
+        cells, _ = STEPS.cut_cells(query.select(branch.paired), branch.nodes, intervals)
+    return extend_by_region(paired, branch.nodes, cells)
+
+
+def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:
+    """Interpretations of all branches in one, a column for each of `contacts`: null where not paired."""
+    parts = []
+    for branch in branches:
+        columns = np.full((len(branch.nodes), contacts), NULL_EDGE)
+        columns[:, list(branch.paired)] = branch.nodes.edges
+        parts.append(replace(branch.nodes, edges=columns))
+    return Interpretations.join(parts)
+
+
+def branches_of(nodes: Interpretations, cells: Cells) -> list[Branch]:
+    """The branches that were joined to `nodes`, each with its share of the cells. Empty ones are left out."""
+    null = nodes.edges < 0
+    if not null.any():
+        return [Branch(tuple(range(nodes.edges.shape[1])), nodes, cells)]
+    patterns, member = np.unique(null, axis=0, return_inverse=True)
+    member = member.ravel()
+    return [_select_branch(nodes, cells, pattern, member == k) for k, pattern in enumerate(patterns)]
+
+
+def _select_branch(nodes: Interpretations, cells: Cells, null: Bools, chosen: Bools) -> Branch:
+    columns = np.flatnonzero(~null)
+    part = nodes.select(np.flatnonzero(chosen))
+    some = cells.select(chosen[cells.node])
+    number = np.cumsum(chosen) - 1
+    return Branch(
+        tuple(int(column) for column in columns),
+        replace(part, edges=part.edges[:, columns]),
+        replace(some, node=number[some.node]),
+    )

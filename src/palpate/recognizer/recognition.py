@@ -25,9 +25,7 @@ from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import LARGEST_MM, Contact, NormalRange
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
-from palpate.recognizer.interpretations import Interpretations, LevelCount, Query
-from palpate.recognizer.pose_region import Cells, Intervals, Regions, divide_orientations
-from palpate.recognizer.tree_branches import (
+from palpate.recognizer.interpretation_tree import (
     COARSE_RAD,
     ROOT_BRANCH,
     TREE_LEVELS,
@@ -38,6 +36,8 @@ from palpate.recognizer.tree_branches import (
     join_branches,
     split_into_runs,
 )
+from palpate.recognizer.interpretations import Interpretations, LevelCount, Query
+from palpate.recognizer.pose_region import Cells, Intervals, Regions, divide_orientations
 from palpate.recognizer.witness_search import connected_regions
 
 

@@ -2,32 +2,16 @@
 
 With `emulated.devices` and `emulated.scene`, which it calls, the only part of a run that knows the
 emulators.
-
-*Calibration.* Two descriptions of one rig: hand and recogniser use the calibrated one; emulated devices are
-built from the one in the rig file, which says round what their hidden truth is drawn.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources.abc import Traversable
-from pathlib import Path
 
 import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import InputError
-from palpate.config import (
-    CalibrationFile,
-    ObjectsFile,
-    RigFile,
-    Scene,
-    apply_calibration,
-    calibration_path,
-    check_calibration,
-    load_calibration,
-    load_rig,
-    shipped_rig,
-)
+from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.drivers.transport import Clock, FollowedPorts, MonotonicClock, Recorder, RecordSink, SystemPlugs
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.contact_peak import bus_latency_s
@@ -35,44 +19,6 @@ from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_
 from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placement_of
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
-
-
-@dataclass(frozen=True, eq=False)
-class RigOnBench:
-    """A rig: with its calibration laid over it, and as its file `path` describes it.
-
-    Both are the same if `calibration` is None.
-    """
-
-    rig: RigFile
-    described: RigFile
-    calibration: CalibrationFile | None
-    path: Path | Traversable
-
-    @property
-    def calibration_path(self) -> Path | None:
-        """Path that the calibration was read from; None without one."""
-        if self.calibration is None or not isinstance(self.path, Path):
-            return None
-        return calibration_path(self.path)
-
-
-def load_calibrated(path: Path | None, *, calibration: bool = True) -> RigOnBench:
-    """Read a rig file, or the shipped one, and the calibration beside it, if there is one.
-
-    `calibration`: False to leave it alone. The shipped rig has none. Raises InputError if a file is wrong, or
-    the calibration is not of this rig as it is now.
-    """
-    if path is None:
-        rig = load_rig(shipped_rig())
-        return RigOnBench(rig, rig, None, shipped_rig())
-    described = load_rig(path)
-    beside = calibration_path(path)
-    if not calibration or not beside.exists():
-        return RigOnBench(described, described, None, path)
-    found = load_calibration(beside)
-    check_calibration(found, described, str(beside), str(path))
-    return RigOnBench(apply_calibration(described, found), described, found, path)
 
 
 @dataclass(frozen=True, eq=False)

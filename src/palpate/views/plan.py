@@ -1,18 +1,12 @@
 """A plan (the next grip) as `palpate/grip@1`, in words and as a picture.
 
 Numbers are rounded so that what is printed still holds.
-
-The table on the terminal has the approaches, and the predictions of each hypothesis.
 """
 
 import math
 from collections.abc import Sequence
 
-from rich.console import Console
-from rich.table import Column, Table
-from rich.text import Text
-
-from palpate.base.errors import join_words, quantity
+from palpate.base.errors import join_words
 from palpate.base.vocabulary import RecognitionVerdict, Strategy
 from palpate.config.recognition_results import (
     ApproachOut,
@@ -27,7 +21,6 @@ from palpate.rig.identification.result import state_names
 from palpate.views.numerals import at_least, at_most, decimal, floor_to, minus_signs
 from palpate.views.recognition import ContactRecord, rings_at, touch_mark
 from palpate.views.table_picture import picture, values
-from palpate.views.tables import table
 
 
 def grip_out(planned: GripPlan) -> GripOut:
@@ -257,106 +250,3 @@ def _predicted_stop(item: Prediction) -> values.PredictedStop:
         return values.PredictedStop(None, True, ("misses",))
     words = (stop, normal, *(["or misses"] if may_miss(item) else []))
     return values.PredictedStop((item.earliest_mm, item.furthest_mm), may_miss(item), words)
-
-
-_NAME_COLUMNS = 22  # columns for a hypothesis
-_LEAD_COLUMNS = _NAME_COLUMNS + 5  # and its letter, with the gaps between
-_LONG_OUTCOME_COLUMNS, _SHORT_OUTCOME_COLUMNS = (
-    50,
-    18,
-)  # columns for an outcome that names what it gives, or that leaves it to the heading
-_MAX_TABLE_SETS = 6
-
-
-def print_plan(planned: GripPlan, console: Console) -> None:
-    """Print the plan; its recognition has at least one hypothesis."""
-    recognition, grip = planned.recognition, planned.grip
-    count = len(recognition.hypotheses)
-    touched = sum(contact.touched for contact in recognition.contacts)
-    console.print(
-        f"{recognition.verdict.value}: {quantity(count, 'hypothesis', 'hypotheses')} after "
-        f"{quantity(touched, 'contact', 'contacts')} and "
-        f"{quantity(len(recognition.contacts) - touched, 'miss', 'misses')}"
-    )
-    if grip is None:
-        console.print()
-        console.print(_outcomes(planned, None, (), 0))
-    else:
-        console.print(f"next grip ({planned.strategy.value}), about {grip.seconds:.0f} s:\n")
-        console.print(_approaches(planned, grip))
-        for block in _blocks(planned.rows, console.width):
-            console.print()
-            console.print(_outcomes(planned, grip, block, console.width))
-    if count > MAX_LETTERS:
-        console.print(f"and {count - MAX_LETTERS} more hypotheses; the JSON lists them all", style="dim")
-    console.print()
-    for line in certainty(planned):
-        console.print(line)
-    share = remaining_confusion(planned)
-    if share is not None:
-        console.print(f"expected remaining confusion: {share}")
-    for group in planned.alike[:_MAX_TABLE_SETS]:
-        console.print(f"indistinguishable within reach: {hypotheses_words(group)}")
-    if len(planned.alike) > _MAX_TABLE_SETS:
-        console.print(f"and {len(planned.alike) - _MAX_TABLE_SETS} more such sets")
-
-
-def _approaches(planned: GripPlan, grip: Grip) -> Table:
-    numbers = "from x, y", "direction", "at most"
-    lines = table(Column("finger", no_wrap=True, max_width=_NAME_COLUMNS), *numbers, numbers=numbers)
-    for row in planned.rows:
-        candidate, travel = grip.approaches[row], grip.travels_mm[row]
-        x, y = (decimal(value, 1) for value in candidate.start_mm)
-        lines.add_row(
-            Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
-            f"{x}, {y} mm",
-            direction_text(candidate.direction_rad),
-            f"{travel:.1f} mm",
-        )
-    return lines
-
-
-def _outcomes(planned: GripPlan, grip: Grip | None, rows: Sequence[int], width: int) -> Table:
-    """A row for each hypothesis shown, a column for each of some fingers."""
-    lines = table("", Column("hypothesis", no_wrap=True, width=_NAME_COLUMNS))
-    long = _LEAD_COLUMNS + _LONG_OUTCOME_COLUMNS * len(rows) <= width
-    for row in rows:
-        assert grip is not None, "no approaches without a grip"
-        name = planned.rig.fingers[grip.approaches[row].finger_index].name
-        lines.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
-    for index, item in enumerate(planned.recognition.hypotheses[:MAX_LETTERS]):
-        outcomes = [] if grip is None else [grip.predictions.of(row, index) for row in rows]
-        cells = [_long_outcome(outcome) if long else _short_outcome(outcome) for outcome in outcomes]
-        lines.add_row(Text(letter(index), style="bold"), _hypothesis_name(item), *cells)
-    return lines
-
-
-def _hypothesis_name(item: Hypothesis) -> Text:
-    name = f"{item.state.object_name}, {item.state.state.name}"
-    share = f"{100 * item.weight:.0f} %"
-    name = name if len(name) <= _NAME_COLUMNS - 6 else f"{name[: _NAME_COLUMNS - 7]}…"
-    at = item.configuration
-    place = f"{decimal(at.x_mm, 1)}, {decimal(at.y_mm, 1)} mm, {decimal(math.degrees(at.theta_rad), 0)}°"
-    return Text.assemble(f"{name:<{_NAME_COLUMNS - 6}}{share:>6}", "\n", (place, "dim"))
-
-
-def _long_outcome(item: Prediction) -> str:
-    """An outcome in one line."""
-    stop, normal = stop_words(item), normal_words(item)
-    if stop is None:
-        return "misses"
-    return f"stops at {stop} mm{' or misses' * may_miss(item)}\nwith normal {normal}"
-
-
-def _short_outcome(item: Prediction) -> str:
-    """An outcome in lines no longer than a column is wide."""
-    stop, normal = stop_words(item), normal_words(item)
-    if stop is None:
-        return "misses"
-    return f"{stop} mm\n{normal}" + "\nor misses" * may_miss(item)
-
-
-def _blocks(rows: Sequence[int], width: int) -> list[Sequence[int]]:
-    """Approaches whose columns fit beside each other."""
-    size = max(1, (width - _LEAD_COLUMNS + 2) // _SHORT_OUTCOME_COLUMNS)
-    return [rows[first : first + size] for first in range(0, len(rows), size)]

@@ -10,7 +10,7 @@ from typing import Any
 from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError
-from palpate.config import RigFile, apply_calibration, load_rig, shipped_rig
+from palpate.config import RigFile, RigOnBench, apply_calibration, load_rig, shipped_rig
 from palpate.config.diagnosis_results import Cause, CheckOut, DoctorOut
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -19,7 +19,7 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport.ports import PortForbidden, PortMissing, PortTaken
-from palpate.rig.bench import BenchRig, RigOnBench, connect, environment
+from palpate.rig.bench import BenchRig, connect, environment
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.motion_checks import EmulatedOnlooker, directions_step, examine_directions

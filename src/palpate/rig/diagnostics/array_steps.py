@@ -1,7 +1,7 @@
 """Array steps of a diagnosis: identity, geometry, frames, noise, drift and force scale.
 
-*Taxels.* Dead, hot and unsteady ones, by frames of an untouched array or by its own account. Whether taxels are where the array says cannot be seen while nothing touches
-them: `palpate watch` shows it.
+*Taxels.* Dead, hot and unsteady ones, by frames of an untouched array or by its own account. Whether taxels
+are where the array says cannot be seen while nothing touches them: `palpate watch` shows it.
 """
 
 import math

@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Flag
 
-from palpate.config import FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile, RigOnBench
 from palpate.config.diagnosis_results import Cause, FindingOut, Severity
-from palpate.rig.bench import RigOnBench
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
 

@@ -14,11 +14,10 @@ import shapely
 from shapely import affinity
 
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal
-from palpate.config import FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile, RigOnBench
 from palpate.config.recognition_results import TruthOut
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
-from palpate.rig.bench import RigOnBench
 from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
 from palpate.rig.catalogue.reachability import workspace_words
 from palpate.rig.catalogue.section_stack import region_within

@@ -19,8 +19,10 @@ from palpate.config import (
     FingerConfig,
     ObjectsFile,
     RigFile,
+    RigOnBench,
     Scene,
     calibration_path,
+    load_calibrated,
     load_objects,
     load_scene,
 )
@@ -38,7 +40,6 @@ from palpate.drivers.transport import (
     VirtualClock,
 )
 from palpate.rig.arrays import array_of
-from palpate.rig.bench import RigOnBench, load_calibrated
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile

@@ -8,8 +8,8 @@ from typing import NoReturn
 import pytest
 
 from palpate.base.errors import DeviceError
-from palpate.config import FingerConfig, RigFile, RigServo
-from palpate.rig.bench import RigOnBench, connect, set_up
+from palpate.config import FingerConfig, RigFile, RigOnBench, RigServo
+from palpate.rig.bench import connect, set_up
 from palpate.rig.diagnostics.diagnosis import STEPS, Diagnosis, diagnose
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import endpoint_of_rig, list_servos

@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from palpate.base.errors import InputError
-from palpate.config import load_objects, shipped_objects
-from palpate.rig.bench import RigOnBench, load_calibrated
+from palpate.config import RigOnBench, load_calibrated, load_objects, shipped_objects
 
 RIG = pytest.StashKey[RigOnBench]()
 """In a config's stash: the rig under test, if `--rig` names one."""

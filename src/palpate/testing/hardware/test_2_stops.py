@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import pytest
 
 from palpate.base.errors import DeviceError, SafetyStop
-from palpate.config import RigFile
+from palpate.config import RigFile, RigOnBench
 from palpate.drivers.dynamixel import ITEMS, MoveEnd, Servo, WatchdogTripped
-from palpate.rig.bench import RigOnBench
 from palpate.rig.motion.guarded_approach import move_tips, read_positions
 from palpate.rig.motion.hand import WATCHDOG_S, Hand
 from palpate.testing.hardware.bench import (

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from palpate.base.vocabulary import SESSIONS_FOLDER
-from palpate.config import RigFile
+from palpate.config import RigFile, RigOnBench
 from palpate.jobs.rig import open_rig
-from palpate.rig.bench import RigOnBench
 from palpate.rig.identification.exploration import exploring_grip, fast_to_workspace
 from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand

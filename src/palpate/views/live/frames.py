@@ -12,9 +12,8 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel
-from palpate.config import RigFile, load_objects
+from palpate.config import RigFile, load_calibrated, load_objects
 from palpate.drivers.transport import SessionEvent
-from palpate.rig.bench import load_calibrated
 from palpate.rig.session.log_file import check_session
 from palpate.rig.session.log_reader import LogTail
 from palpate.rig.session.logged_values import LoggedHypothesis, LoggedPlacement, LoggedTouch
