@@ -26,6 +26,7 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
+from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
@@ -35,12 +36,12 @@ from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
 from palpate.rig.emulated.hidden_truth import draw_part, support_of
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Event, Identification, Observers, StageEvent, identify
-from palpate.rig.identification.result import RunFacts, identification_out
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json
 
 _NOISE_N = 0.05
-SHIPPED = Path(__file__).parent.parent / "config" / "rigs" / "bench.toml"
+SHIPPED = Path(__file__).parent.parent / "src" / "palpate" / "config" / "rigs" / "bench.toml"
 
 Engine = Literal["mujoco", "quasi-static"]
 
@@ -152,7 +153,9 @@ def run(job: Job) -> None:
         "rig_s": bench.clock.now(),
     }
     if result is not None:
-        out = identification_out(result, None, RunFacts(emulated=True, rig_seconds=bench.clock.now()))
+        begun = IdentificationJob(said, Catalogue(objects.objects), placement, Strategy.PLANNED, job.seed)
+        ended = IdentificationRun(begun, result, True, bench.clock.now(), None, None, None)
+        out = ended.out(wall_seconds=time.perf_counter() - begin, session=None)
         (folder / "result.json").write_text(out.model_dump_json())
         contacts = contacts_json([[touch.contact for touch in grip] for grip in result.grips])
         (folder / "contacts.json").write_text(json.dumps(contacts))

@@ -15,7 +15,7 @@ ELLIPTICAL = re.compile(
     r"(Of|As|Where|What|How|Those|By|For|From|That|Which|With|In|On|Such|To|Beside|Up|At|It|They|Its|Their"
     r"|Also|Nothing|Something|Some|None|Whether|When|Who|Likewise)\b(?!-)"
 )
-MOST_ELLIPTICAL = 0.19
+MOST_ELLIPTICAL = 0.01
 """Share of docstrings that may begin so: now and then such a word begins a good sentence."""
 
 PARTICIPLE = re.compile(
@@ -24,7 +24,7 @@ PARTICIPLE = re.compile(
     r"|done|driven|fallen|flown|forgotten|frozen|got|gone|grown|heard|hidden|hurt|laid|led|lent|lost|meant|paid"
     r"|proven|sold|spent|spoken|stolen|stood|struck|swept|swung|taught|thrown|understood|wound|won)(?:_|$)"
 )
-MOST_PARTICIPLES = 0.065
+MOST_PARTICIPLES = 0.04
 """Share of functions that may be named so."""
 
 SAYING_NOTHING = {"FEW", "MANY", "SHOWN", "AS_FAR", "MOST", "MOST_HALVES", "SOME", "ENOUGH", "MORE", "LESS"}

@@ -106,7 +106,7 @@ class Rig:
         self._open.__exit__(kind, error, trace)
 
     @check_arguments
-    def identify(
+    def identify(  # noqa: PLR0913  # the command's options, all optional
         self,
         objects: ObjectsFile | PathLike | None = None,
         *,

@@ -55,7 +55,7 @@ _MAX_VARIATION_RUNS = 200
 
 
 @check_arguments
-def study(
+def study(  # noqa: PLR0913  # the command's options, all optional
     rig: RigFile,
     objects: ObjectsFile,
     *,

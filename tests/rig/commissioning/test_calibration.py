@@ -244,7 +244,7 @@ def test_references_that_are_not_convex_are_refused() -> None:
 # Calibration of arms from the first step to the file, measured by the simulated prober.
 
 ARMS = load_rig(EXAMPLES / "fresh-arms.toml")
-LOW = EXAMPLES.parent / "config" / "references" / "low.toml"
+LOW = EXAMPLES.parent / "src" / "palpate" / "config" / "references" / "low.toml"
 SEED = 4
 
 

@@ -49,7 +49,7 @@ from support.commands.command import Here
 from support.commands.repository import EXAMPLES
 
 FRESH = EXAMPLES / "fresh-stage.toml"
-SHAPES = EXAMPLES.parent / "config" / "references" / "standard.toml"
+SHAPES = EXAMPLES.parent / "src" / "palpate" / "config" / "references" / "standard.toml"
 MADE = datetime(2026, 5, 4, tzinfo=UTC)
 SEED = 3
 

@@ -48,7 +48,7 @@ class EmulatedWts(EmulatedWeiss):
     _dialect = WeissDialect.WTS
     _boot_s = 0.5
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # the module's settings, all optional
         self,
         taxels: Taxels,
         matrix: MatrixInfo,
@@ -193,7 +193,7 @@ class EmulatedDsa(EmulatedWeiss):
     _dialect = WeissDialect.DSA
     _boot_s = 8.0
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # the module's settings, all optional
         self,
         taxels: Taxels,
         matrices: Sequence[MatrixInfo],

@@ -24,7 +24,7 @@ class Taxels:
     `drift_counts_per_s`. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # one for each thing that is wrong with a sensor, all optional
         self,
         description: Description,
         *,

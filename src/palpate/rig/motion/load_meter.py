@@ -160,7 +160,7 @@ _BRAKING_FRAMES = 2  # frames after the order to stop until a tip stands
 class LoadMeter:
     """Collects forces and travels of one finger, each at its instant, and sums them up to loads."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0913  # what is known of the finger, all but two optional
         self,
         contact_force_n: float,
         period_s: float,
