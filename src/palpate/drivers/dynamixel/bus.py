@@ -37,7 +37,7 @@ from palpate.drivers.dynamixel.errors import (
     WrongLength,
     raise_first,
 )
-from palpate.drivers.dynamixel.exchanges import UNKNOWN_LATENCY_S, TableBlock, Timing, extract_block
+from palpate.drivers.dynamixel.exchanges import RETRIES, UNKNOWN_LATENCY_S, TableBlock, Timing, extract_block
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
 from palpate.drivers.dynamixel.transceiver import (
     BusCounts,
@@ -185,7 +185,7 @@ class Bus:
         baudrate: int,
         *,
         latency_s: float = UNKNOWN_LATENCY_S,
-        retries: int = 2,
+        retries: int = RETRIES,
         reopen: Callable[[], SerialBase] | None = None,
     ) -> None:
         """Take over an open port; `clock` is the one on which answers time out.

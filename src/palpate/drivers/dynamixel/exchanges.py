@@ -34,6 +34,9 @@ def latency_with_timer_s(timer_s: float) -> float:
 UNKNOWN_LATENCY_S = latency_with_timer_s(16e-3)
 """Latency where nothing is known of the adapter: the timer's usual 16 ms. The SDK always allows this much."""
 
+RETRIES = 2
+"""A lost or damaged answer is asked for so often again, at least; see `Timing.tries`."""
+
 _INSTRUCTION_BYTES = 10  # header, ID, LEN, INST and CRC
 _STATUS_BYTES = 11  # the same, and the error byte
 _FAST_BLOCK_BYTES = 4  # of a fast read: error, ID and CRC
