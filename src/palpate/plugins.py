@@ -1,4 +1,4 @@
-"""What the author of a plug-in imports, and the plug-ins that come with palpate.
+"""Names that authors of plug-ins import, and the list of plug-ins that come with palpate.
 
 `docs/adding-a-device.md` explains the parts, `examples/array_plugin` is a distribution with a plug-in, and
 `palpate.testing` holds the checks that a plug-in has to pass.

@@ -1,4 +1,4 @@
-"""Small tools that every layer may use: errors, published words, plane geometry, files, entry points.
+"""Small utilities that every layer may use: errors, vocabulary, plane geometry, files, entry points.
 
 Nothing here knows the rest of palpate.
 """

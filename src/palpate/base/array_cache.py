@@ -1,4 +1,4 @@
-"""Cache of arrays that can be made anew, kept in the user's cache folder because that is quicker.
+"""Cache of arrays that can be recomputed, kept in the user's cache folder to save time.
 
 A cache gives what was put in, bit for bit, or nothing. Whatever is wrong with a file, a folder or a disk
 means nothing: no error comes from there, and nothing waits for another process. Keys hold a digest of the

@@ -1,4 +1,4 @@
-"""Confined reading, in a process of its own, which may take so much time and memory and no more.
+"""Confined reading: untrusted files are read in a separate process with limited time and memory.
 
 Foreign parsers of a damaged or hostile file may crash, search without end, or want more memory than there is.
 None of this happens to the process that has the file read: there it is an InputError. The process is started

@@ -1,4 +1,4 @@
-"""Tree of errors. Beneath every layer: it imports nothing of palpate, everyone may import it.
+"""Hierarchy of errors. It is the lowest layer: it imports nothing from palpate, and any module may import it.
 
 Every message says what was wrong, where, and what to do next, in one line, for a person who has not
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).

@@ -1,4 +1,4 @@
-"""Files from outside and results: what one may cost, how its bytes are read, how a whole one is written.
+"""Reading of users' files and writing of results: limits on size and content, complete files only.
 
 Nothing but a regular file is read, and never more of it than its kind may have. Every limit is in the one
 table below: each is several times what a large useful file needs; together they keep whatever a file holds

@@ -1,4 +1,4 @@
-"""Packages that only some features need (extras): imported when they are used, named if they are missing."""
+"""Optional packages (extras): imported when first used, and named in the error if they are missing."""
 
 import importlib
 import json

@@ -1,4 +1,4 @@
-"""Short `repr`: a value in one line, for notebooks and messages, however much it holds."""
+"""Short `repr`: a value of any size in one line, for notebooks and messages."""
 
 from collections.abc import Iterable, Iterator, Sized
 from enum import Enum

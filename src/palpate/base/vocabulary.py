@@ -1,4 +1,4 @@
-"""Closed sets of words that files, results, the command line and computations share: one enum a concept.
+"""Closed sets of words shared by files, results, the command line and computations: one enum per concept.
 
 They import nothing, so that the command line can list their values without loading what computes.
 """

@@ -1,4 +1,4 @@
-"""Checks of a triangle mesh: one `Solid` for each of its bodies, or what is wrong and where.
+"""Checks of a triangle mesh: one `Solid` per body, or an error that says what is wrong and where.
 
 Equal corners become one vertex, which is all that formats without vertices (STL) leave to do; nothing else is
 repaired. A shell within another one bounds a void of it; one within that void is a body of its own. Shells

@@ -1,4 +1,4 @@
-"""Stacks of outlines: sections at several heights as one figure that is turned and shifted in the plane.
+"""Stacks of outlines: sections at several heights as one figure that can be rotated and shifted in the plane.
 
 A stack has a reference point that moves with it and hardly moves when it is bent: the mean of the Steiner
 points of the sections' convex hulls. If a motion brings every section of one stack within d of the other's,

@@ -1,4 +1,4 @@
-"""Parts of CAD files as values, and the sizes and units that they may have.
+"""Parts of CAD files as values, and their permitted sizes and units.
 
 file → `Solid` (readers, checked) → `StableState`s (how it rests) → `CrossSection`s (what fingers meet); or
 file → `DrawingFile` with `Drawing`s (outlines that are the same at every height). A wrong unit makes a part

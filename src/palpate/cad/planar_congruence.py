@@ -1,4 +1,4 @@
-"""Planar congruence of two stacks of sections: all rigid motions in the plane that bring one onto the other.
+"""Planar congruence of two stacks of sections: all rigid motions in the plane that map one onto the other.
 
 It finds duplicates among stable states and twins among objects. The search of the turn misses nothing: with
 reference points together (`outline_stacks`) the outlines are within (1 + 4/π) of the wanted distance if any

@@ -1,4 +1,4 @@
-"""Files of all formats: which reader reads which, and what each of them takes.
+"""Readers of all file formats, chosen by suffix, with the options that each of them accepts.
 
 The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings
 (`dxf_files`, `svg_files`), whose readers are imported when they are needed.

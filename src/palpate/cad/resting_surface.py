@@ -1,4 +1,4 @@
-"""Surface of a solid as it rests on the support plane: facets' heights and headings, slices and silhouette.
+"""Surface of a solid resting on the support plane: heights and headings of facets, slices and silhouette.
 
 Heights are rounded here, once: facets that are level within 1 µm are made level, and those thinner than 1 µm
 are taken to have no normal of their own, because coordinates in files are no better than that. So a height

@@ -1,4 +1,4 @@
-"""Solids of revolution: facets that approximate one are made anew, alike all round the axis.
+"""Solids of revolution: faceted approximations are rebuilt so that they are uniform around the axis.
 
 CAD kernels cut a surface of revolution into triangles as they like, and the lying states of a cone are then
 as many different ones as it has facets. Here a profile, the curve that is turned about the axis, is read off

@@ -1,4 +1,4 @@
-"""Bounds between one outline and the surface in a slab of heights, and outlines simplified within a bound.
+"""Bounds on the distance between an outline and the surface in a slab of heights; bounded simplification.
 
 They bound what the recogniser calls an object's tolerance. *Edges.* Every facet is clipped to the slab and
 projected: all edges of all true sections in the slab lie in these pieces, and all convex corners on the

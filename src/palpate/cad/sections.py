@@ -1,4 +1,4 @@
-"""Cross sections of a resting solid, adapted in height and proven.
+"""Cross sections of a resting solid, with adaptive heights and proven error bounds.
 
 Each stands for a slab of heights by one outline, taken near the slab's middle and simplified.
 `section_bounds` bounds how far every true edge in the slab is from it; outside of a tube of that radius

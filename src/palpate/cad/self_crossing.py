@@ -1,4 +1,4 @@
-"""Self-crossing of a surface: what it encloses is not defined then, and it is refused.
+"""Self-intersection of a surface: its interior would be undefined, so it is refused.
 
 Two faces cross where they share a stretch of a line that is longer than eight times the tolerance of the
 surface (`vertex_rounding`: a millionth of its size) and lie on both sides of each other there; faces in one

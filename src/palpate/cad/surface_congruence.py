@@ -1,4 +1,4 @@
-"""Congruence of a solid's surface with itself after a motion, or with another: a proof without sampling.
+"""Congruence of a solid's surface with itself after a motion, or with another one, proven without sampling.
 
 The result bounds the Hausdorff distance between the two surfaces. Why it holds: the distance from one
 triangle is convex, so over a piece of a facet it is nowhere larger than at the corners of the piece; the

@@ -1,1 +1,1 @@
-"""Calibration: what a rig measures of itself, and the estimators of values and bounds."""
+"""Calibration: measurements that a rig makes of itself, and the estimators of values and bounds."""

@@ -1,4 +1,4 @@
-"""Chi-square tests of touches: is a reference as described and at rest, and does a calibration still hold?
+"""Chi-square tests of touches: is a reference as described and at rest, and is a calibration still valid?
 
 What is inconsistent is refused, not fitted: errors name the reference and what to do.
 

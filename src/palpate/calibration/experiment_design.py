@@ -1,4 +1,4 @@
-"""Experiment design: touches that find a reference, and those that say most about the fingers.
+"""Experiment design: touches that locate a reference, and those most informative about the fingers.
 
 Every touch that could be made has a row of derivatives; the one that shrinks the covariance most is taken,
 again and again (greedy D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would

@@ -1,4 +1,4 @@
-"""Bundle adjustment of all fingers in one frame, from touches of references at unknown places.
+"""Bundle adjustment of all fingers in one frame, from touches of references in unknown poses.
 
 Every touch gives one equation: the tip's centre is as far from the reference's surface as the tip's radius
 less its dent. The estimate is the most probable one under the rig file's bounds as wide priors, found by

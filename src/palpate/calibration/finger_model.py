@@ -1,4 +1,4 @@
-"""Model of a finger: its tip as a function of the values that calibration looks for, and their priors.
+"""Model of a finger: its tip as a function of the values that calibration estimates, and their priors.
 
 Every kind of finger has its values in one row: base x, base y (mm), heading (rad) and tip radius (mm) first,
 then its own. All fingers of a rig have rows of one width; what a kind has no use for is pinned. Priors are

@@ -1,4 +1,4 @@
-"""Calibration steps for where fingers stand and where the turning stage's axis is.
+"""Calibration steps for the poses of fingers and for the axis of the turning stage.
 
 Each placing begins with touches that find the reference, goes on with those that say most, and ends with the
 first of these again: a reference that has moved meanwhile shows.

@@ -1,4 +1,4 @@
-"""Alignment of a fit's fingers with the hand frame, their bounds and residuals.
+"""Alignment of fitted fingers with the hand frame, and their bounds and residuals.
 
 Touches of references at unknown places say where fingers stand to one another, not where the rig stands on
 its table (gauge freedom). So W is defined by the rig file: it is the frame in which bases and headings are,

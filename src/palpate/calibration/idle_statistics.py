@@ -1,4 +1,4 @@
-"""Data reduction of an array's recordings: idle ones to zeros, noise and drift, presses to a few levels.
+"""Data reduction of array recordings: idle ones to zeros, noise and drift, presses to a few load levels.
 
 *Presses.* A level is a stretch of the travel. Averages over it take out noise, encoder steps and most of the
 steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.

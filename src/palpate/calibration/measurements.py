@@ -1,4 +1,4 @@
-"""Measurements of a rig that is being calibrated, the `Prober` that makes them, and the run record.
+"""Measurements of a rig during calibration, the `Prober` that makes them, and the run record.
 
 Touches of references, presses, stops, idle arrays; the estimators are pure functions of them. A prober is a
 rig, real or emulated, without ports or clocks. Servo angles count from Goal Position 2048, the servo next to

@@ -1,4 +1,4 @@
-"""Forward model of presses, what columns and the servos' currents must read, and the fit of its unknowns.
+"""Forward model of presses (expected column forces and servo currents) and the fit of its unknowns.
 
 The skin is an elastic foundation (Johnson, Contact Mechanics, ch. 4.3) that yields along the radius:
 pressure in a direction grows with how far the reference reaches into the undeformed circle there. Travel

@@ -1,4 +1,4 @@
-"""Models of a rig's fingers: `MODELS` is the one place of calibration that knows which kinds there are."""
+"""Models of a rig's fingers: `MODELS` is the only place in calibration that lists the kinds of finger."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

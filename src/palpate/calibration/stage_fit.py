@@ -1,4 +1,4 @@
-"""Fit of the turning stage: its axis and its play, by touches of a disc that stands still.
+"""Fit of the turning stage: its axis and backlash, from touches of a stationary disc.
 
 The fingers are those of a calibration, with what they may be off by.
 

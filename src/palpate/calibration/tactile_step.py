@@ -1,4 +1,4 @@
-"""Calibration step for tactile arrays: idle, and pressed on a disc and a plate at many bearings.
+"""Calibration step for tactile arrays: idle recordings, and presses on a disc and a plate at many bearings.
 
 Gains of taxels, phase, stiffness and crosstalk follow from the presses: columns first (`press_model`);
 within a column the taxels share the load, as references stand higher than the array and touch it along all

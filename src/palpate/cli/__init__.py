@@ -1,1 +1,1 @@
-"""The command line: one module a command, its options, its progress and its exit codes."""
+"""The command line: one module per group of commands, with options, progress and exit codes."""

@@ -1,4 +1,4 @@
-"""The dialogue of `calibrate`: what is going to happen, references to be placed, progress, and the result."""
+"""The dialogue of `calibrate`: announcement, requests to place references, progress, and the result."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The command line: all commands, and how they end.
+"""The command line: registration of all commands, and the handling of errors and exit codes.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,

@@ -1,4 +1,4 @@
-"""Dialogue of `setup-motors`: a person connects one servo after the other, and agrees to each change."""
+"""Dialogue of `setup-motors`: a person connects one servo after another, and confirms each change."""
 
 from collections.abc import Sequence
 from contextlib import closing

@@ -1,4 +1,4 @@
-"""The objects file that a command writes: options within their limits, what it held before, and writing."""
+"""The objects file that a command writes: limits on options, previous contents, and writing."""
 
 import math
 import time

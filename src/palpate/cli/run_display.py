@@ -1,4 +1,4 @@
-"""Display of a run: its progress and answer on the terminal, and the live view beside it.
+"""Display of a run: its progress and answer on the terminal, and the live view in the browser.
 
 The view is a process of its own, so that nothing it does can slow the run.
 """

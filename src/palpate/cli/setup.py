@@ -1,4 +1,4 @@
-"""Commands that set up a rig: its file and schema, ports, servos, torque off, and its devices emulated."""
+"""Commands that set up a rig: rig file and schema, ports, servos, torque off, and emulated devices."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Common parts of commands: options that several share, escaped text, notices, questions, time left.
+"""Common parts of commands: shared options, escaping of text, notices, questions, remaining time.
 
 Every command imports it at start-up: typer, rich and the standard library, nothing else of palpate but its
 errors and vocabulary.

@@ -1,4 +1,4 @@
-"""Display of `palpate watch`: a screen, lines or JSON, the keys that are typed, and the loop of updates."""
+"""Display of `palpate watch`: screen, lines or JSON, the keys typed, and the update loop."""
 
 import io
 import os

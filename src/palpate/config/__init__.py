@@ -1,4 +1,4 @@
-"""Everything that comes in from files, and what goes out as JSON: formats, checks, shipped rigs and models.
+"""File formats: input files and JSON results, their checks, shipped rigs and object models.
 
 A file is read once and becomes frozen values. A file that is not usable is an `InputError` with one line that
 names the file, the place, what is wrong and what is allowed.

@@ -1,4 +1,4 @@
-"""Table of an arm, type "two-link": its keys, its place, and its calibration."""
+"""Rig file table of an arm, type "two-link": its keys, its geometry, and its calibration."""
 
 import math
 from typing import Literal, Self

@@ -1,4 +1,4 @@
-"""Calibration of one finger: its array, its actuators, its place, its bounds.
+"""Calibration of one finger: its array, its actuators, its geometry, its bounds.
 
 Units are the suffixes of the names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the
 rig file.

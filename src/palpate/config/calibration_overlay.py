@@ -1,4 +1,4 @@
-"""Calibration overlay: a rig with its measured values, and whether the calibration belongs to it.
+"""Calibration overlay: a rig with measured values, and the check that the calibration belongs to it.
 
 The result is a `RigFile` like any other, with values that were measured and bounds that hold for them. A
 calibration speaks of the frame in which bases and headings are nearest to the rig file's (ADR 0018); what

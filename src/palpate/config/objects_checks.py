@@ -1,4 +1,4 @@
-"""Checks of what an objects file says, each finding with its place; redundant points are dropped.
+"""Checks of the contents of an objects file; findings name the place, and redundant points are dropped.
 
 Stands behind `objects_tables`, where the values have the right kinds already, and before `objects_file`.
 Points that repeat the one before, or lie on a straight line between others, say nothing; exporters write

@@ -1,4 +1,4 @@
-"""Geometric checks of an outline, simple and apart from others, that name the place of a fault.
+"""Geometric checks that an outline is simple and apart from others; errors name the place of a fault.
 
 For cross sections of objects and for obstacles of a rig; the values have the right kinds already. Nothing is
 repaired.

@@ -1,4 +1,4 @@
-"""Error messages for files: what is wrong and where, in words for the person who wrote the file.
+"""Error messages for files: what is wrong and where, in terms of the file's author.
 
 Turns pydantic's validation errors, also those behind the first wrong entry of a list, into `Problem` values:
 a place in the user's own terms and one sentence. Nothing of pydantic's vocabulary, and none of its links,

@@ -1,4 +1,4 @@
-"""Finger tables of a rig file: tactile array, bounds, and what tables of every type of finger have.
+"""Finger tables of a rig file: tactile array, bounds, and keys common to all types of finger.
 
 The values keep the file's units: mm, degrees, N.
 """

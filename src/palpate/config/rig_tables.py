@@ -1,4 +1,4 @@
-"""Tables of a rig file beside its fingers: bus, workspace, closing, search, obstacles, emulation.
+"""Tables of a rig file other than fingers: bus, workspace, closing, search, obstacles, emulation.
 
 Units are the file's, which are the suffixes of the names. `docs/rig-file.md` explains every key.
 """

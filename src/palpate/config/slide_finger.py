@@ -1,4 +1,4 @@
-"""Table of an aim and slide finger, type "slide": its keys, its place, and its calibration."""
+"""Rig file table of an aim and slide finger, type "slide": its keys, its geometry, and its calibration."""
 
 import math
 from typing import Literal, Self

@@ -1,4 +1,4 @@
-"""Result of `palpate study`, `palpate/study@1`, and the lines of its file of runs."""
+"""Result of `palpate study`, `palpate/study@1`, and the line format of its file of runs."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Writers of the file formats: values as the text of a file that reads as the same values again."""
+"""Writers of the file formats: values as text that, when read, gives the same values again."""
 
 import json
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Kinematics of a two-link arm: a shoulder turns the first link about a fixed base, an elbow the second one.
+"""Kinematics of a two-link arm: a shoulder turns the first link about a fixed base, an elbow the second link.
 
 One of the kinds of `kinematics`. The tip hangs down from the end of the second link. The elbow bends one way,
 so every place has one posture. The bounds add up base, heading, lengths, play and encoder steps, each with

@@ -1,4 +1,4 @@
-"""Kinematics of fingers: servo angles for a place on a line, and where the tip is for them.
+"""Kinematics of fingers: servo angles for a point on a line, and the tip's position for given angles.
 
 The interface between servos and contacts, and between plan and servos. `slide_kinematics` and
 `arm_kinematics` are the kinds there are; both have two servos. Everything is in the frame that carries the

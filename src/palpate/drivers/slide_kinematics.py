@@ -1,4 +1,4 @@
-"""Kinematics of an aim + slide finger: an aim turns a slide about a fixed base, the slide moves the tip.
+"""Kinematics of an aim and slide finger: an aim turns a slide about a fixed base, the slide moves the tip.
 
 One of the kinds of `kinematics`. The bounds add up everything that is known only to within a tolerance: base,
 heading, the slide's zero and travel per turn, play and encoder steps; or they are what a calibration found.

@@ -1,1 +1,1 @@
-"""The public face: what `import palpate` offers, and what the command line calls. See docs/python.md."""
+"""The public API: what `import palpate` offers, and what the command line calls. See docs/python.md."""

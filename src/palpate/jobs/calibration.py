@@ -1,4 +1,4 @@
-"""Calibration and homing of a rig from Python: measure, and write what was found beside the rig file."""
+"""Calibration and homing of a rig from Python: measures, and writes the result beside the rig file."""
 
 import hashlib
 from collections.abc import Callable, Sequence

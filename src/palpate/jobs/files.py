@@ -1,4 +1,4 @@
-"""Arguments of public functions, checked, and files: every format that palpate reads and writes."""
+"""Checks of arguments of public functions, and reading and writing of every file format of palpate."""
 
 import inspect
 import os

@@ -1,4 +1,4 @@
-"""Monitor: tactile arrays read continuously, live or recorded, and the log for a live view of such work."""
+"""Monitor: continuous reading of tactile arrays, live or recorded, and the log for a live view of it."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Recognition and planning from contacts alone, and the answers of these and of an identification."""
+"""Recognition and planning from contacts alone, and the answers of these and of identifications."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""Angle pockets: directions from which a finger can reach an edge, with the rest of the outline in the way.
+"""Angle pockets: directions from which a finger can reach an edge past the rest of the outline.
 
 See the memo's §2.2.2 and Fig. 6. A pocket is a set of directions of travel η in the object's frame. A finger
 that travels in direction φ of W and comes to rest on the edge leaves the orientations θ ∈ φ − η.

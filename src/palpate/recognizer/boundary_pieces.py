@@ -1,4 +1,4 @@
-"""Pieces of a grown section's true boundary, and the sides of the section that they come from.
+"""Pieces of a grown section's true boundary, with the sides of the section that generate them.
 
 A piece is a segment and a range of normals: the tip's centre is at distance r, along one of the normals, from
 a point of the segment. An edge has one normal, a convex vertex has no length. To leave out what is covered,

@@ -1,4 +1,4 @@
-"""Work budget: how much a query may look at before it says what it has; a count, not a clock.
+"""Work budget: limits on the work of one query, in units of work instead of time.
 
 Every step of a query has a share. A step that would need more is left out, or done more coarsely, where that
 loses nothing: a contact is then paired with no edges (what lies there still has to satisfy it), cells stay

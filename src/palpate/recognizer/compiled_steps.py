@@ -1,4 +1,4 @@
-"""Steps of the search by the compiled kernel: C code in `recognizer/kernel`.
+"""Search steps implemented by the compiled kernel, C code in `recognizer/kernel`.
 
 The same as the numpy steps give by whole arrays (see docs/adr/0038-a-compiled-kernel.md). It can be imported
 where there was a C compiler. Arrays that the kernel takes of large values are kept as long as these are.

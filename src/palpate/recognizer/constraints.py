@@ -1,4 +1,4 @@
-"""Constraints: what all contacts and free paths together ask of the cells of interpretations.
+"""Constraints: conditions that all contacts and free paths impose on the cells of interpretations.
 
 The path before a contact was free; a missed approach was free all along. If no point of the object is further
 than ρ from where the cell's middle configuration puts it, a finger cannot stop before it comes within ρ of

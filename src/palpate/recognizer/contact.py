@@ -1,4 +1,4 @@
-"""Contact: what one finger's approach measured. The recogniser's input.
+"""Contact: the measurement of one finger's approach, the recogniser's input.
 
 Positions are those of the tip's centre in the support-plane frame W, because growing the cross sections by
 the tip radius turns the finger into a point (memo footnote 3).

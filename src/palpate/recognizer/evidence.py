@@ -1,4 +1,4 @@
-"""Evidence beside bounds: touches that agreed with their predictions though they need not have.
+"""Evidence beyond bounds: touches that matched their predictions although they could have failed to.
 
 Bounds prove which of the catalogue's objects lies there, but not that it is one of the catalogue at all, nor
 that it stayed where it was. Kinds of *strangers*, objects outside the catalogue, differ by how far, and over

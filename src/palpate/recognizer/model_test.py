@@ -1,4 +1,4 @@
-"""Model test for two and for three contacts, in closed form: orientations at which they fit their edges.
+"""Model test for two and for three contacts, in closed form: orientations in which they fit their edges.
 
 For a fixed orientation θ a contact on an edge holds the position s of the object in four half-planes
 g·s ≤ C + A cos θ + B sin θ, with g constant in the object's frame. By Helly's theorem and Farkas' lemma the

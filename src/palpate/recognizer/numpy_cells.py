@@ -1,4 +1,4 @@
-"""Cells by whole arrays: cut from intervals of orientations, cut finer, and swept by free paths."""
+"""Cells with NumPy: cut from intervals of orientations, subdivided, and tested against free paths."""
 
 from dataclasses import replace
 from itertools import combinations

@@ -1,4 +1,4 @@
-"""Pairing of contacts with edges by whole arrays: by normal, by distance and by the model test.
+"""Pairing of contacts with edges with NumPy: by normal, by distance and by the model test.
 
 Normals are a range look-up among those that are sorted, or a descent of the strip tree for states with very
 many edges (memo §3.3).

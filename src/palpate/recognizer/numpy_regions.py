@@ -1,4 +1,4 @@
-"""A round of the witness search by whole arrays: connected cells, and a configuration in each region."""
+"""A round of the witness search with NumPy: connected cells, and a configuration in each region."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Steps of the search by whole arrays: what the compiled steps are judged by, and where no compiler is."""
+"""Search steps with NumPy: reference for the compiled steps, and fallback where there is no compiler."""
 
 from palpate.recognizer.model_test import narrow
 from palpate.recognizer.numpy_cells import (

@@ -1,4 +1,4 @@
-"""Witness candidates by whole arrays: cells that free paths leave, with configurations polished to fit.
+"""Witness candidates with NumPy: cells that free paths leave, with configurations refined to fit.
 
 Cells come from intervals of orientations, or from cells that are cut finer. Candidates in them satisfy
 rectangles round edges; what counts is the distance from the true boundary. A few weighted Gauss-Newton steps

@@ -1,4 +1,4 @@
-"""Deviations of a stranger's outline from a hypothesis's: a Gaussian process along it, known from touches.
+"""Deviations of a stranger's outline from a hypothesis's: a Gaussian process conditioned on touches.
 
 Places on outlines say where along its boundary a hypothesis is touched, seen from its own frame. The outline
 is displaced along its normals by a process over arc length with covariance σ² exp(−r² / 2ℓ²), r being the

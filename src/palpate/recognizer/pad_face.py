@@ -1,4 +1,4 @@
-"""Face of a flat pad: the points of it that stand for it as evidence, and the strip that it sweeps.
+"""Face of a flat pad: the points that represent it as evidence, and the strip that it sweeps.
 
 A pad moves across its face, so that each point of the face goes straight, as a finger without extent would.
 Its ways are evidence of some such points; where a pad stops is where the first point of its face does

@@ -1,4 +1,4 @@
-"""Pose regions: what is left of the configuration space of an interpretation, as a list of cells.
+"""Pose regions: the remaining configuration space of an interpretation, as a list of cells.
 
 A cell is an interval of orientations and a convex polygon of positions that together contain every feasible
 configuration in that interval: each half-plane of the `model_test` is relaxed to its largest value over the

@@ -1,4 +1,4 @@
-"""Preparation of a catalogue, as arrays and back: its states, and what each kind of finger can meet of them.
+"""Preparation of a catalogue, to and from arrays: its states, and the edges each kind of finger can meet.
 
 What is prepared of every state before any finger is known: its symmetry, and vertices that were made exactly
 symmetric. What is prepared for one kind of finger: edges and true boundary. Every state is prepared by

@@ -1,4 +1,4 @@
-"""Proximity queries on the true boundary: the nearest place of a tip's centre, and free straight paths.
+"""Proximity queries on the true boundary: the nearest position of a tip's centre, and free straight paths.
 
 A piece of the boundary is a segment and a range of normals; what of the range the contact allows is again a
 range, or two. The nearest centre on it is found in closed form: its normal is at an end of the range, or

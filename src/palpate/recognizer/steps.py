@@ -1,4 +1,4 @@
-"""Steps of the search, chosen once: compiled where there was a C compiler, otherwise by whole arrays.
+"""Search steps, selected once: compiled if a C compiler was available, otherwise with NumPy.
 
 The environment variable `PALPATE_KERNEL=off` chooses numpy. What is above knows nothing of the choice.
 """

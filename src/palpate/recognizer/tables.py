@@ -1,4 +1,4 @@
-"""Tables of parallel arrays, and runs of their rows: what whole-array stages of the search pass on."""
+"""Tables of parallel arrays, and runs of their rows: data exchanged by array-based stages of the search."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

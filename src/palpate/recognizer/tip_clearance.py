@@ -1,4 +1,4 @@
-"""Tip clearance: how far normals on short edges may be off, from the size of the tip that touches them.
+"""Tip clearance: bounds on the errors of normals on short edges, from the size of the tip.
 
 An edge much shorter than the tolerance δ says nothing of the true outline's normals there, but a tip of
 radius r rests on peaks. The true outline is within δ of the nominal section S, so a tip's centre c is nowhere

@@ -1,4 +1,4 @@
-"""Obstacle of a tip: which polygons of a state stand beside it along its length, and what a ball can meet.
+"""Obstacle of a tip: the polygons of a state along its length, and those that a ball can meet.
 
 An upright rigid cylinder touches a part where it touches any of the cross sections between its ends, so the
 obstacle for its axis is the union of these sections, grown by a disc. Polygons that others are certain to

@@ -1,4 +1,4 @@
-"""Tolerance bands: edges that contacts with an object of some tolerance may be paired with.
+"""Tolerance bands: edges that may be paired with contacts on an object with a tolerance.
 
 The outline grown from the nominal section says too little of them: where a notch is a little wider in truth
 than in the model, a finger may touch its floor or its corners though the nominal grown outline has neither.

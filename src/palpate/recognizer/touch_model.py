@@ -1,4 +1,4 @@
-"""Model of touches for planning: outcomes at sampled poses, how similar two are, and how hazardous.
+"""Model of touches for planning: outcomes at sampled poses, their similarity, and the hazard of each touch.
 
 Hypotheses are represented by some configurations of their regions. Stops and normals at these are exact but
 for the facets of arcs; plans are compared by them. Guaranteed enclosures over whole regions are those of

@@ -1,4 +1,4 @@
-"""True boundary of grown sections: where the centre of a tip that touches an object can be.
+"""True boundary of grown sections: possible positions of the centre of a tip that touches an object.
 
 For `verification`, which asks whether a configuration is one; nothing here is used by the search, which has
 facets instead of arcs. Of an object that is exact, what lies nearer than the radius to another part of the

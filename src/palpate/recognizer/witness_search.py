@@ -1,4 +1,4 @@
-"""Witness search: connected regions of cells, each with a configuration that satisfies everything exactly.
+"""Witness search: connected regions of cells, each with a configuration that satisfies all constraints.
 
 Everything is done for all regions at once. Cells are a little larger than what they enclose, so candidates
 are judged by `verification`. Where none in a region holds, cells that prove to hold none are dropped and the

@@ -1,4 +1,4 @@
-"""Composition root: from a rig file to a hand that can be used, on real ports or on emulated devices.
+"""Composition root: from a rig file to a usable hand, on real ports or on emulated devices.
 
 With `emulated.devices` and `emulated.scene`, which it calls, the only part of a run that knows the
 emulators.

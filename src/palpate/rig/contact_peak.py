@@ -1,4 +1,4 @@
-"""Expected peak force of a touch at a speed: what a rig file's threshold, speeds and stiffness come to.
+"""Expected peak force of a touch, from the speeds, the threshold and the stiffness in a rig file.
 
 Between the contact and standing still a tip goes on by speed × latency and by what braking takes; its skin,
 a spring, presses harder by stiffness × that. Latency is the wait for a frame, in the array's adapter, too,

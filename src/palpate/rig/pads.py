@@ -1,4 +1,4 @@
-"""Pads: what points of a pad's face met.
+"""Pads: the touched points of a pad's face.
 
 A pad that was touched gives contacts of points, where something certainly pressed, and the free ways of all
 points that stand for its face (docs/recogniser.md, "A pad"). Left is along the face, seen along the travel;

@@ -1,4 +1,4 @@
-"""Workers beside the main thread: a thread that cannot delay devices, and processes on all cores.
+"""Workers beside the main thread: a thread that cannot delay devices, and a pool of processes.
 
 What is beside the devices (a log, a disk, a screen, an observer) is given its work through a bounded queue.
 Its first failure is kept until it is asked for, at a moment when no device is driven. Work in processes is

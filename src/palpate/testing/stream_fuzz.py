@@ -1,4 +1,4 @@
-"""Fuzzing of stream decoders: millions of wrong bytes, always the same ones for a seed.
+"""Fuzzing of stream decoders: millions of wrong bytes, reproducible by seed.
 
 Half of them are noise, the other half a valid stream with flipped bits, and with stretches cut out, put in,
 repeated, moved, or blown up by a gap without a delimiter. They arrive in pieces of any length.

@@ -1,1 +1,1 @@
-"""Pictures, tables and sentences: from values to SVG, HTML and text. Knows no device."""
+"""Pictures, tables and text: from values to SVG, HTML and plain text. Independent of devices."""

@@ -1,4 +1,4 @@
-"""The result of `palpate doctor`: on the terminal, and as a report with nothing private in it."""
+"""The result of `palpate doctor`: on the terminal, and as a report without private data."""
 
 import getpass
 import hashlib

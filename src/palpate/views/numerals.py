@@ -1,4 +1,4 @@
-"""Numbers as people read them: a minus sign that is one, and bounds rounded so that what is printed holds."""
+"""Numbers for people: a typographic minus sign, and bounds rounded outward."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Recognitions as JSON, as pictures, in words and as a file of contacts; why an object fits or does not."""
+"""Recognitions as JSON, pictures, text and a file of contacts; why an object fits or does not."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

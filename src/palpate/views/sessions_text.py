@@ -1,4 +1,4 @@
-"""Recorded sessions for the terminal: a table of many, all there is to say of one, and its replay."""
+"""Recorded sessions on the terminal: a table of several, full information on one, and its replay."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Tables on the terminal: their one look, without frames, the servos of a bus, and serial ports.
+"""Tables on the terminal: their common style, without frames; the servos of a bus, and serial ports.
 
 Without frames piped output is plain columns.
 """

@@ -1,4 +1,4 @@
-"""Watched fingers on a terminal: the screen with taxel maps, the same as lines, and as JSON."""
+"""Watched fingers on a terminal: a screen with taxel maps, or lines, or JSON."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Geometry that several rooms share: array types, plane geometry and the object model's values.
+"""Geometry that several packages share: array types, plane geometry and the values of object models.
 
 `object_model`, the array types and the values of `curves` are exported here. `plane` has rotations, angles
 and point-in-polygon tests, `segments` distances and intersections of straight segments. Nothing here reads

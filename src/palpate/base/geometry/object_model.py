@@ -1,4 +1,4 @@
-"""Object model: what is known of an object beforehand, as stable states and their cross sections.
+"""Object model: an object known in advance, as stable states and their cross sections.
 
 A state is one stable way in which an object rests on the support plane: a stack of cross sections parallel
 to that plane (memo §1.2 and §3.1). Recognition treats states as separate objects. Models are read from files

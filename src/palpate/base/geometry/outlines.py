@@ -1,4 +1,4 @@
-"""Outlines in their other forms: shapely's regions, and rings of edges as flat arrays.
+"""Outlines in other representations: shapely regions, and rings of edges as flat arrays.
 
 The object model's polygons keep the order in which edges are counted. Regions are for areas, unions and
 distances; `EdgeRings` is for computing with all edges at once.

@@ -1,4 +1,4 @@
-"""Ball: a tip that meets each section of a part by another of its circles (docs/recogniser.md, "A ball")."""
+"""Ball: a tip that meets each section with the circle at its height (docs/recogniser.md, "A ball")."""
 
 import math
 from typing import ClassVar

@@ -1,4 +1,4 @@
-"""Cylinder: an upright round tip; 0 mm long, a disc."""
+"""Cylinder: an upright round tip; with length 0 mm, a disc."""
 
 from typing import ClassVar
 

@@ -1,4 +1,4 @@
-"""Pad: a flat face across the travel, which says by points what it met (docs/recogniser.md, "A pad")."""
+"""Pad: a flat face across the travel, whose contacts are given as points (docs/recogniser.md, "A pad")."""
 
 from typing import ClassVar
 

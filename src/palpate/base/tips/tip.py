@@ -1,4 +1,4 @@
-"""Tip: what palpate has to know of a shape of fingertip, apart from the sizes of a single one.
+"""Tip: properties of a shape of fingertip that do not depend on the size of an individual tip.
 
 A shape has a module of its own in this package. All others ask these attributes, never which shape it is;
 what a shape does not say yet is refused in one line.

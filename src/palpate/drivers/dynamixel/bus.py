@@ -1,4 +1,4 @@
-"""Bus of Dynamixel servos: control table items by servo id, and errors that say which servo.
+"""Bus of Dynamixel servos: access to control table items by servo id, with errors that name the servo.
 
 Above: `servo` and `servo_state`, in physical units. Below: `transceiver`, the vendor's SDK and a port. A
 servo that gives no answer is always an error, never a default value. What was lost or damaged is asked again,

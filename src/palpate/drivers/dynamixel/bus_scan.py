@@ -1,4 +1,4 @@
-"""Scan of a bus for servos of which nothing is known, at every baud rate and id; set-up of one servo.
+"""Scan of a bus for unknown servos, at every baud rate and id; set-up of one servo.
 
 One ping to all finds in a fraction of a second what answers in turn. Where answers came broken, each id is
 asked by itself: two servos with one id speak at once and spoil each other's answers. Where both happen to say

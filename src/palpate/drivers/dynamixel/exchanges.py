@@ -1,4 +1,4 @@
-"""Exchanges on a wire of servos: how long they take, and which answers may still arrive, until when.
+"""Exchanges on a servo bus: their duration, and which answers may still arrive, until when.
 
 Beneath `transceiver` and `bus`; whoever judges a loop's rate uses the formulas, too. A byte takes ten bits.
 Return delay is what a servo waits before it answers.

@@ -1,4 +1,4 @@
-"""Servo models: where each has its items, what its units are, and its motor and supply.
+"""Servo models: control table, units, motor and supply of each.
 
 Addresses and sizes are those of the tables that ship with the vendor's SDK, for every model in them. What
 these leave out is added from the e-Manual for the models that rigs are built of (`x_series`): access,

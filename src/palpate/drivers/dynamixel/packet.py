@@ -1,4 +1,4 @@
-"""Dynamixel Protocol 2.0 on the wire: bytes to packets and packets to bytes, without any port or clock.
+"""Codec of Dynamixel Protocol 2.0: bytes to packets and packets to bytes, without port or clock.
 
     FF FF FD 00 | ID | LEN_L LEN_H | INST | params … | CRC_L CRC_H          instruction packet
     FF FF FD 00 | ID | LEN_L LEN_H | 55 | error | params … | CRC_L CRC_H    status packet

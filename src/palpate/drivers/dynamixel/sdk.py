@@ -1,4 +1,4 @@
-"""The vendor's SDK, corrected where it must be and nowhere else. Between `bus` and the port.
+"""Adapter of the vendor's SDK, with corrections only where necessary. It sits between `bus` and the port.
 
 Host traffic goes through dynamixel_sdk's own packet handler. Corrected, each with a test that fails on the
 plain SDK 4.1:

@@ -1,4 +1,4 @@
-"""Servos in rad, rad/s and A: settings, goals, stopping, torque off, health. Above `bus`.
+"""Servos in rad, rad/s and A: settings, goals, stopping, torque off, health. Built on `bus`.
 
 Zero is the model's middle tick (2048 of the X series), in extended modes of the turn in which the servo was
 powered up: after power-up, a reboot or a change of mode, a servo knows its angle within one turn only.

@@ -1,4 +1,4 @@
-"""State of a group of servos in one read: position, velocity, current, and everything that may be wrong.
+"""State of a group of servos in one read: position, velocity, current, and all fault indicators.
 
 Above `bus`, beside `servo`; the rig's loops read through it. What belongs together lies apart in the control
 table, so each servo is set up once, by its indirect addresses, to show it in one block (e-Manual, Indirect

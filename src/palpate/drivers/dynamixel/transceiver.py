@@ -1,4 +1,4 @@
-"""Transactions: one instruction and the answer to it, through the vendor's SDK; and counts of what was lost.
+"""Transactions: one instruction and its answer, through the vendor's SDK; counts of losses.
 
 Nothing here is repeated and nothing raised but the port's own errors: an answer is a status packet, or it is
 `Lost`, or a `SizeMismatch`. What a loss means, and whether to ask again, is for the `bus`. `BusCounts` are

@@ -1,4 +1,4 @@
-"""The emulated bench: fingers, a table and what stands on it, in one time.
+"""The emulated bench: fingers, a table and the part on it, in one common time.
 
 Joins the emulated servos and arrays. Every device calls `Bench.advance` before it answers; the bench then
 lets the mechanics catch up in steps of one millisecond, then what stands on the table, and hands every

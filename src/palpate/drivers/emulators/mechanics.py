@@ -1,4 +1,4 @@
-"""Mechanics that emulated servos move: slides, arms, a turning stage; play, and forces back on the shafts.
+"""Mechanics driven by emulated servos: slides, arms, a turning stage; backlash, and reaction on the shafts.
 
 Between the emulated servos and the tips of the bench. Each kind of mechanics says where the tip really is. It
 is written from drawings of the mechanics, not from the host's kinematics, so that the two check each other.

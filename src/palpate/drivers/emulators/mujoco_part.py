@@ -1,4 +1,4 @@
-"""MuJoCo part: a free rigid body on feet, moved by a physics engine that was not written here.
+"""MuJoCo part: a free rigid body on feet, simulated by an independent physics engine.
 
 Needs the extra `physics`. The skin's forces are handed to MuJoCo as external forces at the tips' heights, so
 that the part can tip as well as slide; the table's contact is MuJoCo's own. Its default contact creeps under

@@ -1,4 +1,4 @@
-"""An elastic flat pad against outlines: from where its face is to the force on it and along it.
+"""An elastic flat pad against outlines: from the position of its face to the normal and tangential forces.
 
 The skin is an elastic foundation that yields along the travel only, without friction: each place of the face
 is dented as far as the part reaches beyond it. What presses on a stretch of touched skin is its stiffness

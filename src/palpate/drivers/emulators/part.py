@@ -1,4 +1,4 @@
-"""Emulated part: what stands on the table, on which points, and where tips have pushed it.
+"""Emulated part: its points of support on the table, and how far tips have pushed it.
 
 The seam between the emulated bench and the engines that move a part. The bench asks `displacement` before it
 works out what tips touch, and calls `step` once in each of its steps with a function that says what tips do

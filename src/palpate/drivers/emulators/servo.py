@@ -1,4 +1,4 @@
-"""Emulated servo of the X series, or of a plug-in. Knows packets, but neither wire nor clock.
+"""Emulated servo of the X series, or of a plug-in: handles packets, and is independent of wire and clock.
 
 `ServoChain` puts servos on a wire and hands them the packets; the bench physics calls `step` with the torque
 that the mechanics put on the shaft. Everything is written from the ROBOTIS e-Manual (pages "DYNAMIXEL

@@ -1,4 +1,4 @@
-"""Firmware of an emulated servo: what reads and writes do, what time does, and what it protects itself from.
+"""Firmware of an emulated servo: effects of reads, writes and time, and its protective shutdowns.
 
 Below `servo` (the face towards packets, mechanics and wire). `servo_table` knows which addresses and values
 are possible; here stands what depends on the servo's state. Protection watches every step: overload,

@@ -1,4 +1,4 @@
-"""Skin of a tip against a part that may have been moved: pressed, and sheared by friction.
+"""Skin of a tip against a part that may have moved: pressed, and sheared by friction.
 
 The skin shears as long as it sticks, then slips: a spring along the surface at the contact, limited by
 friction times the force normal to it (Mindlin's ratio of stiffnesses, 2 (1 − ν) / (2 − ν), is about 0.7 for

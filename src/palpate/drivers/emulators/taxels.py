@@ -1,4 +1,4 @@
-"""Taxels of an emulated array: forces in, counts out, whatever protocol carries them.
+"""Taxels of an emulated array: forces in, counts out, independent of the protocol.
 
 The sensor's faults are its own: gain and offset per taxel, drift, crosstalk to the four neighbours, noise,
 saturation, quantisation, dead and hot taxels.

@@ -1,4 +1,4 @@
-"""An elastic fingertip against outlines: from where the tip is to the force on it and on its taxels.
+"""An elastic fingertip against outlines: from its position to the force on it and on its taxels.
 
 Stands behind the emulated array and the emulated slide. The tip is a cylinder of compliant skin (an elastic
 foundation; Johnson, Contact Mechanics, ch. 4.3): the skin yields along the radius, and how far it has to

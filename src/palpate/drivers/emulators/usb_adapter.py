@@ -1,4 +1,4 @@
-"""The USB adapter between a host and an emulated device: what its chip, its hub and its system do to bytes.
+"""The USB adapter between host and emulated device: effects of its chip, hub and operating system on bytes.
 
 Collects what the device sends until a buffer is full or the latency timer runs out, and hands that over at
 once, so that answers come late, joined with others or in pieces (FTDI, application note AN232B-04: packets of

@@ -1,4 +1,4 @@
-"""Baseline: what an untouched array reads, with bounds, followed while it drifts.
+"""Baseline: bounds on the readings of an untouched array, tracked while it drifts.
 
 A taxel's zero wanders with temperature and wear, and a finger that comes to rest on a part very slowly looks
 the same at first. So the zero is not filtered, it is bounded: a taxel's zero is known to lie in an interval,

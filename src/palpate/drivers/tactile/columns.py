@@ -1,4 +1,4 @@
-"""Column forces of a cylindrical tip and what is known of their errors. Counts in, sums along the tip out.
+"""Column forces of a cylindrical tip, with error bounds. Counts in, sums along the tip out.
 
 All arrays begin with the frames: n is their number, r the rows, c the columns. Windows of neighbouring
 columns are what a light contact touches, wherever it is between columns.

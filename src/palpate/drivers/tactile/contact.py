@@ -1,4 +1,4 @@
-"""Contact extractor: where, how hard and under which normals a tip is touched. Frames in, patches out.
+"""Contact extractor: where and how hard a tip is touched, and the possible normals. Frames in, patches out.
 
 The bound rule. On a cylinder column forces are the baseline-free counts over nominal gain, summed along the
 tip. Each has an error made of the gain spread (shared out over the rows that carry the load), the noise, the

@@ -1,4 +1,4 @@
-"""Request and answer: asks an array until it answers, notices when it restarts, and passes its frames on.
+"""Request and answer: repeats requests until an array answers, detects its restarts, passes its frames on.
 
 Every question is asked under a number of its own, more than once if need be: question or answer may get lost,
 and every request of `docs/tactile-protocol.md` may be said twice without harm. After a reset numbers and

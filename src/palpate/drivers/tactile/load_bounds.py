@@ -1,4 +1,4 @@
-"""Bounds of a patch's load: where it is centred, and how much of it an array may not show.
+"""Bounds of a patch's load: on its centroid, and on the share that an array may fail to measure.
 
 Used by `cylinder` for columns and by `pads` for the taxels of a flat pad, one axis at a time. A cell says how
 much load it bears, not where in it: the centroid is within half a cell of the cells' own. On top come the

@@ -1,4 +1,4 @@
-"""Patches on flat and free arrays: connected taxels, wherever they are. Counts in, patches out.
+"""Patches on flat and free arrays: connected sets of taxels. Counts in, patches out.
 
 A flat pad cannot tell the object's normal: the range is the half circle in front of it. On a free array the
 contact's direction lies among those of the patch's taxels and half a step to their neighbours. The centroid

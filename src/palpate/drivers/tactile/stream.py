@@ -1,4 +1,4 @@
-"""Frame stream: a port read frame by frame, with the waiting that every driver of a tactile array does.
+"""Frame stream: reads a port frame by frame, with the waiting common to all drivers of tactile arrays.
 
 The port is pyserial's; waiting is done by reading with a time-out, so that an emulated port can let virtual
 time pass. Nothing here blocks longer than its stated limit on the clock it was given. `StreamedArray` is the

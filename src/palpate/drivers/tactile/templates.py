@@ -1,4 +1,4 @@
-"""Templates of column forces: which contact normals can explain a row of them. The bound behind `contact`.
+"""Templates of column forces: the contact normals that can explain a row. Basis of `contact`'s bounds.
 
 A cylindrical tip is taken as an elastic foundation: pressure in direction a is proportional to the depth
 max(0, r - rho(a)), where rho is the distance from the tip's axis to the object along a. An object that is

@@ -1,4 +1,4 @@
-"""Ports, clocks and the seam to devices: bytes in, bytes out, nothing about what they mean."""
+"""Ports and clocks, the interface to devices: bytes in and bytes out, independent of their meaning."""
 
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub

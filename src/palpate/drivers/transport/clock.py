@@ -1,4 +1,4 @@
-"""Clocks: time as a value that is passed in. Nothing below `rig` reads another.
+"""Clocks: time as a value that is passed in. Code below `rig` uses no other clock.
 
 A `VirtualClock` moves only when somebody waits on it: the mock transport advances it by wire time, by device
 latency and by polling, so an emulated session is deterministic and runs faster than real time.

@@ -1,4 +1,4 @@
-"""Wires in virtual time: what lies between a `mock://` port and an emulated device.
+"""Wires in virtual time: the connection between a `mock://` port and an emulated device.
 
 A `MockHub` owns the wires of one emulated rig and shares one `VirtualClock` among them. A wire carries one
 byte after another: a byte is there once its last bit has arrived, so every byte costs its wire time.

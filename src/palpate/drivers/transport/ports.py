@@ -1,4 +1,4 @@
-"""Serial ports: opening by name or URL, which there are, who uses them, latency of their adapters.
+"""Serial ports: opening by name or URL, listing, their users, latency of their adapters.
 
 A port is anything that pyserial's `serial_for_url` takes: a device path, `socket://host:port`, or the
 `mock://HUB/NAME` of an emulated rig. Here pyserial's errors become ours. Names under /dev/serial/by-id come

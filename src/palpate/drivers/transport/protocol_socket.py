@@ -1,4 +1,4 @@
-"""pyserial's handler of `socket://HOST:PORT`, corrected where a serial port is expected to be otherwise.
+"""pyserial's handler of `socket://HOST:PORT`, corrected where it behaves differently from a serial port.
 
 pyserial imports this module by its name, before its own, once `ports.open_port` has added this package.
 Corrected:

@@ -1,4 +1,4 @@
-"""The recording of a run: what the host asked of clock and ports, call by call, and what came of it.
+"""Recording of a run: the host's calls to clock and ports, one by one, with their results.
 
 `Recorder` writes it, the session log keeps it, `replay` reads it. A call is a letter, for ports the port's
 number in the order of opening, and what came of it if that is not the usual thing:

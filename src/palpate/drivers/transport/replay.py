@@ -1,4 +1,4 @@
-"""Replay: a clock and ports that give back what was recorded, and compare what the host does; playback.
+"""Replay: a clock and ports that return what was recorded and compare the host's calls; playback.
 
 The other end of `Recorder`: a `Replayer` goes through the entries of a session log and lets the host's code
 run as then. Every call must be the recorded one, and every byte sent the recorded byte. The first difference

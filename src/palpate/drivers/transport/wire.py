@@ -1,4 +1,4 @@
-"""Interface between a wire and the devices on it: every transport (in process, pty) drives them through it.
+"""Interface between a wire and the devices on it, used by every transport (in process, pty).
 
 A device is a transport-free core: it is fed the bytes that reached it and the time at which they did, and
 answers with bytes and the times at which it starts to send them. It never blocks, sleeps or reads a clock.

@@ -1,1 +1,1 @@
-"""Object models as a rig's fingers meet them: CAD import, reachability, twins."""
+"""Object models from the viewpoint of a rig's fingers: CAD import, reachability, twins."""

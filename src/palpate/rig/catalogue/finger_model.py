@@ -1,4 +1,4 @@
-"""Fingers of a rig as parts are compared by them: heights, tip radii and the bound on contacts.
+"""Fingers of a rig as used to compare parts: heights, tip radii and the bound on contacts.
 
 Objects whose sections are not known where fingers touch are refused before anything is recognised or moved.
 An object that was imported near some heights only has nothing at others, as far as its sections say; a

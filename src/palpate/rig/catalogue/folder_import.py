@@ -1,4 +1,4 @@
-"""A catalogue from many CAD files: each in a process of its own, and only those that have changed.
+"""Import of a folder of CAD files into a catalogue: one process per file, and only for changed files.
 
 What an object was made from is kept with it (`source`): the file, a hash of its content, and one of what was
 asked. An object whose file and request are the same is kept as it is, and so is the reason why a file was

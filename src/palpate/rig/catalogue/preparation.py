@@ -1,4 +1,4 @@
-"""Preparation of catalogues: made on all cores where it takes long, and kept for the next start.
+"""Preparation of catalogues: on all cores if it takes long, and cached for later.
 
 What is prepared is the same, bit for bit, whether it was made now or kept. It is kept under a digest of all
 that it depends on: the states' outlines and tolerances, the finger, the code that prepares, its libraries.

@@ -1,4 +1,4 @@
-"""Reachability of a catalogue: states that a rig's fingers cannot touch, or take for something else.
+"""Reachability of a catalogue: states that a rig's fingers cannot touch, or may confuse with others.
 
 One line per kind of problem, or a refusal before anything moves. Looks at heights and sizes only, never at
 poses, so it costs next to nothing before a run. A tip of which no length is known is taken to be as thin as

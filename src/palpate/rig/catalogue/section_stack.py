@@ -1,4 +1,4 @@
-"""Sections of a state by height, at which heights they are known, and their rotational symmetry.
+"""Sections of a state by height, the heights at which they are known, and their rotational symmetry.
 
 Regions are Shapely's, mm, in the object's own frame.
 """

@@ -1,4 +1,4 @@
-"""Separating heights: where fingers should be, or one more of them, to tell states of a catalogue apart.
+"""Separating heights: finger heights that distinguish the states of a catalogue.
 
 A height is as good as the number of pairs of states that fingers there could never tell apart, as
 `find_twins` counts them. Between two heights at which some section begins or ends all are equally good.

@@ -1,4 +1,4 @@
-"""Calibration run from the first step to the file, on real and emulated rigs alike.
+"""Calibration run from the first step to the file, on real or emulated rigs.
 
 Runs the steps of `calibration` one after the other, each with a hand of its own that knows what the earlier
 ones found, and keeps what is done in a run record, a file from which it can be resumed.

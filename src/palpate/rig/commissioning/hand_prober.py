@@ -1,4 +1,4 @@
-"""Hand as a prober: what `calibration.prober` asks for, done by the hand of a rig.
+"""Hand as a prober: measurements requested by `calibration.prober`, carried out by the hand of a rig.
 
 Whoever puts references on the table is a `TableOperator`: a person who is asked, or the emulated bench.
 """

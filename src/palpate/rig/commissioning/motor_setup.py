@@ -1,4 +1,4 @@
-"""Motor setup: ids, baud rates and limits of a rig's servos, one after another, as an operator plugs them in.
+"""Motor setup: ids, baud rates and limits of a rig's servos, connected one at a time by an operator.
 
 Every write that was confirmed is in the result, also if the setup ends early.
 """

@@ -1,4 +1,4 @@
-"""Text of a new rig file, commented, for the devices that were found; what must be measured is marked."""
+"""Text of a new rig file for the devices found, commented; values to be measured are marked."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Bus steps of a diagnosis: baud rates, ids and models that answer, beside the rig file."""
+"""Bus steps of a diagnosis: baud rates, ids and models that answer, compared with the rig file."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress

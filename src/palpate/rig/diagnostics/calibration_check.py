@@ -1,4 +1,4 @@
-"""Check of a calibration: its age and bounds, whether it is of these devices, and whether it still holds.
+"""Check of a calibration: its age and bounds, whether its devices are these, and whether it is still valid.
 
 For that a disc is touched a few times by every finger. Fingers stand where the calibration says; only the
 disc's place is fitted. A press shows the current that slides need to move freely now: a slide's current

@@ -1,4 +1,4 @@
-"""Diagnosis of a set-up step by step, in the order in which things go wrong.
+"""Diagnosis of a set-up step by step, each step relying on the ones before it.
 
 Everything is read first, then each step judges. What depends on something that failed is skipped, for single
 devices as well as for whole steps: a servo that answers at another baud rate is asked nothing else, and a

@@ -1,4 +1,4 @@
-"""Checks in which fingers move: directions of joints, and what a part bears until it slides.
+"""Checks in which fingers move: directions of joints, and the force at which a part slides.
 
 *Directions.* A servo knows its own angle only: which way a tip goes is seen by a person, or by what emulates
 the bench.

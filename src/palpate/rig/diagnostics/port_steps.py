@@ -1,4 +1,4 @@
-"""Port steps of a diagnosis: are ports there, may they be opened, who uses them, what delays answers."""
+"""Port steps of a diagnosis: existence, permissions and users of ports, and causes of delay."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Readings of a rig for its diagnosis: ports, who answers on the bus, servos, arrays.
+"""Readings of a rig for its diagnosis: ports, devices that answer on the bus, servos, arrays.
 
 They are taken once, and each step judges a part of them. What a step needs is a function of the readings,
 which says why the step must be skipped.

@@ -1,4 +1,4 @@
-"""Servo bus of a rig: where it is, which servos answer on it, and torque off for all of them.
+"""Servo bus of a rig: its port, the servos that answer on it, and torque off for all of them.
 
 A bus is that of a port by name, of a rig file, or of the emulated bench. A scan says which servos answer,
 at which baud rates and ids, and how the rig file differs. The emergency stop works beside a program that is

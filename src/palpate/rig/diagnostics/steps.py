@@ -1,4 +1,4 @@
-"""Steps of a diagnosis: the case that is examined, devices in words, and how findings are made."""
+"""Steps of a diagnosis: the case under examination, names of devices, and the creation of findings."""
 
 import shlex
 from collections.abc import Callable, Iterable, Sequence

@@ -1,1 +1,1 @@
-"""The emulated rig: its devices, what lies on its table, and the truth that answers are compared with."""
+"""The emulated rig: its devices, the part on its table, and the truth with which answers are compared."""

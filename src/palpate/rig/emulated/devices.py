@@ -1,4 +1,4 @@
-"""Emulated rig: what a rig file's `[emulation]` table turns into. Called by the composition root only.
+"""Emulated devices, built from a rig file's `[emulation]` table. Called by the composition root only.
 
 Builds the emulated servos, arrays, adapters and mechanics with their hidden truth, and puts them on
 `mock://` wires in virtual time or hands them out to be served on real ports.

@@ -1,4 +1,4 @@
-"""Driven tips: an emulated part and tips on given ways, in the emulated bench's engines, without devices.
+"""Driven tips: an emulated part and tips on given paths, in the emulated bench's engines, without devices.
 
 There are no servos, arrays, bytes or frames. Where tips are is given, what they press with and where the
 part slides come out. `noise_of` says which forces an array does not notice, as the rig's own extractor does

@@ -1,4 +1,4 @@
-"""Hidden truth of emulated fingers: how they are really built, drawn within what `[emulation]` allows.
+"""Hidden truth of emulated fingers: their actual geometry, drawn within what `[emulation]` allows.
 
 A kind of finger has its `TruthDraws`, in `DRAWS`.
 """

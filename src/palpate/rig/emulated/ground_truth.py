@@ -1,4 +1,4 @@
-"""Ground truth on an emulated table: in the frame of the answers, and how far off an answer is.
+"""Ground truth on an emulated table, in the frame of the answers, and the error of an answer.
 
 A calibration cannot measure where the rig stands on its table. Its answers are in the hand frame, in which
 the fingers are nearest to where the rig file has them; the emulators' truth is in the table's frame. Scenes

@@ -1,4 +1,4 @@
-"""Scene: what lies on an emulated table, given by a file, drawn from the catalogue by a seed, or put there.
+"""Scene: the part on an emulated table, given by a file, drawn from the catalogue by a seed, or placed.
 
 Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so
 that the emulated bench shares no geometry with the recogniser: beside a ball, each section is met by a

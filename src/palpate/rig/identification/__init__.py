@@ -1,1 +1,1 @@
-"""The identification loop: grip, recognise, plan the next grip, until there is one answer."""
+"""The identification loop: grip, recognise, plan the next grip, until one answer is left."""

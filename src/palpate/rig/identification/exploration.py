@@ -1,4 +1,4 @@
-"""Exploring grips, before there is anything to plan with, and the space that they leave unswept.
+"""Exploring grips, made before there is anything to plan with, and the space that they leave unswept.
 
 The first ones go towards the table's middle, or what was touched. A part that lies inside the workspace has
 room for a disc inside of its section, and where a tip has passed no such disc can be. So what is kept of

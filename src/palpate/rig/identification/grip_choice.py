@@ -1,4 +1,4 @@
-"""Choice of the next grip, or the verdict: the one rule of `palpate identify` and `palpate plan`.
+"""Choice of the next grip, or the verdict: one rule for `palpate identify` and `palpate plan`.
 
 Of good grips such are preferred as do not tip or roll parts: a table of all states' stabilities against the
 rig's fingers says which, and which states of an answer motion bounds do not cover.

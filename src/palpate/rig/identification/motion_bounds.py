@@ -1,4 +1,4 @@
-"""Motion bounds of a grip: how far its touches can have moved the part, from the loads that were measured.
+"""Motion bounds of a grip: how far its touches can have moved the part, from measured loads.
 
 See docs/motion-bounds.md. Nothing slides while the forces on the part are too small for
 it; while they are not, friction at the table takes at least F for every mm of slide (`pushing_mechanics`),

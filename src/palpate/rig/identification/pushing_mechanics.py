@@ -1,4 +1,4 @@
-"""Mechanics of a pushed part: how a state rests on the table, what slides it, whether it tips or rolls.
+"""Mechanics of a pushed part: its support, the forces that slide it, and whether it tips or rolls.
 
 Sliding is counted in *slide*: the mean path, in mm, of the points on which the part rests. Friction takes
 at least the declared force times the slide, so the work done on the part bounds the slide

@@ -1,4 +1,4 @@
-"""A run of an identification: what it starts from, what came of it, and `palpate/identification@1`."""
+"""A run of an identification: its inputs, its results, and `palpate/identification@1`."""
 
 import math
 from collections.abc import Sequence

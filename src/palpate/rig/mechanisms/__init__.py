@@ -1,4 +1,4 @@
-"""Mechanisms of fingers: `MECHANISMS` is the one place that knows which kinds there are.
+"""Mechanisms of fingers: `MECHANISMS` is the only place that lists their kinds.
 
 A further kind is a module with its table and its `Mechanism`, and one line that registers them. Jobs that
 need more of it (calibration, emulation) refuse it in one line until that is there.

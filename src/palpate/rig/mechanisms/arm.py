@@ -1,4 +1,4 @@
-"""Arm mechanism: a shoulder servo turns the first of two links about a fixed base, an elbow the second one.
+"""Arm mechanism: a shoulder servo turns the first of two links about a fixed base, an elbow servo the second.
 
 Its tip waits on a circle round the workspace, and goes straight in from there at several angles, as far as
 its joints and the array's view allow.

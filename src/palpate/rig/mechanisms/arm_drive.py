@@ -1,4 +1,4 @@
-"""Drive of an arm: goals streamed to both servos, and currents that limit how hard the tip may press.
+"""Drive of an arm: goals streamed to both servos, and currents that limit the force at the tip.
 
 The servos have no profile: every sample period they get the place where the tip should be by then, on a
 straight line or on the circle where tips wait, with a ramp at either end. Both servos lag behind their goals

@@ -1,4 +1,4 @@
-"""Mechanism of a finger: all that depends on its kind, with the rig file's numbers.
+"""Mechanism of a finger: everything that depends on its kind, with the numbers of the rig file.
 
 A kind of finger is a `Mechanism` (kinematics, servos, where it waits, on which paths it can go) with a
 `Drive`. A `Drive` is given a path; a mover asks it every sample for the goals to write then (`goals`), and at

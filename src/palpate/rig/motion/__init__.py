@@ -1,1 +1,1 @@
-"""Moving fingers: the hand, guarded moves and what a touch says."""
+"""Motion of fingers: the hand, guarded moves and the evaluation of touches."""

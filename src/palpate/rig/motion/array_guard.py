@@ -1,4 +1,4 @@
-"""Guard over the tactile arrays that stream: too much force and silence end all motion.
+"""Guard over the streaming tactile arrays: excessive force or silence ends all motion.
 
 The hand looks through it wherever time passes with torque on, so that no motion can leave it out. Frames
 come late, some later than others: an adapter or a hub holds them back. An array's own time stamps say how

@@ -1,4 +1,4 @@
-"""Creeping on into a contact: two ways to measure it in `carry_out_grip` other than at rest.
+"""Creep after a contact: two ways for `carry_out_grip` to measure it while moving instead of at rest.
 
 A quasi-static touch is for calibration. A slide that is stopped comes to rest in the same part of an encoder
 step again and again, and in which part depends on how obliquely it touches: so the rounding of resting

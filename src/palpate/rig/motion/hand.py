@@ -1,4 +1,4 @@
-"""The hand: all fingers of a rig, connected, limited, and switched off again whatever happens.
+"""The hand: all fingers of a rig, connected, limited, and switched off whatever happens.
 
 Limits are written and read back before torque goes on; Bus Watchdog is armed while anything moves; leaving
 the `with` block, by whatever way, switches every motor's torque off, each by itself. Whatever time passes

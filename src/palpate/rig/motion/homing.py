@@ -1,4 +1,4 @@
-"""Homing: which turn a slide stands in, found by driving it back against its back stop.
+"""Homing: finds the turn in which a slide stands by driving it against its back stop.
 
 A servo that was without power reports its angle within one turn, and a slide takes several. A slide whose
 rig file names its stops is therefore homed unless its servo bears a mark in its RAM (`turn_mark`), which is

@@ -1,4 +1,4 @@
-"""Load on the part by a touch: peak force, travel in contact and work, metered frame by frame.
+"""Load of a touch on the part: peak force, travel in contact and work, measured frame by frame.
 
 A `LoadMeter` collects forces and travels of one finger, each at its instant, and makes loads and a trace of
 them. A force that lasts is noticed in the mean of what the array reads while no frame by itself shows any.

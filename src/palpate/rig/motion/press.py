@@ -1,4 +1,4 @@
-"""Motions for calibration: slow presses, stops at speed, slides against hard stops, aims to and fro.
+"""Motions for calibration: slow presses, stops at speed, slides against hard stops, swings of aims.
 
 The ways to contacts must be known to be free: the fingers have touched there before. What servos and arrays
 say on the way in and out is kept sample by sample; what it means is calibration's business.

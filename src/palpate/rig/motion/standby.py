@@ -1,4 +1,4 @@
-"""Coming to standby: fingers that stand anywhere go to where they wait, before anything else moves.
+"""Moves to standby: fingers go from wherever they stand to their standby poses before anything else moves.
 
 Slides are homed and retracted by then, and turn outside of the workspace. An arm's tip may stand beside the
 part, of which nothing is known yet. It goes slowly, and stops and backs off at a contact: one that its array

@@ -1,4 +1,4 @@
-"""Touch: one finger's approach in a grip, and the contact or miss in W, with bounds, that it ends in.
+"""Touch: one finger's approach in a grip, and the resulting contact or miss in W, with bounds.
 
 An `ApproachState` is where the tip has been so far; `conclude` makes a `Touch` of it and of the patch on the
 array.

@@ -1,4 +1,4 @@
-"""Timing of a touch: speeds, waits and margins, one for the rig's motion and for the study that simulates it.
+"""Timing of a touch: speeds, waits and margins, shared by the rig's motion and the study that simulates it.
 
 A grip touches twice: quickly to find the part, then slowly to measure it, unless the search is that slow
 already.

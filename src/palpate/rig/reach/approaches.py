@@ -1,4 +1,4 @@
-"""Reach of the rig: every approach that each finger can take, and which of them go together.
+"""Reach of the rig: every approach that each finger can take, and which of them can be combined.
 
 An approach starts with the tip waiting outside of the workspace and goes straight on until the tip has
 crossed the workspace, the finger ends, or something stands in its way: an obstacle, or the place where

@@ -1,4 +1,4 @@
-"""Ways to standby: how a finger gets from wherever it stands to where tips wait between approaches.
+"""Paths to standby: how a finger gets from wherever it stands to its standby pose.
 
 Nothing is known of where the part is. Aims of slides turn outside of the workspace. An arm's tip may stand
 in the middle of it: then its ways are tried that keep clear of whatever else is known, those first on which

@@ -1,1 +1,1 @@
-"""Sessions: the log of a run, its replay, and the environment that a run takes its devices from."""
+"""Sessions: the log of a run, its replay, and the environment that provides a run with its devices."""

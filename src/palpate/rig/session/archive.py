@@ -1,4 +1,4 @@
-"""Archive of sessions in a folder: summaries, information on one of them, and old ones removed.
+"""Archive of sessions in a folder: summaries, information on one session, and removal of old ones.
 
 A summary comes from first and last lines of each log. Sessions are removed file by file of those that
 palpate writes.

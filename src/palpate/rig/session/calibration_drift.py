@@ -1,4 +1,4 @@
-"""Calibration drift: whether devices and contacts of a session agree with the calibration in use.
+"""Calibration drift: whether the devices and contacts of a session agree with the calibration in use.
 
 Before a run: an array or a servo that was replaced has other gains, another play, another zero. After an
 identification: the object is a thing of known shape, and at its best pose its contacts must not be further

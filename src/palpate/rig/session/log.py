@@ -1,4 +1,4 @@
-"""The session log: everything that happened, in one append-only file that survives a crash.
+"""The session log: all events of a run in one append-only file that survives a crash.
 
 JSON Lines in a Zstandard stream, one event a line, written every 0.05 s beside the thread that drives
 devices: whatever kills the process, every line but perhaps the last is whole, and no more than the last 0.1

@@ -1,4 +1,4 @@
-"""The log's file: lines as a Zstandard stream (RFC 8878) that can be read to its last whole block.
+"""The log's file: lines as a Zstandard stream (RFC 8878), readable up to the last complete block.
 
 A block ends with every flush, so that what a kill leaves can be read: at most the lines since the last flush
 are missing. Logs of older versions, and those that were unpacked by `zstd -d`, are plain text.

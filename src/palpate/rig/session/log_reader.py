@@ -1,4 +1,4 @@
-"""Reading a session log back: from lines of text to the entries that a replay goes through.
+"""Reading of a session log: from lines of text to the entries that a replay processes.
 
 Every line is checked before anything is replayed. A mistake is one `InputError` line that names the file,
 the line, and what is allowed. A log that was cut off by a kill is read up to its last whole line; one that

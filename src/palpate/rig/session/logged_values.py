@@ -1,4 +1,4 @@
-"""Events of a session log as values: hypotheses, touches and grips of a run, for those who show it."""
+"""Events of a session log as values: hypotheses, touches and grips of a run, for display."""
 
 import math
 from collections.abc import Mapping, Sequence

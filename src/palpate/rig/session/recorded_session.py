@@ -1,4 +1,4 @@
-"""A recorded session: the inputs it was started from, and samples of its bytes.
+"""A recorded session: its inputs, and samples of its bytes.
 
 Inputs are kept in its folder, so that the folder is enough to run it again. The copies of rig file and
 calibration lie beside each other as the originals do, so that the folder's rig file can be given to any

@@ -1,4 +1,4 @@
-"""A recorded session run again: the same code against what was recorded.
+"""Replay of a recorded session: the same code runs against the recording.
 
 A replay ends in one of three ways: as recorded, at the first difference, or where a log was cut off.
 """

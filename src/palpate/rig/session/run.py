@@ -1,4 +1,4 @@
-"""A run from the first port to the answer: what `identify` does on devices and `replay` on a recording.
+"""A run from the first port to the answer: used by `identify` on devices and by `replay` on a recording.
 
 Where an emulated part really was is an event of the log: an engine moves the part, and a replay has none.
 """

@@ -1,4 +1,4 @@
-"""Signals that end a run in order, so that torque is off.
+"""Signals that end a run in an orderly way, so that torque is off.
 
 A run holds them back until the host next asks something of its environment, so that a recording says where
 they hit. Between two calls on clock and ports the host takes note of what it got, a few lines at most; an

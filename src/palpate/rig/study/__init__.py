@@ -1,1 +1,1 @@
-"""Study: how well a rig tells a catalogue apart, by simulated identifications."""
+"""Study: how well a rig distinguishes a catalogue, by simulated identifications."""

@@ -1,4 +1,4 @@
-"""Campaign of a study: runs on all cores or a cluster, kept in a file as they come, and resumed from it.
+"""Campaign of a study: runs on all cores or a cluster, saved to a file as they finish, and resumed from it.
 
 The file is JSON Lines: its first line says what decides the runs, each other one is a run. On a cluster
 chunks of runs are tasks of a dask scheduler, on any number of machines. A worker may die at any time: the

@@ -1,4 +1,4 @@
-"""Simulated touches of a part that lies still: straight ways against its outline, mismeasured as on a rig.
+"""Simulated touches of a part that does not move: straight paths against its outline, with errors.
 
 Without devices: a thousand identifications in the time of a few on emulated ones. Where a tip on a straight
 path meets the part is worked out with shapely alone, so that nothing of it is shared with the recogniser.

@@ -1,4 +1,4 @@
-"""Simulated identification of a study: its number and the study's seed decide all of it."""
+"""Simulated identification of a study, determined entirely by its number and the study's seed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

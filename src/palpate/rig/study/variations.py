@@ -1,4 +1,4 @@
-"""Variations of a study: the same runs with one error halved, the part held, or fingers at other heights.
+"""Variations of a study: the same runs with one error halved, the part clamped, or fingers at other heights.
 
 Part and place of a run stay what they are, so that each run is its own control. Shares identified are
 compared by McNemar's exact test, bounds by the sign test, touches by Student's interval of paired

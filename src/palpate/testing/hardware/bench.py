@@ -1,4 +1,4 @@
-"""Bench of the hardware tests: a rig's bus, and motions of fingers through air.
+"""Bench of the hardware tests: a rig's bus, and motions of fingers in free air.
 
 Whatever is opened is closed again. Each finger moves alone, some way in from where it waits.
 """

@@ -1,4 +1,4 @@
-"""Pytest plugin of the hardware tests: options, no tests without a rig, the question before motion, figures.
+"""Pytest plugin of the hardware tests: options, skipping without a rig, confirmation before motion, figures.
 
 Not an entry point: it would put these options into every pytest run of an environment with palpate in it.
 """

@@ -1,4 +1,4 @@
-"""Tests with torque off, in which nothing moves: every device answers, is as a run wants it, is fast enough.
+"""Tests with torque off and no motion: every device answers, has the settings of a run, and is fast enough.
 
 The steps are those of `palpate check --full`, with more frames. What a first run would put right, and what
 makes it slow, fails here, too.

@@ -1,4 +1,4 @@
-"""Tests of what stops the rig, and how soon: torque without a jump, `palpate stop`, Bus Watchdog, guard."""
+"""Tests of stopping the rig, and its delay: torque without a jump, `palpate stop`, Bus Watchdog, guard."""
 
 import json
 import math

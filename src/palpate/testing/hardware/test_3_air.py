@@ -1,4 +1,4 @@
-"""Fingers move where nothing is: they arrive, and feel nothing. The table is clear."""
+"""Tests of motion in free air: fingers arrive, and measure no force. The table is clear."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Fingers touch a part that lies near the middle of the table."""
+"""Tests in which fingers touch a part near the middle of the table."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""Exports of a recorded session: CSV, MCAP and ROS 2 bags, for viewers and programs of others."""
+"""Exports of a recorded session: CSV, MCAP and ROS 2 bags, for viewers and other programs."""

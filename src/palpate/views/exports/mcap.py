@@ -1,4 +1,4 @@
-"""MCAP export of a session: Foxglove's SceneUpdate for what is drawn, JSON channels for the rest.
+"""MCAP export of a session: Foxglove's SceneUpdate for drawings, JSON channels for the rest.
 
 Written by Foxglove's SDK, with its schemas, so that viewers show a run without any setting. Shapes are in m,
 as viewers want them; the JSON channels keep the log's units, which their keys name. Log time is the start of

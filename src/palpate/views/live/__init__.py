@@ -1,1 +1,1 @@
-"""Live view: a page on this computer that shows a run while it goes on, or a recorded one with a slider."""
+"""Live view: a local web page that shows a run in progress, or a recorded one with a slider."""

@@ -1,4 +1,4 @@
-"""Frames of the live view: what its page draws, 20 times a second, from a log as it is written."""
+"""Frames of the live view: the data that its page draws, 20 times a second, from a log being written."""
 
 import base64
 import json

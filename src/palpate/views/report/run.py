@@ -1,4 +1,4 @@
-"""Report of a run: verdict and bounds, each grip, why each rival fell, timing, devices, settings."""
+"""Report of a run: verdict and bounds, each grip, rejected alternatives, timing, devices, settings."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

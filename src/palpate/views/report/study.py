@@ -1,4 +1,4 @@
-"""Report of a study: verdicts, touches, pairs that are hard to tell apart, heights, and what errors cost."""
+"""Report of a study: verdicts, touches, pairs that are hard to distinguish, heights, effects of errors."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
