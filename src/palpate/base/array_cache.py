@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 Arrays = Mapping[str, NDArray[Any]]
 """Arrays by name."""
 
-PARTIAL_SUFFIX = ".part"
+_PARTIAL_SUFFIX = ".part"
 """Suffix of a file that is being written."""
 
 _MAGIC = b"palpate/arrays@1"
@@ -75,7 +75,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
     digest = hashlib.sha256(head)
     for part in _payload(stored):
         digest.update(part)
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}{PARTIAL_SUFFIX}")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}{_PARTIAL_SUFFIX}")
     try:
         with os.fdopen(
             os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "wb"
@@ -166,7 +166,7 @@ def _padded_size(size: int) -> int:
 CACHE_PLACE = "PALPATE_CACHE"
 """Environment variable: the cache's folder, or "off"."""
 
-CACHE_BYTES = 1_000_000_000
+_CACHE_BYTES = 1_000_000_000
 """Of all files in a cache: beyond that those that were not used for longest go."""
 
 _SUFFIX = ".arrays"
@@ -182,7 +182,7 @@ class Cache:
     """
 
     folder: Path | None
-    most_bytes: int = CACHE_BYTES
+    most_bytes: int = _CACHE_BYTES
 
     def fetch(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         """Return what was kept, mapped from its file and read-only; None where nothing sound was."""
@@ -216,7 +216,7 @@ class Cache:
 
     def _tidy(self, folder: Path, now: float) -> None:
         """Remove what others did not complete, and of what is too much the files not used for longest."""
-        for written, _, path in _cached_files(folder, f".*{PARTIAL_SUFFIX}"):
+        for written, _, path in _cached_files(folder, f".*{_PARTIAL_SUFFIX}"):
             if now - written > _ABANDONED_S:
                 path.unlink(missing_ok=True)
         size = 0

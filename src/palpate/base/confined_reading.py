@@ -26,7 +26,7 @@ _INSIDE = "PALPATE_READING_PROCESS"
 """Set in the environment of such a process, in which no second one is needed."""
 
 _TOO_LONG = f"takes more than {READING_S:g} s to read"
-TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
+_TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
 
 
 def read_confined(
@@ -59,7 +59,7 @@ def read_confined(
     if ended.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
         raise InputError(f"{name}: {_TOO_LONG}; {advice}")
     if ended.returncode:
-        raise InputError(f"{name}: cannot be read: its reader crashed, or {TOO_LARGE}; {advice}")
+        raise InputError(f"{name}: cannot be read: its reader crashed, or {_TOO_LARGE}; {advice}")
     kind, value = pickle.loads(ended.stdout)
     if kind == "value":
         return value  # type: ignore[no-any-return]
@@ -98,7 +98,7 @@ def _answer(call: bytes) -> tuple[str, object]:
     except InputError as error:
         return "refused", (str(error), *getattr(error, "__notes__", ()))
     except MemoryError:
-        return "failed", TOO_LARGE
+        return "failed", _TOO_LARGE
     except Exception as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return "failed", f"cannot be read ({what:.200})"

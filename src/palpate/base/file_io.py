@@ -95,12 +95,12 @@ def check_file(path: str | os.PathLike[str], most_bytes: int, advice: str) -> No
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from None
     if not stat.S_ISREG(found.st_mode):
-        raise InputError(f"{os.fspath(path)}: is {kind_in_words(found.st_mode)}, not a file")
+        raise InputError(f"{os.fspath(path)}: is {_kind_in_words(found.st_mode)}, not a file")
     if found.st_size > most_bytes:
         raise _too_large(path, size_in_words(found.st_size), most_bytes, advice)
 
 
-def kind_in_words(mode: int) -> str:
+def _kind_in_words(mode: int) -> str:
     """Name of what has this `st_mode`, if it is no regular file: "a folder"."""
     return next((words for test, words in _KINDS if test(mode)), "something else")
 
@@ -200,7 +200,7 @@ def _check_kind(path: Path) -> None:
     with suppress(OSError):
         mode = path.stat().st_mode
         if not stat.S_ISREG(mode):
-            raise InputError(f"{path} cannot be written: it is {kind_in_words(mode)}; choose another place")
+            raise InputError(f"{path} cannot be written: it is {_kind_in_words(mode)}; choose another place")
 
 
 def _partial(path: Path) -> Path:

@@ -43,11 +43,11 @@ if TYPE_CHECKING:
     from ezdxf.entities.spline import Spline
     from ezdxf.math import Vec3
 
-OUTLINE_KINDS = frozenset({"LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE"})
+_OUTLINE_KINDS = frozenset({"LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE"})
 """Kinds that outlines are made of."""
 
 # fmt: off
-ANNOTATION_KINDS = frozenset({
+_ANNOTATION_KINDS = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "RTEXT", "ARCTEXT", "DIMENSION", "ARC_DIMENSION",
     "LARGE_RADIAL_DIMENSION", "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "ACAD_TABLE", "HATCH",
     "MPOLYGON", "SOLID", "WIPEOUT", "IMAGE", "PDFUNDERLAY", "DWFUNDERLAY", "DGNUNDERLAY", "OLEFRAME",
@@ -79,7 +79,7 @@ class BlockTransform:
         return np.array([tuple(point) for point in points]).reshape(-1, 3) @ self.matrix + self.shift_mm
 
 
-def entity_curves(entity: "DXFGraphic", placing: BlockTransform) -> tuple[tuple[DrawnCurve, ...], float]:
+def _entity_curves(entity: "DXFGraphic", placing: BlockTransform) -> tuple[tuple[DrawnCurve, ...], float]:
     """The curves of an entity of a kind in `DRAWN`, in mm, and the height that it lies at.
 
     Raises NotFlatError.
@@ -265,7 +265,7 @@ class DxfWalk:
             self._insert(entity, _InheritedStyle(layer, linetype, outer.placing), blocks)  # type: ignore[arg-type]
         elif not self._visible(layer):
             self.left_out[f"entities on the hidden layer '{layer}'"] += 1
-        elif kind in ANNOTATION_KINDS:
+        elif kind in _ANNOTATION_KINDS:
             self.left_out[kind] += 1
         elif self._dashed(linetype):
             self.left_out[f"{kind} in linetype {linetype}"] += 1
@@ -274,13 +274,13 @@ class DxfWalk:
 
     def _keep(self, entity: "DXFGraphic", layer: str, placing: BlockTransform) -> None:
         label, kind = f"layer '{layer}'", entity.dxftype()
-        if kind not in OUTLINE_KINDS:
+        if kind not in _OUTLINE_KINDS:
             raise InputError(
                 f"{self._path}: {label}: holds a {kind}, which is no outline of a flat part; "
                 "hide its layer or draw it with lines, arcs and splines"
             )
         try:
-            made, height = entity_curves(entity, placing)
+            made, height = _entity_curves(entity, placing)
         except NotFlatError as problem:
             raise InputError(f"{self._path}: {label}: a {kind} {problem}") from None
         self.found.setdefault(layer, []).append((Stroke(label, made), height))

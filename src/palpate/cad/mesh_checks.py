@@ -25,7 +25,7 @@ _PROBE_COUNT = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
 
 
-def split_bodies(where: str, surface: TriangleSurface) -> list[Ints]:
+def _split_bodies(where: str, surface: TriangleSurface) -> list[Ints]:
     """Faces (k, 3) of each body, outside seen counter-clockwise, in the order of the file.
 
     A shell that is inside out as a whole, with all it holds, is turned: of a closed surface there is no
@@ -152,7 +152,7 @@ def check_solids(
     _check_edges(where, vertices, faces)
     surface = triangle_surface_of(vertices, faces, tolerance)
     _check_crossings(where, surface)
-    parts = split_bodies(where, surface)
+    parts = _split_bodies(where, surface)
     solids = []
     for number, part in enumerate(parts, start=1):
         kept, renumbered = np.unique(part, return_inverse=True)

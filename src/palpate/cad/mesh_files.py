@@ -134,7 +134,7 @@ _TYPE_BYTES = {
 """Bytes of each type; a list takes its count's, at least."""
 
 
-def ply_problem(data: bytes) -> str:
+def _ply_problem(data: bytes) -> str:
     """Return what keeps a PLY file from being read whole, or nothing."""
     head, end, _ = data[:_HEADER_BYTES].partition(b"end_header")
     lines = [line.split() for line in head.decode("latin-1").splitlines()]
@@ -181,7 +181,7 @@ class MeshPart:
     faces: Ints
 
 
-def mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
+def _mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names none of them."""
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -216,7 +216,7 @@ def distinct_shapes(where: str, scene: Any, fallback: str) -> list[MeshPart]:
         if not hasattr(mesh, "faces"):
             continue
         name = _real_name(str(geometry)) or fallback
-        vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
+        vertices, faces = _mesh_triangles(f"{where}: {name}", mesh)
         found.append(MeshPart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
     return found
 
@@ -260,7 +260,7 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     if kind == "3mf":
         return _read_3mf(path, units)
     data = read_bytes(path, CAD_BYTES, _ADVICE)
-    if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": ply_problem}[kind](data):
+    if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": _ply_problem}[kind](data):
         raise InputError(f"{path}: {problem}")
     if units is None:
         raise InputError(f"{path}: {kind.upper()} files have no units: give their units: mm, inch or m")
@@ -318,7 +318,7 @@ def _load_scene(path: Path, data: bytes, kind: str) -> Any:
 
 def _one_mesh(path: Path, scene: Any) -> tuple[Floats, Ints]:
     """All triangles of a scene whose parts are only pieces of the file, by material or by name."""
-    meshes = [mesh_triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
+    meshes = [_mesh_triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
     if not meshes:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])

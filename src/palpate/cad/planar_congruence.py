@@ -57,7 +57,7 @@ class PlanarPose:
     centre_mm: Floats
 
 
-def rotate_points(points_mm: Floats, turn_rad: float) -> Floats:
+def _rotate_points(points_mm: Floats, turn_rad: float) -> Floats:
     """Points (n, 2) turned about the origin."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     result: Floats = points_mm @ np.array([[c, s], [-s, c]])
@@ -85,7 +85,7 @@ def align(a: Stack, b: Stack, pose: PlanarPose, enough_mm: float) -> PlanarPose:
     return _least_maximum(a, b, best, least, enough_mm) if least > 10 * _SETTLED_SHARE * reach else best
 
 
-def largest_distance_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
+def _largest_distance_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
     """Hausdorff distance of the outlines of all sections, rounded up (see `furthest_mm`)."""
     worst = 0.0
     for mine, its in zip(a.outlines, b.outlines, strict=True):
@@ -96,11 +96,11 @@ def largest_distance_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
 
 
 def _to_second(points: Floats, a: Stack, pose: PlanarPose) -> Floats:
-    return rotate_points(points - a.centre_mm, pose.turn_rad) + pose.centre_mm
+    return _rotate_points(points - a.centre_mm, pose.turn_rad) + pose.centre_mm
 
 
 def _to_first(points: Floats, a: Stack, pose: PlanarPose) -> Floats:
-    return rotate_points(points - pose.centre_mm, -pose.turn_rad) + a.centre_mm
+    return _rotate_points(points - pose.centre_mm, -pose.turn_rad) + a.centre_mm
 
 
 def _step_pose(pose: PlanarPose, step: Floats, reach: float) -> PlanarPose:
@@ -130,7 +130,7 @@ def _linearise(a: Stack, b: Stack, pose: PlanarPose) -> tuple[Floats, Floats]:
         rows.append(_row(here - pose.centre_mm, normal, a.reach_mm))
         corner = its.start
         foot, normal = _foot_points(_to_first(corner, a, pose), mine)
-        foot, normal = _to_second(foot, a, pose), rotate_points(normal, pose.turn_rad)
+        foot, normal = _to_second(foot, a, pose), _rotate_points(normal, pose.turn_rad)
         off.append(((foot - corner) * normal).sum(axis=1))
         rows.append(_row(foot - pose.centre_mm, normal, a.reach_mm))
     return np.concatenate(off), np.concatenate(rows)
@@ -255,14 +255,14 @@ def stack_distance_mm(a: Sequence[Any], b: Sequence[Any], turn_rad: float, shift
     if all(item.is_empty for item in a):
         return 0.0
     mine, its = stack_of(a), stack_of(b)
-    centre = rotate_points(mine.centre_mm[None], turn_rad)[0] + shift_mm
-    return largest_distance_mm(mine, its, PlanarPose(turn_rad, centre))
+    centre = _rotate_points(mine.centre_mm[None], turn_rad)[0] + shift_mm
+    return _largest_distance_mm(mine, its, PlanarPose(turn_rad, centre))
 
 
 def _motion_of(a: Stack, b: Stack, pose: PlanarPose, any_turn: bool = False) -> PlanarMotion:
     turn = math.remainder(pose.turn_rad, 2 * math.pi)
-    shift = pose.centre_mm - rotate_points(a.centre_mm[None], turn)[0]
-    return PlanarMotion(turn, shift, largest_distance_mm(a, b, pose), any_turn)
+    shift = pose.centre_mm - _rotate_points(a.centre_mm[None], turn)[0]
+    return PlanarMotion(turn, shift, _largest_distance_mm(a, b, pose), any_turn)
 
 
 def _turns(a: Stack, b: Stack, within: float) -> Floats:

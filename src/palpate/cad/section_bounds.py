@@ -42,7 +42,7 @@ _REACH_FRACTION = 32
 """A chord is as long as it may be within this part of it."""
 
 
-def normal_mismatch(normal: Floats, other: Floats) -> Floats:
+def _normal_mismatch(normal: Floats, other: Floats) -> Floats:
     """4δ/L that lets an edge's normal (n, 2) turn to another: the sine of the angle, or 1 beyond 90°."""
     across = np.abs(cross(normal, other))
     return np.where(normal[:, 0] * other[:, 0] + normal[:, 1] * other[:, 1] > 0, across, 1.0)
@@ -64,7 +64,7 @@ def simplify_ring(points: Floats, normal: Floats, bare: Bools, budget_mm: float)
 def _bends(normal: Floats, bare: Bools) -> Bools:
     """Mark corners of a ring (n,), however slight: facets of one plane leave points in a straight line."""
     before, bare_before = np.roll(normal, 1, axis=0), np.roll(bare, 1)
-    result: Bools = (normal_mismatch(normal, before) > _STRAIGHT_SINE) | bare | bare_before
+    result: Bools = (_normal_mismatch(normal, before) > _STRAIGHT_SINE) | bare | bare_before
     return result
 
 
@@ -136,7 +136,7 @@ def _chord_costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: I
     along = away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]
     beyond = along - np.clip(along, 0.0, length[owner])
     distance = np.hypot(cross(away, unit), beyond)
-    turn = normal_mismatch(normal[edge], np.stack([unit[:, 1], -unit[:, 0]], axis=1))
+    turn = _normal_mismatch(normal[edge], np.stack([unit[:, 1], -unit[:, 0]], axis=1))
     cost = np.maximum(distance, np.where(bare[edge], 0.0, length[owner] / 4 * turn))
     result: Floats = np.maximum.reduceat(cost, first)
     return result
@@ -197,7 +197,7 @@ class FacetPieces:
         )
 
 
-def clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
+def _clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
     """Projected corners (k, 6, 2), in order, of facets clipped to a range of heights; some are repeated."""
     corners = surface.vertices_mm[surface.faces[facets]]
     begin, end = _clip_segments(corners, np.roll(corners, -1, axis=1), from_mm, to_mm)
@@ -214,7 +214,7 @@ def clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: fl
 
 def facet_pieces(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> FacetPieces:
     """Every edge of every section in the range lies in one of these."""
-    points = clip_facets(surface, facets, from_mm, to_mm)
+    points = _clip_facets(surface, facets, from_mm, to_mm)
     normal = surface.normal[facets]
     return FacetPieces(points, normal, normal, surface.bare[facets])
 
@@ -327,7 +327,7 @@ def _edge_cost(pieces: FacetPieces, outline: EdgeRings, edge: Ints) -> Floats:
     distance = np.sqrt(across**2 + beyond**2)
     normal = outline.normal[edge]
     tilt = (
-        length / 4 * np.maximum(normal_mismatch(normal, pieces.first), normal_mismatch(normal, pieces.last))
+        length / 4 * np.maximum(_normal_mismatch(normal, pieces.first), _normal_mismatch(normal, pieces.last))
     )
     result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt)[:, None])
     return result
@@ -380,7 +380,7 @@ def material_bound_mm(
             return allowed
     # Heights are meant within HEIGHT_MM: at a peak in the very end of a slab there is no material left.
     least = min(SAME_HEIGHT_MM, (slab_mm[1] - slab_mm[0]) / 8)
-    points = clip_facets(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
+    points = _clip_facets(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
     bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
     window = shapely.union_all(shapely.box(*bounds.T))
     swept = shapely.convex_hull(shapely.multipoints(points[_meets_box(points, bounds)]))

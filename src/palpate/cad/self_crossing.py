@@ -37,7 +37,7 @@ class FaceCrossings:
     places: Floats
 
 
-def crossing_pairs(surface: TriangleSurface, pairs: Ints) -> FaceCrossings:
+def _crossing_pairs(surface: TriangleSurface, pairs: Ints) -> FaceCrossings:
     """Select the pairs (k, 2) of faces that cross, or lie in one plane and overlap.
 
     No face may be thin. Pairs with a common edge are left out: see `folded_edges`.
@@ -58,7 +58,7 @@ def crossing_pairs(surface: TriangleSurface, pairs: Ints) -> FaceCrossings:
     )
 
 
-def folded_edges(surface: TriangleSurface) -> FaceCrossings:
+def _folded_edges(surface: TriangleSurface) -> FaceCrossings:
     """Neighbours that are folded flat onto each other along their common edge."""
     face, side = np.nonzero(surface.neighbours > np.arange(len(surface.faces))[:, None])
     pairs = np.column_stack([face, surface.neighbours[face, side]])
@@ -321,14 +321,14 @@ _PAIRS_AT_ONCE = 1 << 16
 
 def find_crossings(surface: TriangleSurface) -> FaceCrossings:
     """Pairs of faces that cross or overlap each other; the search ends after `ENOUGH`."""
-    found = [folded_edges(surface)]
+    found = [_folded_edges(surface)]
     solid = np.flatnonzero(~surface.thin)
     corners = surface.corners[solid]
     lo = corners.min(axis=1) - surface.tolerance
     hi = corners.max(axis=1) + surface.tolerance
     for pairs in overlapping_pairs(lo, hi, height_fields(surface)[solid]):
         found += [
-            crossing_pairs(surface, solid[pairs[start : start + _PAIRS_AT_ONCE]])
+            _crossing_pairs(surface, solid[pairs[start : start + _PAIRS_AT_ONCE]])
             for start in range(0, len(pairs), _PAIRS_AT_ONCE)
         ]
         if sum(len(some.pairs) for some in found) > MAX_CROSSINGS:

@@ -180,7 +180,7 @@ def margins_mm(hull: Hull) -> Floats:
     return result
 
 
-def resting_probability(hull: Hull) -> Floats:
+def _resting_probability(hull: Hull) -> Floats:
     """Probability (f,) of coming to rest on each face; they sum to 1."""
     probability = solid_angles(hull) / (4 * math.pi)
     onto = _rolls_onto(hull)
@@ -248,12 +248,12 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
     judge improbable ones then. Raises InputError for a solid without volume.
     """
     hull = hull_of(solid)
-    probability = resting_probability(hull)
+    probability = _resting_probability(hull)
     tipping, falling, leaning = _tipping_rad(hull)
     triangles = hull.triangles[np.argsort(hull.face, kind="stable")]
     first = np.r_[0, np.cumsum(np.bincount(hull.face))]
     faces = _in_order(hull, probability)
-    rotations = rotations_onto(hull.normal[faces])
+    rotations = _rotations_onto(hull.normal[faces])
     offsets = -rotations @ centre_of_mass(solid)
     offsets[:, 2] += hull.height_mm[faces]
     states: list[StableState] = []
@@ -274,7 +274,7 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
     return states, out
 
 
-def rotations_onto(down: Floats) -> Floats:
+def _rotations_onto(down: Floats) -> Floats:
     """Rotations (n, 3, 3) that take unit directions (n, 3) of the file to −z, its x axis (or y) above +x."""
     z = -down
     axis = np.where(np.abs(z[:, :1]) < _UPRIGHT_COSINE, np.eye(3)[0], np.eye(3)[1])
@@ -339,7 +339,7 @@ def settle_leaning(solid: Solid, states: Sequence[StableState]) -> tuple[list[St
 
 def upright_state(solid: Solid, down: Floats, states: Sequence[StableState]) -> StableState:
     """The state with a direction (3,) down, in place of others."""
-    rotation = rotations_onto(down[None])[0]
+    rotation = _rotations_onto(down[None])[0]
     centre = centre_of_mass(solid)
     offset = -rotation @ centre
     offset[2] += _height_mm(solid, centre, down)
@@ -357,7 +357,7 @@ def upright_state(solid: Solid, down: Floats, states: Sequence[StableState]) -> 
 def _is_lowest_on_axis(solid: Solid, down: Floats) -> bool:
     """True if the centre of mass is lowest on the axis, as far as can be told, and higher further off."""
     centre = centre_of_mass(solid)
-    aside = rotations_onto(down[None])[0][0]
+    aside = _rotations_onto(down[None])[0][0]
     leaning = [
         _height_mm(solid, centre, math.cos(tilt) * down + math.sin(tilt) * aside)
         for tilt in np.linspace(0.0, _NEAR_AXIS_RAD, _TILT_SAMPLES).tolist()
@@ -371,7 +371,7 @@ def _height_mm(solid: Solid, centre: Floats, down: Floats) -> float:
     return float(((solid.vertices_mm - centre) @ down).max())
 
 
-AS_DRAWN = "as-is"
+_AS_DRAWN = "as-is"
 """Name of the only state of a solid that is taken as it lies in its file."""
 
 _TOUCHING_SHARE = 1e-6  # of its size: vertices that are no higher above the lowest touch the table
@@ -395,7 +395,7 @@ def state_as_drawn(solid: Solid) -> StableState:
     if len(corners) and support.contains(origin):
         reach = support.exterior.distance(origin)
         tipping = float(np.arctan2(reach, centre[2] - lowest))
-    return StableState(AS_DRAWN, np.eye(3), offset, 1.0, tipping, corners)
+    return StableState(_AS_DRAWN, np.eye(3), offset, 1.0, tipping, corners)
 
 
 def volume_mm3(solid: Solid) -> float:

@@ -33,7 +33,7 @@ _NO_OUTLINES = {"text": "texts", "image": "images", "foreignObject": "foreign ob
 _CUTTING = {"clip-path": "clip paths, which do not cut outlines here", "mask": "masks"}
 
 
-def count_no_outlines(root: ElementTree.Element) -> Counter[str]:
+def _count_no_outlines(root: ElementTree.Element) -> Counter[str]:
     """Texts, images, and references to clip paths and masks, in words with their number."""
     found: Counter[str] = Counter()
     for element in root.iter():
@@ -54,7 +54,7 @@ def count_no_outlines(root: ElementTree.Element) -> Counter[str]:
 _DIGITS = re.compile(r"[0-9.]+")
 
 
-def check_unfolded(root: Element, path: Path) -> None:
+def _check_unfolded(root: Element, path: Path) -> None:
     """Raise InputError for too deep a nesting, too many elements or numbers, and copies within themselves."""
     named = {name: element for element in root.iter() if (name := element.get("id"))}
     came_to: dict[Element, tuple[int, int]] = {}
@@ -160,7 +160,7 @@ class SvgPage:
     user_mm: float
 
 
-def parse_svg(path: Path) -> ElementTree.Element:
+def _parse_svg(path: Path) -> ElementTree.Element:
     """The outermost element. Raises InputError for what is no SVG file."""
     try:
         root = ElementTree.fromstring(read_bytes(path, CAD_BYTES, "keep the outlines only"))
@@ -168,7 +168,7 @@ def parse_svg(path: Path) -> ElementTree.Element:
         raise InputError(f"{path}: is no readable SVG file ({problem}); save it as SVG anew") from None
     if _local(root) != "svg":
         raise InputError(f"{path}: is XML but no SVG: its outermost element is <{_local(root)}>, not <svg>")
-    check_unfolded(root, path)
+    _check_unfolded(root, path)
     return root
 
 
@@ -203,7 +203,7 @@ def page_of(root: ElementTree.Element, units: str | None, path: Path) -> SvgPage
     return SvgPage(view[0], view[1], max(scales) if "slice" in fit else min(scales))
 
 
-def bare_svg(root: ElementTree.Element, size: SvgPage, path: Path) -> bytes:
+def _bare_svg(root: ElementTree.Element, size: SvgPage, path: Path) -> bytes:
     """The file with its page in user units, and without what is never painted, for svgelements to read.
 
     Raises InputError for attributes of shapes that cannot be read, and for what is used but not there.
@@ -281,11 +281,11 @@ def read_svg(path: Path, units: str | None, curve_mm: float) -> DrawingFile:
     viewBox) is so much. Raises InputError for a file that is no SVG, has no or other units, or whose lines
     are no closed outlines, with coordinates in mm from the top left, y downwards.
     """
-    root = parse_svg(path)
+    root = _parse_svg(path)
     size = page_of(root, units, path)
-    left_out = count_no_outlines(root)
+    left_out = _count_no_outlines(root)
     with input_errors(path, "SVG"):
-        strokes = list(_strokes(bare_svg(root, size, path), size, left_out))
+        strokes = list(_strokes(_bare_svg(root, size, path), size, left_out))
     rest = tuple(f"{count} {what}" for what, count in left_out.most_common())
     if not strokes:
         also = f"; left out: {', '.join(rest)}" if rest else ""

@@ -19,7 +19,7 @@ from palpate.drivers.tactile import BOUND_SIGMAS
 COVERAGE_SIGMAS = 3.3
 """Bounds are this many standard deviations: 99.9 % of a normal distribution."""
 
-MIN_FRAMES = 8
+_MIN_FRAMES = 8
 """Fewer frames of a recording say nothing about noise."""
 
 _LINE_LENGTH_S = 30.0
@@ -96,9 +96,9 @@ def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     down in a minute, and is not always as fast as in the middle of the line. Raises InputError for
     recordings that are too short to say anything, and for an array without a live taxel.
     """
-    if not idles or any(len(idle.counts) < MIN_FRAMES for idle in idles):
+    if not idles or any(len(idle.counts) < _MIN_FRAMES for idle in idles):
         raise InputError(
-            f"idle array: a recording has fewer than {MIN_FRAMES} frames; record a few seconds with "
+            f"idle array: a recording has fewer than {_MIN_FRAMES} frames; record a few seconds with "
             "nothing near the tip"
         )
     windows = sorted((w for idle in idles for w in _windows(idle)), key=lambda w: w.middle_s)
@@ -128,7 +128,7 @@ def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
 def _windows(idle: IdleMeasurement) -> list[_Window]:
     """Cut a recording into stretches of about `_LINE_S`, each long enough to be judged."""
     length = float(idle.time_s[-1] - idle.time_s[0])
-    pieces = min(max(round(length / _LINE_LENGTH_S), 1), len(idle.counts) // MIN_FRAMES)
+    pieces = min(max(round(length / _LINE_LENGTH_S), 1), len(idle.counts) // _MIN_FRAMES)
     counts = np.array_split(idle.counts.astype(float), pieces)
     times = np.array_split(idle.time_s, pieces)
     return [_line(c, t) for c, t in zip(counts, times, strict=True)]

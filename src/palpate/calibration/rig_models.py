@@ -33,22 +33,22 @@ def nominal_model(spec: FingerConfig) -> FingerModel:
 
 def nominal_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
     """Priors of all fingers by the rig file alone."""
-    return pad_to_one_width([nominal_model(spec) for spec in specs])
+    return _pad_to_one_width([nominal_model(spec) for spec in specs])
 
 
 def calibrated_models(specs: Sequence[FingerConfig], actuators: Sequence[Actuators]) -> list[FingerModel]:
     """Priors of all fingers whose actuators have been measured."""
     pairs = zip(specs, actuators, strict=True)
-    return pad_to_one_width([_model_of(spec).from_actuators(spec, own) for spec, own in pairs])
+    return _pad_to_one_width([_model_of(spec).from_actuators(spec, own) for spec, own in pairs])
 
 
 def certain_models(specs: Sequence[FingerConfig]) -> list[FingerModel]:
     """Fingers of a calibrated rig, where they are and not elsewhere."""
-    models = pad_to_one_width([_model_of(spec).certain(spec) for spec in specs])
+    models = _pad_to_one_width([_model_of(spec).certain(spec) for spec in specs])
     return [model.fix(_CERTAIN_SIGMA) for model in models]
 
 
-def pad_to_one_width(models: Sequence[FingerModel]) -> list[FingerModel]:
+def _pad_to_one_width(models: Sequence[FingerModel]) -> list[FingerModel]:
     """Models with as many values each as the one that has most."""
     columns = max(len(model.prior) for model in models)
     return [model.widen(columns) for model in models]

@@ -39,7 +39,7 @@ _FORMAT_PATTERN = re.compile(
 )
 
 
-def describe_other_format(name: str, text: str, wanted: str) -> str | None:
+def _describe_other_format(name: str, text: str, wanted: str) -> str | None:
     """Describe a file that is not of the format `wanted`; None: one of this with a fault, perhaps."""
     if PurePath(name).suffix.lower() in _CAD_SUFFIXES:
         rest = f"`palpate objects import {name}` makes object models of it"
@@ -127,7 +127,7 @@ def _load(
     except RecursionError:
         raise InputError(f"{name}: brackets are nested too deeply") from None
     except ValueError as error:
-        another = describe_other_format(name, text, _format_of(model))
+        another = _describe_other_format(name, text, _format_of(model))
         raise InputError(f"{name}: {another or f'not valid {language}: {_syntax(error)}'}") from None
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
@@ -149,7 +149,7 @@ def _read_text(source: Source, most_bytes: int, advice: str, wanted: str) -> str
     except UnicodeDecodeError as error:
         line = raw.count(b"\n", 0, error.start) + 1
         fault = f"line {line} holds byte 0x{raw[error.start]:02x}, which is not UTF-8; save it as UTF-8"
-        raise InputError(f"{name}: {describe_other_format(name, '', wanted) or fault}") from None
+        raise InputError(f"{name}: {_describe_other_format(name, '', wanted) or fault}") from None
 
 
 def _decode_json(text: str) -> object:

@@ -31,23 +31,23 @@ def child(value: object, step: str | int) -> object:
     return value[step] if isinstance(value, list | tuple) and step < len(value) else None
 
 
-def keys_at(model: type[BaseModel], place: Place, data: object) -> list[str]:
+def _keys_at(model: type[BaseModel], place: Place, data: object) -> list[str]:
     """Keys that the table at `place` of `data` may have."""
-    kind = kind_at(model, place)
+    kind = _kind_at(model, place)
     for step in place:
-        data = data if is_tag(step) else child(data, step)
+        data = data if _is_tag(step) else child(data, step)
     if hasattr(kind, "variant"):
         kind = kind.variant(data)
     return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
 
 
-def tags_at(model: type[BaseModel], place: Place) -> list[str]:
+def _tags_at(model: type[BaseModel], place: Place) -> list[str]:
     """Values that the key `type` of the table at `place` may have."""
-    options = _union_members(kind_at(model, place))
+    options = _union_members(_kind_at(model, place))
     return [tag.removeprefix(TAG) for tag in options]
 
 
-def kind_at(model: type[BaseModel], place: Place) -> Any:
+def _kind_at(model: type[BaseModel], place: Place) -> Any:
     """The type of what is at `place`, which has a step for every tag."""
     kind: Any = model
     for step in place:
@@ -75,7 +75,7 @@ def _union_members(kind: Any) -> dict[str, Any]:
     return found
 
 
-def is_tag(step: str | int) -> bool:
+def _is_tag(step: str | int) -> bool:
     """True if a step of an error's place is a tag."""
     return isinstance(step, str) and step.startswith(TAG)
 
@@ -95,7 +95,7 @@ _MAX_ENTRIES_BEHIND = 1000
 """How many entries behind a wrong one are looked at: there may be millions."""
 
 
-def all_errors(error: ValidationError, kind: Any, data: object) -> Iterator[ErrorDetails]:
+def _all_errors(error: ValidationError, kind: Any, data: object) -> Iterator[ErrorDetails]:
     """The errors that validation of `data` as a `kind` found, then those of entries behind them."""
     found = error.errors(include_url=False)
     yield from found
@@ -103,7 +103,7 @@ def all_errors(error: ValidationError, kind: Any, data: object) -> Iterator[Erro
         detail["loc"][:depth]: step
         for detail in found
         for depth, step in enumerate(detail["loc"])
-        if isinstance(step, int) and get_origin(kind_at(kind, detail["loc"][:depth])) is list
+        if isinstance(step, int) and get_origin(_kind_at(kind, detail["loc"][:depth])) is list
     }
     for place in sorted(ended, key=len, reverse=True):  # what is nearest to the first error comes first
         yield from _errors_behind(kind, data, place, ended[place])
@@ -111,16 +111,16 @@ def all_errors(error: ValidationError, kind: Any, data: object) -> Iterator[Erro
 
 def _errors_behind(kind: Any, data: object, place: Place, wrong: int) -> Iterator[ErrorDetails]:
     """Errors in the list at `place`, behind its entry `wrong`."""
-    (item,) = get_args(kind_at(kind, place))
+    (item,) = get_args(_kind_at(kind, place))
     entries: Any = data
     for step in place:
-        entries = entries if is_tag(step) else child(entries, step)
+        entries = entries if _is_tag(step) else child(entries, step)
     checked = TypeAdapter(item)
     for index, entry in islice(enumerate(entries), wrong + 1, wrong + 1 + _MAX_ENTRIES_BEHIND):
         try:
             checked.validate_python(entry)
         except ValidationError as error:
-            for detail in all_errors(error, item, entry):
+            for detail in _all_errors(error, item, entry):
                 detail["loc"] = (*place, index, *detail["loc"])
                 yield detail
 
@@ -259,9 +259,9 @@ def problems_of(
 
     A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
     """
-    details = list(islice(all_errors(error, model, data), _MAX_PROBLEMS_COUNTED))
+    details = list(islice(_all_errors(error, model, data), _MAX_PROBLEMS_COUNTED))
     unknown = {
-        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), keys_at(model, detail["loc"][:-1], data)))
+        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1], data)))
         for detail in details
         if detail["type"] == "extra_forbidden"
     }
@@ -284,7 +284,7 @@ def _to_problem(
         place += cast("Place", context["place"])
     if kind == "finger_type":
         place += ("type",)
-    shown_place = tuple(step for step in place if not is_tag(step))
+    shown_place = tuple(step for step in place if not _is_tag(step))
     if kind == "too_short" and context["actual_length"] == 0 and shown_place[-1] in _plurals(nouns):
         return Problem(place_in_words(shown_place[:-1], data, nouns), f"contains no {shown_place[-1]}")
     words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
@@ -303,7 +303,7 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel], data: object) -> str
     if kind == _OWN_TYPE:
         return str(context["text"])
     if kind == "extra_forbidden":
-        return _unknown_key(str(place[-1]), keys_at(model, place[:-1], data))
+        return _unknown_key(str(place[-1]), _keys_at(model, place[:-1], data))
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
@@ -344,7 +344,7 @@ def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:
     """About a key `type` that names none of the models that are distinguished by it."""
     value = detail["input"]
     given = value.get("type") if isinstance(value, Mapping) else value
-    return f"is {excerpt(given)}; allowed: {', '.join(map(excerpt, tags_at(model, detail['loc'])))}"
+    return f"is {excerpt(given)}; allowed: {', '.join(map(excerpt, _tags_at(model, detail['loc'])))}"
 
 
 def _unknown_key(key: str, allowed: Sequence[str]) -> str:

@@ -55,7 +55,7 @@ _DRAWN_BY_ANY = (
 """Keys of [emulation] and the declared bounds, by their places in a table, that they stay within."""
 
 
-def check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: StageConfig | None) -> None:
+def _check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: StageConfig | None) -> None:
     """Refuse a finger name, a servo id on the bus or a port that is used twice."""
     names: dict[str, int] = {}
     servos: dict[int, str] = {}
@@ -101,7 +101,7 @@ def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: f
             )
 
 
-def check_obstacles(
+def _check_obstacles(
     obstacles: Sequence[ObstacleConfig],
     fingers: Sequence[FingerConfig],
     radius: float,
@@ -127,14 +127,14 @@ def check_obstacles(
                 )
 
 
-def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
+def _check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
     """Refuse emulated ports of a rig without [emulation]."""
     for port, place in _ports(fingers, bus):
         if port.startswith(_MOCK_SCHEME):
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
 
 
-def check_parts_move(
+def _check_parts_move(
     fingers: Sequence[FingerConfig], holds_n: float | None, drawn: EmulationConfig | None
 ) -> None:
     """Refuse parts that move under tips of which it is not known how they move them."""
@@ -148,7 +148,7 @@ def check_parts_move(
             raise problem(f"{text}; leave it out, so that parts lie still", "emulation", "part")
 
 
-def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
+def _check_stops_known(fingers: Sequence[FingerConfig]) -> None:
     """Refuse a check of slips without stops of every finger's slide."""
     for index, finger in enumerate(fingers):
         if finger.stops_mm is None:
@@ -158,7 +158,7 @@ def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
             )
 
 
-def check_emulation(
+def _check_emulation(
     drawn: EmulationConfig,
     fingers: Sequence[FingerConfig],
     bus: BusConfig,
@@ -274,16 +274,16 @@ class RigFile(FileModel):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         clearance = self.closing.clearance_mm
-        check_identities(self.fingers, self.bus, self.stage)
+        _check_identities(self.fingers, self.bus, self.stage)
         check_places(self.fingers, self.clear_radius_mm, clearance)
-        check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
-        check_parts_move(self.fingers, self.search.part_holds_n, self.emulation)
+        _check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
+        _check_parts_move(self.fingers, self.search.part_holds_n, self.emulation)
         if self.search.check_slips:
-            check_stops_known(self.fingers)
+            _check_stops_known(self.fingers)
         if self.emulation is None:
-            check_real(self.fingers, self.bus)
+            _check_real(self.fingers, self.bus)
         else:
-            check_emulation(self.emulation, self.fingers, self.bus, self.stage, self.workspace.radius_mm)
+            _check_emulation(self.emulation, self.fingers, self.bus, self.stage, self.workspace.radius_mm)
         return self
 
     @property

@@ -40,34 +40,34 @@ def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
     )
 
 
-def name_out(state: StateSections) -> StateNameOut:
+def _name_out(state: StateSections) -> StateNameOut:
     """A state by its names."""
     return StateNameOut(object=state.object_name, state=state.state.name)
 
 
-def pair_out(pair: StatePair) -> PairOut:
+def _pair_out(pair: StatePair) -> PairOut:
     """A pair without its heights."""
     return PairOut.of(
         pair,
-        first=name_out(pair.first.state),
-        second=name_out(pair.second.state),
+        first=_name_out(pair.first.state),
+        second=_name_out(pair.second.state),
         likeness=pair.likeness.value,
         compared_mm=tuple(at.height_mm for at in pair.compared),
     )
 
 
-def separating_out(pair: StatePair, found: SeparatingHeights) -> SeparatingOut:
+def _separating_out(pair: StatePair, found: SeparatingHeights) -> SeparatingOut:
     """A pair with the heights that would tell its states apart."""
-    return SeparatingOut.of(found, **pair_out(pair).model_dump(), separating_mm=found.heights_mm)
+    return SeparatingOut.of(found, **_pair_out(pair).model_dump(), separating_mm=found.heights_mm)
 
 
-def not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
+def _not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
     """States that are not known at the height of some finger."""
     found = []
     for state in states:
         heights = tuple(at.height_mm for at in fingers.at if not state.state.known_within(at.span_mm))
         if heights:
-            found.append(UnknownHeightOut(state=name_out(state), heights_mm=heights))
+            found.append(UnknownHeightOut(state=_name_out(state), heights_mm=heights))
     return tuple(found)
 
 
@@ -112,7 +112,7 @@ def check_objects(
     found = []
     for number, pair in enumerate(pairs, 1):
         progress(f"heights of pair {number} of {len(pairs)}")
-        found.append(separating_out(pair, separating_heights(pair)))
+        found.append(_separating_out(pair, separating_heights(pair)))
     compared = len(states) * (len(states) - 1) // 2
     return ObjectsCheckOut(
         objects=name,
@@ -121,7 +121,7 @@ def check_objects(
         pairs_compared=compared,
         told_apart=compared - len(pairs),
         pairs=tuple(found),
-        not_known=not_known_out(states, fingers),
+        not_known=_not_known_out(states, fingers),
     )
 
 
@@ -143,10 +143,10 @@ class ObjectsListing:
             objects=objects,
             rig=rig_out(rig_fingers(rig), shipped=shipped),
             states=self.states,
-            twins=tuple(pair_out(pair) for pair in self.pairs),
+            twins=tuple(_pair_out(pair) for pair in self.pairs),
             picture=pictures[0],
             pictures=tuple(pictures),
-            left_out=tuple(name_out(state) for state in self.left_out),
+            left_out=tuple(_name_out(state) for state in self.left_out),
         )
 
     def _repr_svg_(self) -> str:

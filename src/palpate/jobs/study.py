@@ -49,7 +49,7 @@ from palpate.rig.study.variations import (
     noise_budget,
 )
 
-MAX_RUNS = 1_000_000
+_MAX_RUNS = 1_000_000
 _MAX_PAIRS = 40
 _MAX_VARIATION_RUNS = 200
 
@@ -85,8 +85,8 @@ def study(  # noqa: PLR0913  # the command's options, all optional
     Raises InputError for a catalogue that the rig cannot identify, a rig of which too little is known, as
     `Rig.identify` does, or a file of another study.
     """
-    if not 1 <= runs <= MAX_RUNS:
-        raise InputError(f"{runs} runs: it must be from 1 to {MAX_RUNS}")
+    if not 1 <= runs <= _MAX_RUNS:
+        raise InputError(f"{runs} runs: it must be from 1 to {_MAX_RUNS}")
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers: it must be at least 1")
     if workers is not None and scheduler is not None:

@@ -61,7 +61,7 @@ class OutlineRings:
     at: Ints
 
 
-def outline_rings(edges: EdgeSet, block: slice) -> OutlineRings | None:
+def _outline_rings(edges: EdgeSet, block: slice) -> OutlineRings | None:
     """The rings of a state, from neighbours that meet in the same numbers; None if that is ambiguous."""
     start, end = edges.start[block], edges.end[block]
     by_start, by_end = np.lexsort(start.T), np.lexsort(end.T)
@@ -81,7 +81,7 @@ def outline_rings(edges: EdgeSet, block: slice) -> OutlineRings | None:
     )
 
 
-def blocked_directions(
+def _blocked_directions(
     edges: EdgeSet, outline: OutlineRings, offset: int, pieces: EdgePieces, rho: float, reach_mm: float
 ) -> tuple[Ints, Floats, Floats]:
     """Arcs (piece, lo, hi) from the window's begin on, in each of which no point of the piece is free.
@@ -266,7 +266,7 @@ def _free_arcs(
         return
     block = slice(int(edges.first[state]), int(edges.first[state + 1]))
     rho = max(2 * (allowance_mm + float(edges.slack_mm[block].max())), _LEAST_RHO_MM)
-    outline = outline_rings(edges, block)
+    outline = _outline_rings(edges, block)
     chunk = max(1, _VIEWS_AT_ONCE // (block.stop - block.start))
     for begin in range(0, len(pieces.edge), chunk):
         part = pieces.select(slice(begin, begin + chunk))
@@ -275,7 +275,7 @@ def _free_arcs(
             yield part.row, np.zeros(len(width)), width
             continue
         group = np.arange(len(width))
-        shadows = blocked_directions(edges, outline, block.start, part, rho, travel_mm - rho)
+        shadows = _blocked_directions(edges, outline, block.start, part, rho, travel_mm - rho)
         index, lo, hi = _gaps(group, width, *shadows)
         yield part.row[index], lo, hi
 

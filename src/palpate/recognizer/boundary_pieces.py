@@ -17,16 +17,16 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.recognizer.tables import Table, expand_ranges
 
-BLOCK_ROWS = 16
+_BLOCK_ROWS = 16
 """Features in a block; the last one of a state may have fewer."""
 
-CIRCLE_ROUNDING_MM = 1e-7
+_CIRCLE_ROUNDING_MM = 1e-7
 """Circles are larger by so much."""
 
 
 def segment_circles(start: Floats, end: Floats) -> Floats:
     """Circles (n, 3) round segments (n, 2): middle x, y, radius mm."""
-    return np.column_stack([(start + end) / 2, np.hypot(*(end - start).T) / 2 + CIRCLE_ROUNDING_MM])
+    return np.column_stack([(start + end) / 2, np.hypot(*(end - start).T) / 2 + _CIRCLE_ROUNDING_MM])
 
 
 def block_circles(circles: Floats, first: Ints) -> tuple[Ints, Floats]:
@@ -34,10 +34,10 @@ def block_circles(circles: Floats, first: Ints) -> tuple[Ints, Floats]:
 
     `first` (S + 1,): where the circles of each state begin. A circle's middle is that of its box.
     """
-    count = -(-np.diff(first) // BLOCK_ROWS)
+    count = -(-np.diff(first) // _BLOCK_ROWS)
     begins = np.cumsum(np.append(0, count))
     state, nth = expand_ranges(np.zeros_like(count), count)
-    rows = first[state] + BLOCK_ROWS * nth
+    rows = first[state] + _BLOCK_ROWS * nth
     if not len(rows):
         return begins, np.empty((0, 3))
     place, radius = circles[:, :2], circles[:, 2:]
@@ -45,7 +45,7 @@ def block_circles(circles: Floats, first: Ints) -> tuple[Ints, Floats]:
     middle = (lo + np.maximum.reduceat(place + radius, rows)) / 2
     own = np.repeat(np.arange(len(rows)), np.diff(np.append(rows, len(circles))))
     reach = np.maximum.reduceat(np.hypot(*(place - middle[own]).T) + circles[:, 2], rows)
-    return begins, np.column_stack([middle, reach + CIRCLE_ROUNDING_MM])
+    return begins, np.column_stack([middle, reach + _CIRCLE_ROUNDING_MM])
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class Pieces(Table):
         centre = self.start + self.along * (self.length / 2)[:, None]
         centre = centre + out[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
         wide = radius_mm * np.where(narrow, np.sin(half), 1.0)
-        return np.column_stack([centre, self.length / 2 + wide + self.off + CIRCLE_ROUNDING_MM])
+        return np.column_stack([centre, self.length / 2 + wide + self.off + _CIRCLE_ROUNDING_MM])
 
     def along_at(self, point: Floats) -> Floats:
         """Distance along each piece, (n,), of a centre (n, 2) on its line or circle."""

@@ -27,7 +27,7 @@ from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 _SMALLEST_MM2, _THINNEST_MM = 1e-9, 2e-7
 
 
-def check_model(item: ObjectModel) -> None:
+def _check_model(item: ObjectModel) -> None:
     """Raise InputError, naming the object and the place, unless everything about it is in order."""
     if not (math.isfinite(item.tolerance_mm) and 0 <= item.tolerance_mm <= LARGEST_MM):
         raise InputError(
@@ -187,7 +187,7 @@ class Catalogue:
 def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
     """Check objects and find the symmetry of every state. Raises InputError for an object that is wrong."""
     for item in objects:
-        check_model(item)
+        _check_model(item)
     return [_prepare_state(item, state) for item in objects for state in item.states]
 
 

@@ -57,7 +57,7 @@ def round_outlines(section: Section, radius_mm: float, *, united: bool = False) 
     return GrownSection.join(parts)
 
 
-def round_pairing_edges(
+def _round_pairing_edges(
     section: Section, radius_mm: float, band: ToleranceBand, *, united: bool = False
 ) -> PairingEdges:
     """Places of a tip's centre that touches the section's circles; a hole that it does not enter has none.
@@ -129,7 +129,7 @@ def _chords(circle: Circle, radius_mm: float, sign: int, number: int) -> GrownSe
     )
 
 
-def anchor_mask(chords: GrownSection) -> Bools:
+def _anchor_mask(chords: GrownSection) -> Bools:
     """Mask of chords (n,) that are anchors: the shortest of each circle."""
     shortest = np.zeros(len(chords), dtype=bool)
     for number in np.unique(chords.feature):
@@ -138,7 +138,7 @@ def anchor_mask(chords: GrownSection) -> Bools:
     return shortest
 
 
-MAX_EDGES = 2000
+_MAX_EDGES = 2000
 """Of one state; finer outlines are coarsened, at the price of a stated slack."""
 
 
@@ -226,7 +226,7 @@ def _outline_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
     if item.state.is_round:
         grown = round_outlines(met.section, radius, united=met.united)
     else:
-        grown = simplify_outline(grow(met.section, radius, facet_error_mm), MAX_EDGES, facet_error_mm / 4)
+        grown = simplify_outline(grow(met.section, radius, facet_error_mm), _MAX_EDGES, facet_error_mm / 4)
     grown = grown.select(_normal_order(grown)).translate(-item.origin_mm)
     return _Part(
         edges=grown,
@@ -244,7 +244,7 @@ def _pairing_part(item: CatalogueState, finger: Finger, facet_error_mm: float) -
     parts, before = [], 0
     for section, radius in met.layers:
         if item.state.is_round:
-            part = round_pairing_edges(section, radius, band, united=met.united)
+            part = _round_pairing_edges(section, radius, band, united=met.united)
         else:
             part = pairing_edges(section, radius, band, facet_error_mm, united=met.united)
         parts.append(replace(part, edges=_renumber_features(part.edges, before)))
@@ -277,7 +277,7 @@ def _representative(part: GrownSection, item: CatalogueState) -> Bools:
     another radius or height might meet edges that have no images, as in a notch that it only just enters.
     """
     if item.state.is_round:
-        return anchor_mask(part)
+        return _anchor_mask(part)
     order = item.symmetry.order
     everything = np.ones(len(part.length), dtype=bool)
     if order == 1 or not len(part.length) or not item.is_exactly_symmetric:

@@ -142,7 +142,7 @@ def narrow_by(query: Query, nodes: Interpretations, *earlier: int) -> Interpreta
     return nodes.narrow(*STEPS.narrow(query.select(group), nodes.edges[:, group], nodes.lo, nodes.hi))
 
 
-def extend_by_region(
+def _extend_by_region(
     query: Query, nodes: Interpretations, cells: Cells
 ) -> tuple[Interpretations, LevelCount]:
     """Pair the last contact with every edge on which it may lie somewhere in the cells of `nodes`.
@@ -248,7 +248,7 @@ def _pair_last(query: Query, branch: Branch) -> tuple[Interpretations, LevelCoun
     if cells is None:
         intervals = divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1)
         cells, _ = STEPS.cut_cells(query.select(branch.paired), branch.nodes, intervals)
-    return extend_by_region(paired, branch.nodes, cells)
+    return _extend_by_region(paired, branch.nodes, cells)
 
 
 def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:

@@ -35,7 +35,7 @@ from palpate.recognizer.tables import split_evenly
 _ROUNDING_RAD = 1e-12
 
 
-def clip_to_sinusoids(
+def _clip_to_sinusoids(
     lo: Floats, hi: Floats, crest: Floats, least: Floats, most: Floats, height: Floats | float
 ) -> tuple[Floats, Floats]:
     """Hull of the θ in [lo, hi] (n,) with least ≤ height·cos(θ − crest) ≤ most, each (k, n), for all k.
@@ -181,7 +181,7 @@ def _narrow_by_two(query: Query, paired: Ints, lo: Floats, hi: Floats) -> tuple[
     turned = np.arctan2(y, x) - np.stack([first.normal_rad[edge_a], second.normal_rad[edge_b]])
     crest = np.repeat(turned, 2, axis=0)
     crest[1::2] -= np.pi / 2
-    return clip_to_sinusoids(
+    return _clip_to_sinusoids(
         lo, hi, crest, (middle - half - _ROUNDING_MM), middle + half + _ROUNDING_MM, chord
     )
 
@@ -206,7 +206,7 @@ def _narrow_by_three(query: Query, paired: Ints, lo: Floats, hi: Floats) -> tupl
         most += up * side.lower + down * side.upper
     a, b, lower, upper = (part.reshape(8, -1) for part in (cosine, sine, least, most))
     crest, height = np.arctan2(b, a), np.sqrt(a * a + b * b)
-    return clip_to_sinusoids(lo, hi, crest, lower - _ROUNDING_MM, upper + _ROUNDING_MM, height)
+    return _clip_to_sinusoids(lo, hi, crest, lower - _ROUNDING_MM, upper + _ROUNDING_MM, height)
 
 
 @dataclass(frozen=True, eq=False)

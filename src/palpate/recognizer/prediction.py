@@ -20,7 +20,7 @@ from palpate.recognizer.pad_face import face_points, strip_extents
 from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.tables import Table
 
-EARLY_END_MM = 1.0
+_EARLY_END_MM = 1.0
 """A finger may end its travel this much early: only a stop before that is a sure one."""
 
 _SPARE_TRAVEL_MM = 5.0  # beyond the furthest stop that is possible
@@ -116,7 +116,7 @@ def predict(
     met_at_all = (found.earliest <= travel) & np.isfinite(found.furthest)
     return Predictions(
         np.where(met_at_all, found.earliest, np.inf),
-        np.where(found.latest <= travel - EARLY_END_MM, found.latest, np.inf),
+        np.where(found.latest <= travel - _EARLY_END_MM, found.latest, np.inf),
         np.where(met_at_all, np.minimum(found.furthest, travel), -np.inf),
         np.where(met_at_all, found.normal_lo + against, 0.0),
         np.where(met_at_all, found.normal_hi + against, 0.0),

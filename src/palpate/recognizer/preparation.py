@@ -58,7 +58,7 @@ class NamedArrays:
         return found
 
 
-def read_offsets(arrays: NamedArrays, name: str, count: int) -> Ints:
+def _read_offsets(arrays: NamedArrays, name: str, count: int) -> Ints:
     """Offsets of the rows of each of so many states, and of the last one's end: (count + 1,)."""
     first = arrays.ints(name, (count + 1,))
     if first[0] != 0 or bool(np.any(np.diff(first) < 0)):
@@ -66,14 +66,14 @@ def read_offsets(arrays: NamedArrays, name: str, count: int) -> Ints:
     return first
 
 
-def offsets_of_counts(count: Sequence[int] | Ints) -> Ints:
+def _offsets_of_counts(count: Sequence[int] | Ints) -> Ints:
     """The same from the number of rows of each (S,)."""
     return np.concatenate([[0], np.cumsum(np.asarray(count, np.int64))]).astype(np.int64)
 
 
-def join_offsets(parts: Sequence[Ints]) -> Ints:
+def _join_offsets(parts: Sequence[Ints]) -> Ints:
     """The same of parts that are put one after the other."""
-    return offsets_of_counts(np.concatenate([np.diff(part) for part in parts]))
+    return _offsets_of_counts(np.concatenate([np.diff(part) for part in parts]))
 
 
 DIGEST_BYTES = 16
@@ -123,7 +123,7 @@ class PreparedStates:
             for item, state in zip(states, given, strict=True)
         ]
         vertices = np.concatenate([np.empty((0, 2)), *(ring for rings in moved for ring in rings)])
-        return cls(columns, vertices, offsets_of_counts([sum(map(len, rings)) for rings in moved]))
+        return cls(columns, vertices, _offsets_of_counts([sum(map(len, rings)) for rings in moved]))
 
     @classmethod
     def join(cls, parts: Sequence["PreparedStates"]) -> "PreparedStates":
@@ -131,14 +131,14 @@ class PreparedStates:
         return cls(
             _Columns.join([part.columns for part in parts]),
             np.concatenate([part.vertices for part in parts]),
-            join_offsets([part.first for part in parts]),
+            _join_offsets([part.first for part in parts]),
         )
 
     def select(self, states: Ints) -> "PreparedStates":
         """The same of the states `states`, in that order."""
         count = np.diff(self.first)[states]
         rows = expand_ranges(self.first[states], count)[1]
-        return PreparedStates(self.columns.select(states), self.vertices[rows], offsets_of_counts(count))
+        return PreparedStates(self.columns.select(states), self.vertices[rows], _offsets_of_counts(count))
 
     def arrays(self) -> dict[str, Arrays]:
         """Arrays to be kept, by name."""
@@ -147,7 +147,7 @@ class PreparedStates:
     @classmethod
     def from_arrays(cls, arrays: NamedArrays, count: int) -> "PreparedStates":
         """Read what `arrays` gave, of so many states. Raises ValueError for arrays that are none of these."""
-        first = read_offsets(arrays, "first", count)
+        first = _read_offsets(arrays, "first", count)
         columns = _Columns(
             arrays.floats("origin_mm", (count, 2)),
             arrays.ints("order", (count,)),
@@ -292,8 +292,8 @@ class FingerPreparation:
         outlines = _edges_from(own, count)
         outlines = outlines.with_supports(own.floats(_SUPPORTS, (count, *outlines.supports_shape)))
         edges = outlines if same else _edges_from(replace(arrays, prefix="edges."), count)
-        first_piece = read_offsets(arrays, "pieces.first", count)
-        first_side = read_offsets(arrays, "sides.first", count)
+        first_piece = _read_offsets(arrays, "pieces.first", count)
+        first_side = _read_offsets(arrays, "sides.first", count)
         boundary = TrueBoundary(
             arrays.floats("radius_mm", (count,)),
             Pieces(**_columns(Pieces, replace(arrays, prefix="pieces."), first_piece)),
@@ -337,12 +337,12 @@ def _columns(kind: type[Any], arrays: NamedArrays, first: Ints) -> dict[str, Arr
 
 
 def _edges_from(arrays: NamedArrays, count: int) -> EdgeSet:
-    first = read_offsets(arrays, "first", count)
+    first = _read_offsets(arrays, "first", count)
     return EdgeSet(**_columns(EdgeSet, arrays, first), first=first)
 
 
 def _join_edges(parts: Sequence[EdgeSet]) -> EdgeSet:
-    first = join_offsets([part.first for part in parts])
+    first = _join_offsets([part.first for part in parts])
     columns = {
         item.name: np.concatenate([getattr(part, item.name) for part in parts]) for item in fields(EdgeSet)
     }
@@ -354,12 +354,12 @@ def _select_edges(edges: EdgeSet, states: Ints) -> EdgeSet:
     count = edges.count[states]
     owner, rows = expand_ranges(edges.first[states], count)
     columns = {item.name: getattr(edges, item.name)[rows] for item in fields(EdgeSet) if item.name != "first"}
-    return EdgeSet(**(columns | {"state": owner}), first=offsets_of_counts(count))
+    return EdgeSet(**(columns | {"state": owner}), first=_offsets_of_counts(count))
 
 
 def _join_boundaries(parts: Sequence[TrueBoundary]) -> TrueBoundary:
-    first_piece = join_offsets([part.first_piece for part in parts])
-    first_side = join_offsets([part.first_side for part in parts])
+    first_piece = _join_offsets([part.first_piece for part in parts])
+    first_side = _join_offsets([part.first_side for part in parts])
     numbers = np.arange(len(first_piece) - 1)
     return TrueBoundary(
         np.concatenate([part.radius_mm for part in parts]),
@@ -379,8 +379,8 @@ def _select_boundary(boundary: TrueBoundary, states: Ints) -> TrueBoundary:
         boundary,
         pieces=replace(boundary.pieces.select(piece), state=own_piece),
         sides=replace(boundary.sides.select(side), state=own_side),
-        first_piece=offsets_of_counts(pieces),
-        first_side=offsets_of_counts(sides),
+        first_piece=_offsets_of_counts(pieces),
+        first_side=_offsets_of_counts(sides),
         radius_mm=boundary.radius_mm[states],
         clearance_mm=boundary.clearance_mm[states],
     )

@@ -54,7 +54,7 @@ class _SideViews(Table):
         return result
 
 
-def clearances(boundary: TrueBoundary, state: Ints, point: Floats) -> Floats:
+def _clearances(boundary: TrueBoundary, state: Ints, point: Floats) -> Floats:
     """Distance of points (q, 2) from the outlines in mm, negative inside; infinite: nothing is there."""
     seen = _side_views(boundary, state, point, np.tile([1.0, 0.0], (len(state), 1)))
     nearest = np.full(len(state), np.inf)
@@ -371,7 +371,9 @@ def _is_uncovered(
         )
         rows = np.flatnonzero(near & ~found)
         state = centres.state[rows]
-        found[rows] = clearances(boundary, state, centre[rows]) >= boundary.clearance_mm[state] - ALLOWANCE_MM
+        found[rows] = (
+            _clearances(boundary, state, centre[rows]) >= boundary.clearance_mm[state] - ALLOWANCE_MM
+        )
     return found
 
 

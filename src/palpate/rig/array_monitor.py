@@ -49,7 +49,7 @@ from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import load_kept_inputs, used_calibration
 
-SILENT_AFTER_S = 0.5
+_SILENT_AFTER_S = 0.5
 """An array whose last frame is older than this does not stream, for display."""
 
 _NEWEST_FRAMES = 4  # frames that are looked at together
@@ -95,7 +95,7 @@ class FingerView(ShortRepr):
     @property
     def silent(self) -> bool:
         """True if frames have stopped coming."""
-        return self.age_s > SILENT_AFTER_S
+        return self.age_s > _SILENT_AFTER_S
 
 
 class MonitoredFinger:
@@ -153,7 +153,7 @@ class MonitoredFinger:
         # The extractor's baseline is nothing before the first tare: then maps show all that taxels read.
         recent = [frame.counts for frame in self._newest]
         mean = np.mean(recent, axis=0) if recent else baseline.mean
-        tared, fresh = self._tare is TareState.DONE, counts is not None and self.age_s <= SILENT_AFTER_S
+        tared, fresh = self._tare is TareState.DONE, counts is not None and self.age_s <= _SILENT_AFTER_S
         hot = ~baseline.usable & (baseline.mean >= 0.5 * description.max_count) if tared else blank
         return FingerView(
             name=self.name,
@@ -247,13 +247,13 @@ def stream_arrays(
             array = array_of(spec, port, clock)
             array.connect()
             ways_out.callback(_stop, array)
-            fingers.append(monitor_finger(rig, spec, array, clock))
+            fingers.append(_monitor_finger(rig, spec, array, clock))
         for finger in fingers:
             finger.array.start(rate_hz)
         yield tuple(fingers)
 
 
-def monitor_finger(rig: RigFile, spec: FingerConfig, array: ArrayDriver, clock: Clock) -> MonitoredFinger:
+def _monitor_finger(rig: RigFile, spec: FingerConfig, array: ArrayDriver, clock: Clock) -> MonitoredFinger:
     """A finger's array, connected, with its extractor."""
     extractor = extractor_of(rig, spec, array.description)
     return MonitoredFinger(spec.name, spec.array.port, array, extractor, clock)
@@ -334,7 +334,7 @@ def open_recorded_arrays(session: Path, names: Sequence[str]) -> RecordedArrays:
             ) from None
         port.play()
         ports.append(port)
-        fingers.append(monitor_finger(rig, spec, array, clock))
+        fingers.append(_monitor_finger(rig, spec, array, clock))
     writes = {k: port.writes for k, port in enumerate(ports)}
     end_s = file.entries[-1].t_s
     return RecordedArrays(

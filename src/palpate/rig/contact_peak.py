@@ -37,7 +37,7 @@ def bus_latency_s(rig: RigFile) -> float:
     return EMULATED_LATENCY_S if adapter is None else latency_with_timer_s(adapter.latency_ms / 1e3)
 
 
-def array_latency_s(rig: RigFile) -> float:
+def _array_latency_s(rig: RigFile) -> float:
     """Time for which the arrays' adapters may hold the end of a frame back: as the system tells, else 0."""
     if rig.emulation is None:
         return max(latency_timer_s(finger.array.port) or 0.0 for finger in rig.fingers)
@@ -59,7 +59,7 @@ _CATCH_UP_FACTOR = 2.0  # times the profile's speed, at most, while a servo catc
 
 def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
     """Peak force (N) of the hardest of a rig's fingers on a part that does not give way, met at a speed."""
-    latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + bus_latency_s(rig) + array_latency_s(rig)
+    latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + bus_latency_s(rig) + _array_latency_s(rig)
     return rig.closing.contact_force_n + max(
         finger.tip.stiffness_n_per_mm
         * (speed_mm_s * latency_s + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n))

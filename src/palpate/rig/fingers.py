@@ -258,11 +258,11 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     shallowest = max(force - unsure, 0.0) / stiffest
     bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
     if tip.kind.has_face:
-        return pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
+        return _pad_place_bound_mm(finger, deepest) + undetected_dent_mm(finger, closing) + bent
     return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
 
 
-def pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
+def _pad_place_bound_mm(finger: FingerConfig, deepest_mm: float) -> float:
     """Distance of what presses on a pad's skin from the middle of a column and of the dent, at most.
 
     And what the place of a column is off by where the face does not look as it should, and that of an edge.
@@ -280,7 +280,7 @@ def resolution_of(rig: RigFile) -> Resolution:
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / (finger.tip.stiffness_n_per_mm * finger.tip.least_share)
         if finger.tip.kind.has_face:
-            dent = pad_place_bound_mm(finger, dent)
+            dent = _pad_place_bound_mm(finger, dent)
         bent = deflection_mm(finger, rig.closing.contact_force_n)
         bounds.append(mechanism_of(finger).middle_bound_mm + dent + bent + tip_bound_mm(finger))
     # An arm that does not get to the middle has no bound there.

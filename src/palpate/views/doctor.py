@@ -41,7 +41,7 @@ Private = Mapping[str, str]
 """Words that must not be in a report, and what stands in their place."""
 
 
-def private_words() -> Private:
+def _private_words() -> Private:
     """Names of this user, computer and home folder."""
     words = {str(Path.home()): "<home>", socket.gethostname(): "<host>", platform.node(): "<host>"}
     with suppress(OSError, KeyError, ImportError):
@@ -59,7 +59,7 @@ def doctor_report(out: DoctorOut | CheckOut, rig: RigFile, private: Private | No
         f"```text\n{found}```\n\n### Rig file\n\n```toml\n{_rig_text(rig)}```\n"
     )
     names = {out.rig: "<rig>"} if out.rig else {}
-    return _remove_private(text, {**names, **(private_words() if private is None else private)})
+    return _remove_private(text, {**names, **(_private_words() if private is None else private)})
 
 
 def _remove_private(text: str, private: Private) -> str:

@@ -111,7 +111,7 @@ def may_miss(item: Prediction) -> bool:
     return not math.isfinite(item.latest_mm)
 
 
-def certificate_bounds(planned: GripPlan, grip: Grip) -> str:
+def _certificate_bounds(planned: GripPlan, grip: Grip) -> str:
     """The bounds on contacts for which the grip is decisive."""
     ordered = [grip.approaches[row] for row in planned.rows]
     names = [planned.rig.fingers[item.finger_index].name for item in ordered]
@@ -137,7 +137,7 @@ def certainty(planned: GripPlan) -> list[str]:
         return ["not decisive: some outcomes leave hypotheses that another touch may distinguish"]
     left = "one indistinguishable set" if planned.alike else "one hypothesis"
     return [
-        f"decisive: every outcome leaves {left}, if contacts are within {certificate_bounds(planned, grip)}"
+        f"decisive: every outcome leaves {left}, if contacts are within {_certificate_bounds(planned, grip)}"
     ]
 
 
@@ -220,7 +220,7 @@ def _facts(planned: GripPlan) -> list[tuple[str, str]]:
         if len(planned.recognition.hypotheses) > 1 and not planned.hopeless:
             rows.append(("decisive", "yes" if grip.decisive else "no"))
             if grip.decisive:
-                rows.append(("for contacts within", certificate_bounds(planned, grip)))
+                rows.append(("for contacts within", _certificate_bounds(planned, grip)))
     share = remaining_confusion(planned)
     if share is not None:
         rows.append(("remaining confusion", share))

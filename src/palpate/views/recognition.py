@@ -47,7 +47,7 @@ def recognition_out(
     """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
     return RecognitionOut(
         verdict=recognition.verdict,
-        hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
+        hypotheses=tuple(_hypothesis_out(item) for item in recognition.hypotheses),
         statistics=StatisticsOut(
             levels=recognition.levels,
             model_tests=sum(level.after_distance for level in recognition.levels[1:]),
@@ -76,13 +76,13 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
             subtitle=(_verdict_line(recognition),),
             found=rings_at(hypotheses[0]) if hypotheses else (),
             pose=bounded_pose(hypotheses[0].configuration, hypotheses[0].bounds) if hypotheses else None,
-            others=tuple(other_hypothesis(item) for item in hypotheses[1:]),
+            others=tuple(_other_hypothesis(item) for item in hypotheses[1:]),
             touches=tuple(touch_mark(1, contact) for contact in recognition.contacts),
         )
     )
 
 
-def hypothesis_out(item: Hypothesis) -> HypothesisOut:
+def _hypothesis_out(item: Hypothesis) -> HypothesisOut:
     """One hypothesis as a JSON value."""
     return HypothesisOut.of(
         item,
@@ -143,7 +143,7 @@ def bounded_pose(at: Configuration, bounds: Bounds) -> values.BoundedPose:
     )
 
 
-def other_hypothesis(item: Hypothesis) -> values.OtherHypothesis:
+def _other_hypothesis(item: Hypothesis) -> values.OtherHypothesis:
     """A hypothesis beside the first one, for a picture."""
     return values.OtherHypothesis(
         item.state.object_name, f"still possible, {100 * item.weight:.0f} %", rings_at(item)
@@ -176,7 +176,7 @@ def identification_picture(
 ) -> str:
     """SVG of a run: the object found, contacts, approaches, and what was ruled out when."""
     hypotheses = hypotheses_of(result)
-    others = [other_hypothesis(item) for item in hypotheses[1:]]
+    others = [_other_hypothesis(item) for item in hypotheses[1:]]
     others += [
         values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
         for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
@@ -367,7 +367,7 @@ def why_out(why: ObjectExplanation, record: ContactRecord) -> ObjectExplanationO
             for step in why.steps
         ),
         conflict=tuple(record.out(contact) for contact in why.conflict),
-        hypotheses=tuple(hypothesis_out(item) for item in why.hypotheses),
+        hypotheses=tuple(_hypothesis_out(item) for item in why.hypotheses),
     )
 
 

@@ -29,7 +29,7 @@ def line_of(view: FingerView, t_s: float) -> str:
         state = _contact_words(view)
     return (
         f"{t_s:8.2f} s  {view.name}  {state}; {view.rate_hz:.1f} frames/s, "
-        f"the last {age_words(view.age_s)} ago; {_counter_words(view.counters)}"
+        f"the last {_age_words(view.age_s)} ago; {_counter_words(view.counters)}"
     )
 
 
@@ -39,7 +39,7 @@ def summary_of(view: FingerView) -> str:
     return f"{view.name}: {frames}, {_counter_words(view.counters)}"
 
 
-def place_words(patch: ContactPatch, shape: Shape) -> str:
+def _place_words(patch: ContactPatch, shape: Shape) -> str:
     """Say where round the tip a contact is; of a flat array that is not known."""
     if shape is Shape.FLAT:
         return "direction not known: flat array"
@@ -47,12 +47,12 @@ def place_words(patch: ContactPatch, shape: Shape) -> str:
     return f"{angle:+.1f}° ± {half:.1f}°"
 
 
-def flag_words(patch: ContactPatch) -> list[str]:
+def _flag_words(patch: ContactPatch) -> list[str]:
     """Say what the bounds had to allow for."""
     return sorted(flag.value for flag in patch.flags)
 
 
-def taxel_words(view: FingerView) -> str:
+def _taxel_words(view: FingerView) -> str:
     """Say how many taxels are not to be trusted; "" if all are."""
     kinds = (
         ("dead", view.dead),
@@ -63,7 +63,7 @@ def taxel_words(view: FingerView) -> str:
     return ", ".join(f"{count} {name}" for name, count in counts if count)
 
 
-def age_words(age_s: float) -> str:
+def _age_words(age_s: float) -> str:
     """A time since, short."""
     return f"{age_s * 1e3:.0f} ms" if age_s < 1 else f"{age_s:.1f} s"
 
@@ -80,9 +80,9 @@ def _contact_words(view: FingerView) -> str:
         return f"{view.force_n or 0:.3f} N, nothing touched"
     words = [
         f"{patch.force_n:.3f} N",
-        f"touched at {place_words(patch, view.description.shape)}",
+        f"touched at {_place_words(patch, view.description.shape)}",
         f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm",
-        *flag_words(patch),
+        *_flag_words(patch),
     ]
     return ", ".join(words)
 
@@ -116,7 +116,7 @@ def _patch_out(patch: ContactPatch) -> PatchOut:
         patch,
         centroid_rad=patch.centroid_rad if math.isfinite(patch.centroid_rad) else None,
         force_bound_n=patch.force_bound_n if math.isfinite(patch.force_bound_n) else None,
-        flags=tuple(flag_words(patch)),
+        flags=tuple(_flag_words(patch)),
     )
 
 
@@ -163,7 +163,7 @@ def scale_of(full_scale_n: float) -> Scale:
     return Scale(tuple(reversed(starts[:_COLOUR_STEPS])))
 
 
-def map_rows(view: FingerView, scale: Scale, *, cell: int, step: int, colour: bool) -> list[Text]:
+def _map_rows(view: FingerView, scale: Scale, *, cell: int, step: int, colour: bool) -> list[Text]:
     """The rows of the map, highest taxels on top, `cell` characters for each taxel.
 
     With `step` > 1 a cell is the strongest of step x step taxels.
@@ -177,7 +177,7 @@ def map_rows(view: FingerView, scale: Scale, *, cell: int, step: int, colour: bo
     return [_map_row(values, signs, cell, colour=colour) for values, signs in rows]
 
 
-def step_of(rows: int, columns: int, width: int, height: int) -> int:
+def _step_of(rows: int, columns: int, width: int, height: int) -> int:
     """Number of taxels, either way, that must share a cell so that a map fits."""
     return max(1, math.ceil(columns / width), math.ceil(rows / height))
 
@@ -195,7 +195,7 @@ def legend(scale: Scale, *, colour: bool) -> Text:
     return text
 
 
-def marks_legend(*, dead: bool, hot: bool, saturated: bool, colour: bool) -> Text:
+def _marks_legend(*, dead: bool, hot: bool, saturated: bool, colour: bool) -> Text:
     """Say what the signs mean, those that are on the maps; "" if there are none."""
     text = Text()
     kinds = ((dead, _DEAD, "dead", _UNTRUSTED), (hot, _HOT, "hot", _UNTRUSTED))
@@ -310,8 +310,8 @@ def _finger(
     view: FingerView, scale: Scale, width: int, cell: int, full_force_n: float, *, colour: bool
 ) -> RenderableType:
     d = view.description
-    step = step_of(d.rows, d.cols, width // cell, _MAX_MAP_ROWS)
-    rows = map_rows(view, scale, cell=cell, step=step, colour=colour)
+    step = _step_of(d.rows, d.cols, width // cell, _MAX_MAP_ROWS)
+    rows = _map_rows(view, scale, cell=cell, step=step, colour=colour)
     if width - len(rows[0]) >= _HEIGHTS_COLUMNS:
         rows[0].append(f" {d.row_heights_mm[-1]:.0f}", style="dim")
         rows[-1].append(f" {d.row_heights_mm[0]:.0f} mm", style="dim")
@@ -391,7 +391,7 @@ def _force_lines(view: FingerView, width: int, full_force_n: float) -> list[Text
     return [
         Text.assemble("force  ", (f"{patch.force_n:.3f}", "bold"), f" {bound}"),
         _bar(patch.force_n, width, full_force_n),
-        Text.assemble("at     ", (place_words(patch, view.description.shape), "bold")),
+        Text.assemble("at     ", (_place_words(patch, view.description.shape), "bold")),
         Text(f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm"),
     ]
 
@@ -409,7 +409,7 @@ def _bar(force_n: float, width: int, full_n: float) -> Text:
 def _count_lines(view: FingerView) -> list[Text]:
     c = view.counters
     rate = Text(f"{view.rate_hz:.1f} frames/s")
-    rate.append(f"  age {age_words(view.age_s)}", style="bold yellow" if view.silent else "")
+    rate.append(f"  age {_age_words(view.age_s)}", style="bold yellow" if view.silent else "")
     wrong = Text()
     for name, count in (("lost", c.lost), ("faults", c.faults), ("dropped", c.dropped)):
         wrong.append(f"{name} {count} ", style="bold yellow" if count else "dim")
@@ -419,11 +419,11 @@ def _count_lines(view: FingerView) -> list[Text]:
 
 
 def _remarks(view: FingerView, step: int) -> list[Text]:
-    taxels = taxel_words(view)
+    taxels = _taxel_words(view)
     lines = [f"taxels: {taxels}"] if taxels else []
     if step > 1:
         lines.append(f"a cell is the strongest of {step} x {step} taxels")
-    flags = [] if view.patch is None else flag_words(view.patch)
+    flags = [] if view.patch is None else _flag_words(view.patch)
     return [Text(line, style="yellow") for line in (*lines, *flags)]
 
 
@@ -431,7 +431,7 @@ def _foot(picture: WatchPicture, scale: Scale, *, colour: bool) -> list[Renderab
     def anywhere(name: str) -> bool:
         return any(getattr(view, name).any() for view in picture.fingers)
 
-    signs = marks_legend(
+    signs = _marks_legend(
         dead=anywhere("dead"), hot=anywhere("hot"), saturated=anywhere("saturated"), colour=colour
     )
     return [legend(scale, colour=colour), *([signs] if signs.plain else [])]

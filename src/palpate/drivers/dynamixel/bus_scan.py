@@ -85,7 +85,7 @@ def scan(
             refused[baudrate] = str(error)
             continue
         try:
-            found += scan_rate(port, clock, baudrate, dxl_ids, latency_s=latency_s, tell=tell)
+            found += _scan_rate(port, clock, baudrate, dxl_ids, latency_s=latency_s, tell=tell)
         finally:
             port.close()
     if reasons and len(reasons) == tried:
@@ -93,7 +93,7 @@ def scan(
     return Scan(tuple(found), refused)
 
 
-def scan_rate(
+def _scan_rate(
     port: SerialBase,
     clock: Clock,
     baudrate: int,

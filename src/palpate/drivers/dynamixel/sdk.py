@@ -26,7 +26,7 @@ from palpate.drivers.dynamixel.packet import MAX_ID, crc16, stuff, unstuff
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-READ_WAIT_S = 1e-3
+_READ_WAIT_S = 1e-3
 """How long a read may wait in the port before the SDK looks at its packet timeout again."""
 
 _MAX_LATE_READS = 8  # a wire full of noise must not be listened to for ever
@@ -57,7 +57,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         """Set the port up instead of opening one."""
         self.ser = self._port
         self._port.baudrate = cflag_baud
-        self._port.timeout = READ_WAIT_S
+        self._port.timeout = _READ_WAIT_S
         self.is_open = True
         self.clearPort()
         self.tx_time_per_byte = wire_time_s(1, cflag_baud) * 1e3

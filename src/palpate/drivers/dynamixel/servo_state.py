@@ -123,12 +123,12 @@ class StateReader:
             return answer
         if answer.error_number:
             return StatusError(servo.dxl_id, self.bus.port_name, answer.error_number, "to read its state")
-        return decode_state(servo.model, answer.params, servo.turns) or Restarted(
+        return _decode_state(servo.model, answer.params, servo.turns) or Restarted(
             servo.dxl_id, self.bus.port_name
         )
 
 
-def decode_state(model: Model, block: bytes, turns: int = 0) -> ServoState | None:
+def _decode_state(model: Model, block: bytes, turns: int = 0) -> ServoState | None:
     """The state in a block of `STATE_BYTES` bytes; None if the servo has restarted, or for another size.
 
     `turns`: how many the servo counts ahead, see `Servo.turns`.
@@ -308,7 +308,7 @@ class StateTraffic:
         is_within = wide[0] <= place[0] and place[0] + STATE_BYTES <= wide[0] + wide[1]
         if not is_within or len(packet.params) != wide[1]:
             return
-        state = decode_state(
+        state = _decode_state(
             model, extract_block(packet.params, wide, place), self._turns.get(packet.dxl_id, 0)
         )
         if state is not None:

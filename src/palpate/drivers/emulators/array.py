@@ -48,7 +48,7 @@ _MIN_RISE_SHARE = 1 / 8  # of the largest count; far below the signal, whatever 
 _MAX_NOISE_SHARE = 1 / 32  # of the largest count, standard deviation
 
 
-def run_self_test(taxels: Taxels) -> tuple[BadTaxel, ...]:
+def _run_self_test(taxels: Taxels) -> tuple[BadTaxel, ...]:
     """Return the taxels that do not follow a test signal or do not keep still under it, row by row."""
     d = taxels.description
     nothing = np.zeros((d.rows, d.cols))
@@ -265,7 +265,7 @@ class EmulatedArray:
             self._send(Nack(body.request_id, NackReason.BAD_STATE), now)
             return
         self._busy_until_s = now + self._self_test_s
-        bad = run_self_test(self.taxels)
+        bad = _run_self_test(self.taxels)
         result = self.broken | (SelfTestResult.TAXELS if bad else _NO_RESULT)
         self._send(
             SelfTestReport(body.request_id, result, len(bad), bad[:MAX_LISTED_TAXELS]), self._busy_until_s

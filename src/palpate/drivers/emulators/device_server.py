@@ -24,7 +24,7 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import AdaptedDevice, Device, Emission, RatedDevice, wire_time_s
 
-CHUNK_BYTES = 4096
+_CHUNK_BYTES = 4096
 """Most bytes that are taken from a client at once."""
 
 
@@ -130,7 +130,7 @@ class PtyPort(ServedPort):
 
     def _receive(self) -> bytes:
         try:
-            return os.read(self._master, CHUNK_BYTES)
+            return os.read(self._master, _CHUNK_BYTES)
         except BlockingIOError:
             return b""
 
@@ -201,7 +201,7 @@ class TcpPort(ServedPort):
         if self._client is None:
             return b""
         try:
-            data = self._client.recv(CHUNK_BYTES)
+            data = self._client.recv(_CHUNK_BYTES)
         except BlockingIOError:
             return b""
         except OSError:

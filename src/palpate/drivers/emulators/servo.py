@@ -23,7 +23,7 @@ from palpate.drivers.emulators.servo_firmware import BOOT_S, ServoUnit
 from palpate.drivers.emulators.servo_motion import ShaftMotion
 from palpate.drivers.emulators.servo_table import Refused
 
-SECONDARY_INSTRUCTIONS = frozenset(
+_SECONDARY_INSTRUCTIONS = frozenset(
     {
         Instruction.WRITE,
         Instruction.REG_WRITE,
@@ -372,7 +372,7 @@ class EmulatedServo:
 
     def _handle_as_secondary(self, packet: InstructionPacket) -> None:
         secondary = packet.dxl_id == self._unit.table.get("Secondary(Shadow) ID")
-        if secondary and packet.instruction in SECONDARY_INSTRUCTIONS:
+        if secondary and packet.instruction in _SECONDARY_INSTRUCTIONS:
             try:
                 execute(self._unit, packet, secondary=True)
             except Refused:

@@ -20,7 +20,7 @@ from palpate.drivers.emulators.servo_motion import (
 )
 from palpate.drivers.emulators.servo_table import ControlTable
 
-POSITION_MODES = (
+_POSITION_MODES = (
     OperatingMode.POSITION,
     OperatingMode.EXTENDED_POSITION,
     OperatingMode.CURRENT_BASED_POSITION,
@@ -135,7 +135,7 @@ class ServoDrive:
         mode = self._mode()
         if mode == OperatingMode.POSITION:
             self.forget_turns()
-        if mode not in POSITION_MODES:
+        if mode not in _POSITION_MODES:
             self._table.set(GOAL_OF_MODE[mode], 0)
         self._velocity = VelocityLaw(0.0, 0.0)
         self.configure()
@@ -149,7 +149,7 @@ class ServoDrive:
         self._motion.hold()
         table.set("Profile Velocity", 0)
         table.set("Profile Acceleration", 0)
-        if mode not in POSITION_MODES:
+        if mode not in _POSITION_MODES:
             table.set(GOAL_OF_MODE[mode], 0)
         self._velocity.stop()
         self._hold_here()
@@ -160,7 +160,7 @@ class ServoDrive:
         if not self._motion.driven:
             return
         mode = self._mode()
-        if mode in POSITION_MODES:
+        if mode in _POSITION_MODES:
             self._move_to(self._table.get("Goal Position"))
         elif mode == OperatingMode.VELOCITY:
             goal = self._table.get("Goal Velocity") * _VELOCITY_UNIT * self._sign
@@ -211,7 +211,7 @@ class ServoDrive:
     def _moving_status(self) -> int:
         motion = self._motion
         status = int(motion.profile_ongoing) << 1 | self._profile << 4
-        if self._mode() in POSITION_MODES:
+        if self._mode() in _POSITION_MODES:
             status |= int(abs(motion.goal_rad - motion.shaft_rad) / _RAD_PER_TICK <= _IN_POSITION_TICKS)
             # the manual gives no number: this is where the loop has no more voltage to give
             lag = abs(motion.reference_rad - motion.shaft_rad) / _RAD_PER_TICK

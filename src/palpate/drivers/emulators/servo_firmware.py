@@ -91,7 +91,7 @@ class Protection:
             charge, overloaded_s, most_a = self._charge, 0.0, self._overload_a
             for current_a in currents:
                 charge += current_a * current_a * dt_s
-            self._charge = repeated_sum(charge, last_a * last_a * dt_s, steps - len(currents))
+            self._charge = _repeated_sum(charge, last_a * last_a * dt_s, steps - len(currents))
             if abs(last_a) >= most_a or max(map(abs, currents), default=0.0) >= most_a:
                 overloaded_s = self._overloaded_s
                 for current_a in chain(currents, repeat(last_a, steps - len(currents))):
@@ -99,7 +99,7 @@ class Protection:
             if overloaded_s >= _OVERLOAD_S:
                 overloaded_s, bits = 0.0, OVERLOAD_BIT
             self._overloaded_s = overloaded_s
-        self._since_look_s = repeated_sum(self._since_look_s, dt_s, steps)
+        self._since_look_s = _repeated_sum(self._since_look_s, dt_s, steps)
         if self._since_look_s >= _CHECK_PERIOD_S:
             bits |= self._look()
         return bits
@@ -115,7 +115,7 @@ class Protection:
         return bits | (0 if low <= round(10 * self.supply_v) <= high else INPUT_VOLTAGE_BIT)
 
 
-def repeated_sum(value: float, step: float, times: int) -> float:
+def _repeated_sum(value: float, step: float, times: int) -> float:
     """`value` after so many steps, rounded at each of them."""
     for _ in range(times):
         value += step
@@ -229,14 +229,14 @@ class ServoUnit:
         """So many times `step` without a load, within `quiet_steps`; returns what `servo.run` does."""
         motion = self.motion
         angles, currents = motion.run(dt_s, steps)
-        self._uptime_s = repeated_sum(self._uptime_s, dt_s, steps)
+        self._uptime_s = _repeated_sum(self._uptime_s, dt_s, steps)
         if self.deaf_s > 0.0:
-            self.deaf_s = repeated_sum(self.deaf_s, -dt_s, steps)
+            self.deaf_s = _repeated_sum(self.deaf_s, -dt_s, steps)
             if self.deaf_s <= 0.0:
                 self._finish_boot()
         driven = motion.driven
         if driven and self._watchdog_s > 0.0:
-            self._silence_s = repeated_sum(self._silence_s, dt_s, steps)
+            self._silence_s = _repeated_sum(self._silence_s, dt_s, steps)
             if self._silence_s >= self._watchdog_s:
                 self._trip_watchdog()
         bits = self.protection.watch_all(dt_s, steps, currents, motion.current_a, driven=driven)

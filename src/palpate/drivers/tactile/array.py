@@ -90,15 +90,15 @@ def _leaps(since: tuple[int, float], time_us: int, now: float) -> bool:
     return time_us - then_us > ((now - then_s) * (1 + _CLOCK_DRIFT_SHARE) + _MAX_TIME_LEAP_S) * 1e6
 
 
-ANSWER_TIMEOUT_S = 0.5
+_ANSWER_TIMEOUT_S = 0.5
 BOOT_ATTEMPTS = (
     10  # a board that resets as its port opens is deaf for up to 3 s, and its first answer may be lost
 )
-COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
-GEOMETRY_TIMEOUT_S = 1.0  # one answer may have 6 kB, which take 0.5 s at 115200 baud
-SELF_TEST_TIMEOUT_S = 2.5  # the array has 2 s, then comes the time on the wire
-ATTEMPTS = 3
-SELF_TEST_ATTEMPTS = 2
+_COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
+_GEOMETRY_TIMEOUT_S = 1.0  # one answer may have 6 kB, which take 0.5 s at 115200 baud
+_SELF_TEST_TIMEOUT_S = 2.5  # the array has 2 s, then comes the time on the wire
+_ATTEMPTS = 3
+_SELF_TEST_ATTEMPTS = 2
 _TARED = int(FrameFlag.TARED)
 _ADVICE = {
     NackReason.UNKNOWN_TYPE: "its firmware does not know how; update it or do without",
@@ -140,8 +140,8 @@ class TactileArray(StreamedArray):
         because many boards reset then.
         """
         self._description = self._check = None
-        attempts = BOOT_ATTEMPTS if self._just_opened else ATTEMPTS
-        answer = self._exchange.ask(Hello, Describe, ANSWER_TIMEOUT_S, attempts)
+        attempts = BOOT_ATTEMPTS if self._just_opened else _ATTEMPTS
+        answer = self._exchange.ask(Hello, Describe, _ANSWER_TIMEOUT_S, attempts)
         if isinstance(answer, Nack):
             raise DeviceError(
                 f"{self._stream.where} refuses to describe itself ({answer.reason.name}); "
@@ -220,7 +220,7 @@ class TactileArray(StreamedArray):
         return self._require_report(answer)
 
     def _test(self) -> SelfTestReport | Nack | None:
-        return self._exchange.ask(SelfTest, SelfTestReport, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
+        return self._exchange.ask(SelfTest, SelfTestReport, _SELF_TEST_TIMEOUT_S, _SELF_TEST_ATTEMPTS)
 
     def _require_report(self, answer: SelfTestReport | Nack | None) -> SelfTestReport:
         if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
@@ -237,7 +237,7 @@ class TactileArray(StreamedArray):
         known = 0
         while known < taxels:
             ask = partial(Geometry, first=known)
-            answer = self._exchange.ask(ask, TaxelPlaces, GEOMETRY_TIMEOUT_S, ATTEMPTS)
+            answer = self._exchange.ask(ask, TaxelPlaces, _GEOMETRY_TIMEOUT_S, _ATTEMPTS)
             part = self._require_grant(answer, "say where its taxels are")
             if part.first != known or known + part.count > taxels:
                 raise DeviceError(
@@ -249,7 +249,7 @@ class TactileArray(StreamedArray):
         return places
 
     def _command(self, make: Callable[[int], Request], verb: str) -> None:
-        self._require_grant(self._exchange.ask(make, Ack, COMMAND_TIMEOUT_S, ATTEMPTS), verb)
+        self._require_grant(self._exchange.ask(make, Ack, _COMMAND_TIMEOUT_S, _ATTEMPTS), verb)
 
     def _require_grant(self, answer: _Granted | Nack | None, verb: str) -> _Granted:
         where = self._stream.where

@@ -59,7 +59,7 @@ _DESCRIBE = struct.Struct("<H16sBBBBBIfff")
 _REPORT = struct.Struct("<HHH")
 _BAD_TAXEL = struct.Struct("<BBB")
 _TAXELS = struct.Struct("<HHB")
-MAX_PAYLOAD_BYTES = _SIZE.size + 2 * MAX_TAXELS
+_MAX_PAYLOAD_BYTES = _SIZE.size + 2 * MAX_TAXELS
 _NACK_REASONS = frozenset(map(int, NackReason))
 _TAXEL_FAULTS = frozenset(map(int, TaxelFault))
 _SHAPES = ", ".join(f"{shape.value} {shape.name.lower()}" for shape in Shape)
@@ -83,7 +83,7 @@ def pack_payload(body: MessageBody) -> tuple[MessageType, bytes]:
         raise ValueError(f"field out of range in {body!r}: {problem}") from problem
 
 
-def unpack_payload(kind: int, payload: bytes) -> MessageBody | None:
+def _unpack_payload(kind: int, payload: bytes) -> MessageBody | None:
     """Return the body, or None of a type that is not known. Raises ValueError if it makes no sense."""
     reader = _UNPACK.get(kind)
     if reader is None:
@@ -260,7 +260,7 @@ _HEADER = struct.Struct("<BBHIQH")
 _CRC = struct.Struct("<I")
 _CRC_RESIDUE = zlib.crc32(_CRC.pack(zlib.crc32(b"")))  # CRC of anything with its own CRC behind it
 _MIN_PLAIN_BYTES = _HEADER.size + _CRC.size
-_MAX_PLAIN_BYTES = _MIN_PLAIN_BYTES + MAX_PAYLOAD_BYTES
+_MAX_PLAIN_BYTES = _MIN_PLAIN_BYTES + _MAX_PAYLOAD_BYTES
 MAX_ENCODED_BYTES = _MAX_PLAIN_BYTES + _MAX_PLAIN_BYTES // 254 + 1  # COBS adds one byte in 254 and one more
 _HALF_SEQUENCE_RANGE = 1 << 31  # sequence numbers are compared on a circle of 2**32
 
@@ -419,7 +419,7 @@ def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
         reason = f"length {length} (allowed: {len(payload)}, the bytes of its payload)"
         return _unusable_message(FaultKind.LENGTH, said, kind, payload, reason)
     try:
-        body = unpack_payload(kind, payload)
+        body = _unpack_payload(kind, payload)
     except ValueError as problem:
         return _unusable_message(FaultKind.PAYLOAD, said, kind, payload, str(problem))
     if body is None:

@@ -24,7 +24,7 @@ from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, 
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 
 MISFIT_SLACK = 16.0
-MISFIT_LIMIT = 20.0
+_MISFIT_LIMIT = 20.0
 _SOFT_THRESHOLD_SHARE = 0.1  # of the strongest column, taken off before the centroid
 _MIN_COLUMNS = 2
 _GAIN_SPREAD_SHARE = (
@@ -179,7 +179,7 @@ class CylinderTip:
             first, last = int(runs.first[i]), int(runs.last[i])
             profile = ColumnProfile(columns.force_n[i], variance[i], first, last, float(missing[i]))
             match = self._templates.match(profile, MISFIT_SLACK)
-            if match is not None and match.misfit <= MISFIT_LIMIT and match.one_edge:
+            if match is not None and match.misfit <= _MISFIT_LIMIT and match.one_edge:
                 low[i], high[i] = match.low_rad / self._pitch, match.high_rad / self._pitch
                 narrow[i] = True
         return (

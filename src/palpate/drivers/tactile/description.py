@@ -23,14 +23,14 @@ REALS_PER_TAXEL = 6
 _NORMAL_TOLERANCE = 0.01
 
 # What lies outside of these is a mistake in the firmware, such as degrees for radians, and no array.
-RATES_HZ = (0.001, 4294967.295)
-FULL_SCALES_N = (1e-3, 1e5)
+_RATES_HZ = (0.001, 4294967.295)
+_FULL_SCALES_N = (1e-3, 1e5)
 COUNTS_PER_N = (1e-3, 1e7)
 RADII_MM = (0.1, 1000.0)
-MAX_COORDINATE_MM = 1000.0
-HALF_TURN_RAD = 3.1416  # half a turn, and what rounding adds
-MIN_PITCH_MM = 0.01
-MIN_PITCH_RAD = 1e-4
+_MAX_COORDINATE_MM = 1000.0
+_HALF_TURN_RAD = 3.1416  # half a turn, and what rounding adds
+_MIN_PITCH_MM = 0.01
+_MIN_PITCH_RAD = 1e-4
 
 
 class Shape(enum.IntEnum):
@@ -128,8 +128,8 @@ class Description:
         yield _range_problem("columns", self.cols, 1, 255)
         yield _range_problem(f"{self.rows} x {self.cols} taxels, together", self.taxels, 1, MAX_TAXELS)
         yield _range_problem("bit depth", self.bit_depth, 1, 16)
-        yield _range_problem("maximum rate", self.max_rate_hz, *RATES_HZ, "Hz")
-        yield _range_problem("full scale", self.full_scale_n, *FULL_SCALES_N, "N")
+        yield _range_problem("maximum rate", self.max_rate_hz, *_RATES_HZ, "Hz")
+        yield _range_problem("full scale", self.full_scale_n, *_FULL_SCALES_N, "N")
         yield _range_problem("counts per N", self.counts_per_n, *COUNTS_PER_N)
         least_mm = RADII_MM[0] if self.shape is Shape.CYLINDER else 0.0
         yield _range_problem("tip radius", self.tip_radius_mm, least_mm, RADII_MM[1], "mm")
@@ -139,12 +139,12 @@ class Description:
     def _grid_problems(self) -> Iterator[str | None]:
         cylinder = self.shape is Shape.CYLINDER
         farthest, nearest, unit = (
-            (HALF_TURN_RAD, MIN_PITCH_RAD, "rad") if cylinder else (MAX_COORDINATE_MM, MIN_PITCH_MM, "mm")
+            (_HALF_TURN_RAD, _MIN_PITCH_RAD, "rad") if cylinder else (_MAX_COORDINATE_MM, _MIN_PITCH_MM, "mm")
         )
         yield _count_problem("column positions", len(self.columns), self.cols)
         yield _position_problem("column", self.columns, farthest, nearest, unit)
         yield _count_problem("row heights", len(self.row_heights_mm), self.rows)
-        yield _position_problem("row", self.row_heights_mm, MAX_COORDINATE_MM, MIN_PITCH_MM, "mm")
+        yield _position_problem("row", self.row_heights_mm, _MAX_COORDINATE_MM, _MIN_PITCH_MM, "mm")
         yield "a place of its own for each taxel (allowed: on a free surface)" if self.geometry else None
 
     def _free_problems(self) -> Iterator[str | None]:
@@ -158,10 +158,10 @@ class Description:
 def geometry_problem(reals: tuple[float, ...]) -> str | None:
     """Say what is wrong with places of taxels, six reals each, or None if nothing is."""
     places = np.reshape(np.asarray(reals, dtype=np.float64), (-1, REALS_PER_TAXEL))
-    off = ~(np.abs(places[:, :3]) <= MAX_COORDINATE_MM)
+    off = ~(np.abs(places[:, :3]) <= _MAX_COORDINATE_MM)
     if off.any():
         value = places[:, :3][off][0]
-        allowed = f"{-MAX_COORDINATE_MM:g} to {MAX_COORDINATE_MM:g} mm"
+        allowed = f"{-_MAX_COORDINATE_MM:g} to {_MAX_COORDINATE_MM:g} mm"
         return f"a taxel's position of {value:g} mm (allowed: {allowed})"
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(places[:, 3:], axis=1)

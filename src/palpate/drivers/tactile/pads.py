@@ -59,7 +59,7 @@ class TaxelForces:
         return result
 
 
-def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
+def _pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
     """Columns (n, c) that are certainly pressed, in n frames.
 
     None beside a taxel that cannot be read: what it bears its neighbours may show.
@@ -77,7 +77,7 @@ def pressed_columns(taxels: TaxelForces, calibration: TipCalibration) -> Bools:
     return result
 
 
-def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floats:
+def _pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floats:
     """Ranges (n, 2, 2) of places across the array, [first, last] and [from, to]: in each something presses.
 
     `pressed` (n, c): as `pressed_columns`; `column_mm` (c,) ascending: their middles, each `half_mm` wide to
@@ -90,11 +90,11 @@ def pressed_places_mm(pressed: Bools, column_mm: Floats, half_mm: float) -> Floa
     return np.where(some[:, None, None], found, np.nan)
 
 
-def loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:
+def _loaded_places_mm(taxels: TaxelForces, column_mm: Floats, half_mm: float) -> Floats:
     """The range (n, 2) across the array outside of which columns show nothing; nan where none does."""
     force, doubt = _sums(taxels)
     loaded: Bools = np.logical_or(force > doubt, ~taxels.usable.all(axis=1))
-    result: Floats = pressed_places_mm(loaded, column_mm, half_mm)[:, [0, 1], [0, 1]]
+    result: Floats = _pressed_places_mm(loaded, column_mm, half_mm)[:, [0, 1], [0, 1]]
     return result
 
 
@@ -177,10 +177,10 @@ def _across(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibrat
     if not surface.flat:
         return {"pressed_mm": np.full((n, 2, 2), np.nan), "loaded_mm": np.full((n, 2), np.nan)}
     column_mm, half_mm = surface.place_mm[:cols, 0], float(surface.half_mm[0])
-    pressed = pressed_columns(taxels, calibration)
+    pressed = _pressed_columns(taxels, calibration)
     return {
-        "pressed_mm": pressed_places_mm(pressed, column_mm, half_mm),
-        "loaded_mm": loaded_places_mm(taxels, column_mm, half_mm),
+        "pressed_mm": _pressed_places_mm(pressed, column_mm, half_mm),
+        "loaded_mm": _loaded_places_mm(taxels, column_mm, half_mm),
     }
 
 

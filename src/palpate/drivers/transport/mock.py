@@ -24,7 +24,7 @@ from palpate.drivers.transport.wire import (
     wire_time_s,
 )
 
-MOCK_SCHEME = "mock"
+_MOCK_SCHEME = "mock"
 _BURST_BYTE_S = 1e-9  # for a byte of a packet that an adapter hands over
 _ROUNDING_BYTES = 1e-3  # of one byte's wire time; far above the clock's rounding, far below a byte
 
@@ -186,7 +186,7 @@ class MockHub:
         """
         if name in self._wires:
             raise ValueError(f"hub {self.name} already has a wire named {name}")
-        url = f"{MOCK_SCHEME}://{self.name}/{name}"
+        url = f"{_MOCK_SCHEME}://{self.name}/{name}"
         self._wires[name] = MockWire(url, device, baudrate, self.clock)
         return url
 

@@ -106,11 +106,11 @@ EMULATED_LATENCY_S = 1e-3
 
 LATENCY_TIMER = "latency_timer"
 
-TTYS = Path("/sys/class/tty")
+_TTYS = Path("/sys/class/tty")
 """Where Linux tells of its serial ports."""
 
 
-def latency_timer_s(port: str, ttys: Path = TTYS) -> float | None:
+def latency_timer_s(port: str, ttys: Path = _TTYS) -> float | None:
     """A port's latency timer, None if it is not known."""
     if "://" in port:
         return None
@@ -167,7 +167,7 @@ def serial_ports() -> list[SerialPort]:
 def describe_ports(
     found: Iterable[ListPortInfo],
     by_id: Path = _BY_ID,
-    ttys: Path = TTYS,
+    ttys: Path = _TTYS,
     processes: Path = _PROCESSES,
 ) -> list[SerialPort]:
     """Ports that pyserial found, with what the system adds; the folders are those of Linux."""

@@ -14,7 +14,7 @@ from palpate.drivers.transport.mock import MockWire, wire_for_url
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-POLL_S = 1e-3
+_POLL_S = 1e-3
 """Most that an empty non-blocking read moves the clock, so that a busy-wait on virtual time ends."""
 
 
@@ -67,7 +67,7 @@ class Serial(SerialBase):
         if len(received) >= size or (received and self.timeout == 0):
             return received
         start = clock.now()
-        deadline = None if self.timeout is None else start + (self.timeout or POLL_S)
+        deadline = None if self.timeout is None else start + (self.timeout or _POLL_S)
         while len(received) < size:
             event = wire.next_event_s(size - len(received), together=self.timeout != 0)
             if event is None and deadline is None:

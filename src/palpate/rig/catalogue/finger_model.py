@@ -180,7 +180,7 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
     model, state, finger = unknown[0]
     more = quantity(len(unknown) - 1, "more state is", "more states are")
     also = f" ({more} not known where fingers are)" if len(unknown) > 1 else ""
-    wanted = ",".join(map(span_text, sorted({item.span_mm for item in fingers})))
+    wanted = ",".join(map(_span_text, sorted({item.span_mm for item in fingers})))
     near = _known_near([state for item in models for state in item.states], finger)
     other = "" if near is None else f", or set the finger to {near:g} mm, where all states are known"
     if finger.span_mm[0] < finger.span_mm[1] and near is None:
@@ -192,7 +192,7 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
     )
 
 
-def span_text(span_mm: tuple[float, float]) -> str:
+def _span_text(span_mm: tuple[float, float]) -> str:
     """A height, or a span of heights, as an import is asked for it: "12" or "5-15"."""
     low, high = span_mm
     return f"{low:g}" if low == high else f"{low:g}-{high:g}"

@@ -81,7 +81,7 @@ def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
     return tuple(found)
 
 
-def source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
+def _source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
     """Source of an object of a file, as the objects file `target` has it. Raises InputError."""
     content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
     asked = json.dumps([_REQUEST_EDITION, asdict(options)], sort_keys=True)
@@ -134,7 +134,7 @@ def _one(
     path: Path, options: ImportOptions, target: Path, before: ObjectsFileText, report: Report
 ) -> Catalogued:
     """A file by itself: its states are what is done in parallel."""
-    source = source_of(path, options, target)
+    source = _source_of(path, options, target)
     try:
         found = import_file(path, options, report)
     except LossError as error:
@@ -183,7 +183,7 @@ def _sources(
     for path in paths:
         try:
             is_drawing(path)
-            sources[path] = source_of(path, options, target)
+            sources[path] = _source_of(path, options, target)
         except InputError as error:
             failed[path] = FileOutcome(path, failure=str(error))
     return sources, failed

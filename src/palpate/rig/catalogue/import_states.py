@@ -34,7 +34,7 @@ from palpate.config.outline_checks import MIN_EDGE_MM
 from palpate.rig.catalogue.round_outlines import RoundSections, round_sections
 from palpate.rig.workers import in_processes
 
-NEGLIGIBLE_MM = 1e-5
+_NEGLIGIBLE_MM = 1e-5
 """What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
 
 Height = float | tuple[float, float]
@@ -51,7 +51,7 @@ def ends_mm(height_mm: Height) -> tuple[float, float]:
     return height_mm if isinstance(height_mm, tuple) else (height_mm, height_mm)
 
 
-def ranges_near(heights_mm: Iterable[Height], top_mm: float) -> list[tuple[float, float]]:
+def _ranges_near(heights_mm: Iterable[Height], top_mm: float) -> list[tuple[float, float]]:
     """Ranges of height, ascending and apart, within 0.5 mm of the given ones and on the part.
 
     A part that is lower than all of them gets its uppermost millimetre: a state has some section.
@@ -68,7 +68,7 @@ def ranges_near(heights_mm: Iterable[Height], top_mm: float) -> list[tuple[float
     return ranges or [(max(top_mm - 2 * _NEIGHBOURHOOD_MM, 0.0), top_mm)]
 
 
-def ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
+def _ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
     """Ranges of height (mm) that sections cover, ascending and apart, as the file has them."""
     ranges: list[tuple[float, float]] = []
     for section in sections:
@@ -80,7 +80,7 @@ def ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
     return ranges
 
 
-def sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:
+def _sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:
     """Cross sections as they stand in a file, from the table up."""
     return [
         SectionText(
@@ -99,7 +99,7 @@ def polygons_text(
     return [_polygon_text(region, origin) for region in regions]
 
 
-def side_text(rings: Sequence[Floats]) -> list[list[tuple[float, float]]] | None:
+def _side_text(rings: Sequence[Floats]) -> list[list[tuple[float, float]]] | None:
     """Rings of a picture, to a hundredth of a millimetre; the longest of very many."""
     longest = sorted(rings, key=len, reverse=True)[:_MAX_RINGS]
     return [[(round(x, 2) + 0.0, round(z, 2) + 0.0) for x, z in ring.tolist()] for ring in longest] or None
@@ -124,13 +124,13 @@ def round_coordinate(value: float) -> float:
     return round(float(value), DECIMALS) + 0.0
 
 
-def round_up(value: float) -> float:
+def _round_up(value: float) -> float:
     """A bound of the file, upward."""
     scale: int = 10**DECIMALS
     return math.ceil(value * scale) / scale
 
 
-def round_probability(value: float) -> float:
+def _round_probability(value: float) -> float:
     """A probability, downward: all states' together must not come to more than 1."""
     scale: int = 10**DECIMALS
     return math.floor((value + _SUMMING_SLACK) * scale) / scale
@@ -138,7 +138,7 @@ def round_probability(value: float) -> float:
 
 def bound_mm(parts_mm: Iterable[float]) -> float:
     """The sum of bounds, upward to a tenth of a micrometre, but for what is nothing but rounding."""
-    beyond = max(math.fsum(parts_mm) - NEGLIGIBLE_MM, 0.0)
+    beyond = max(math.fsum(parts_mm) - _NEGLIGIBLE_MM, 0.0)
     return math.ceil(beyond * _BOUND_STEPS) / _BOUND_STEPS
 
 
@@ -282,7 +282,7 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     near, top = shares.heights_mm, _top_mm(solid, state)
     if near is None:
         return sections_of(solid, state, shares.sections_mm, None, _MAX_SECTIONS)
-    found = _between(solid, state, shares, ranges_near(near, top))
+    found = _between(solid, state, shares, _ranges_near(near, top))
     for height in dict.fromkeys(end for each in near for end in ends_mm(each)):
         if height < top:
             found = _with_height(found, height, solid, state, shares)
@@ -331,16 +331,16 @@ def _imported_state(
     found: MergedState | None = None,
 ) -> ImportedState:
     """A state as text of the file and as result; `found`: None for a part that rests as drawn."""
-    probability = None if found is None else round_probability(state.probability)
+    probability = None if found is None else _round_probability(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
     circles = round_sections(solid, state, sections, shares.sections_mm)
     if circles is None:
-        some = sections_text([section for section in sections if section.polygons])
+        some = _sections_text([section for section in sections if section.polygons])
     else:
         some = list(circles.sections)
     top = round_coordinate(_top_mm(solid, state))
-    known = ranges_known(sections)
-    everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
+    known = _ranges_known(sections)
+    everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - _NEGLIGIBLE_MM
     heights = None if everywhere else known
     # Faces that are level but for rounding end where their sections do.
     height = some[-1].z[1] if everywhere else max(top, *(section.z[1] for section in some))
@@ -354,7 +354,7 @@ def _imported_state(
         heights=heights,
         normal_bound=circles and _normal_bound_rad(circles, solid, shares, found),
         sections=some,
-        side=side_text(silhouette(solid, state)),
+        side=_side_text(silhouette(solid, state)),
     )
     off = max(section.off_mm for section in sections) if circles is None else circles.off_mm
     result = ImportedStateOut.of(
@@ -378,10 +378,10 @@ def _normal_bound_rad(
     merged stands with its axis off by what merged states are apart; more than two, both ends of one axis, are
     those of a ball, each with an axis of its own.
     """
-    if shares.deviation_mm > 0 or solid.off_mm > NEGLIGIBLE_MM or (found is not None and found.count > 2):
+    if shares.deviation_mm > 0 or solid.off_mm > _NEGLIGIBLE_MM or (found is not None and found.count > 2):
         return None
     apart = 0.0 if found is None else found.apart_mm
-    return round_up(circles.turn_rad + math.asin(min(apart / circles.least_radius_mm, 1.0)))
+    return _round_up(circles.turn_rad + math.asin(min(apart / circles.least_radius_mm, 1.0)))
 
 
 def _left_out(items: Sequence[LeftOut]) -> tuple[OmittedStatesOut, ...]:

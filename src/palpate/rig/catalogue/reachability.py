@@ -43,7 +43,7 @@ class Trouble(Enum):
 HOPELESS = frozenset({Trouble.MISSED, Trouble.LINKS, Trouble.OVERSIZED})
 """Fingers pass such a state by, or run into it. With other troubles a state may still be identified."""
 
-OF_SECTION = frozenset({Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY})
+_OF_SECTION = frozenset({Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY})
 """Troubles with how large a state is at the fingers' heights, rather than with how high it is."""
 
 
@@ -127,7 +127,7 @@ class _ScaledState:
 
     @property
     def size_mm(self) -> float:
-        return self._across_mm if self.trouble in OF_SECTION else self._top_mm
+        return self._across_mm if self.trouble in _OF_SECTION else self._top_mm
 
     @property
     def fingers(self) -> tuple[str, ...]:
@@ -189,7 +189,7 @@ def overhangs_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Overhang,
     return tuple(found)
 
 
-def overhang_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
+def _overhang_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
     """One line if there are any, else none."""
     found = overhangs_of(rig, models)
     if not found:
@@ -273,7 +273,7 @@ class ObliqueTouch:
     latitude_rad: float
 
 
-def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObliqueTouch, ...]:
+def _oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObliqueTouch, ...]:
     """Worst touch of each state. Raises InputError, which names the finger, for one that is too oblique."""
     balls = {
         (finger_of(finger), finger.tip.least_share): finger.name
@@ -304,9 +304,9 @@ def oblique_touches(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Obliqu
     return tuple(found)
 
 
-def oblique_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
+def _oblique_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
     """One line if there are any, else none. Raises InputError as `oblique_touches`."""
-    found = sorted(oblique_touches(rig, models), key=lambda item: -item.latitude_rad)
+    found = sorted(_oblique_touches(rig, models), key=lambda item: -item.latitude_rad)
     if not found:
         return []
     shown = "; ".join(
@@ -357,7 +357,7 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     states = sum(len(model.states) for model in models)
     if sum(finding.trouble in HOPELESS for finding in found) == states:
         raise InputError(f'{name}: rig "{rig.name}" cannot identify anything in it: {"; ".join(lines)}')
-    lines += [*overhang_lines(rig, models), *oblique_lines(rig, models)]
+    lines += [*_overhang_lines(rig, models), *_oblique_lines(rig, models)]
     return [f"{name}: {line}" for line in lines]
 
 
@@ -394,7 +394,7 @@ def _line(rig: RigFile, group: Sequence[Finding]) -> str:
 
 
 def _names(group: Sequence[Finding]) -> str:
-    size = "across" if group[0].trouble in OF_SECTION else "high"
+    size = "across" if group[0].trouble in _OF_SECTION else "high"
     shown = [
         f"{item.object_name}, {item.state_name} ({item.size_mm:.3g} mm {size})"
         for item in group[:_MAX_STATES_SHOWN]

@@ -150,7 +150,7 @@ def fill_unreached(region: shapely.Geometry, tip_radius_mm: float) -> shapely.Ge
     return region if more.is_empty else shapely.union_all([region, more])
 
 
-def reached_region(
+def _reached_region(
     levels: Sequence[tuple[tuple[float, float], shapely.Geometry]],
     tip: Tip,
     height_mm: float,
@@ -212,7 +212,7 @@ class ReachableState:
         if at.tip.is_upright:
             return fill_unreached(self.state.region_within(at.span_mm), at.tip_radius_mm)
         levels = [(level.z_mm, level.region) for level in self.state.levels if level.is_within(at.span_mm)]
-        return reached_region(levels, at.tip, at.height_mm, at.tip_radius_mm)
+        return _reached_region(levels, at.tip, at.height_mm, at.tip_radius_mm)
 
     def reached_by(self, at: AtHeight) -> ReachedRegion:
         """Region that another finger, one of `RigFingers.another`, would reach."""

@@ -67,7 +67,7 @@ _MIN_FORCE_RATIO = 2.0
 """Times contact_force_n that a slide should be able to press with."""
 
 
-def measure_friction(
+def _measure_friction(
     prober: Prober, models: Sequence[FingerModel], found: LocatedReference
 ) -> dict[str, float]:
     """Current (A) that each finger's slide needs to move out freely, from the begin of a press head-on.
@@ -163,17 +163,17 @@ def retouch(
     found = locate_reference(prober, models, placings, [], specs)
     touched = [*found.touched, *_touch_around(found, prober, models, tell)]
     tell("friction")
-    friction_a = measure_friction(prober, models, found)
+    friction_a = _measure_friction(prober, models, found)
     prober.clear()
     missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
     if missing:
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    return replace(compare_retouch(rig, disc, uncertainties, touched), friction_a=friction_a)
+    return replace(_compare_retouch(rig, disc, uncertainties, touched), friction_a=friction_a)
 
 
-def compare_retouch(
+def _compare_retouch(
     rig: RigFile,
     disc: Reference,
     uncertainties: Sequence[ContactUncertainty],
@@ -252,7 +252,7 @@ def _finger_offset(model: FingerModel, index: int, touches: TouchArrays, fit: Fi
     return FingerTouchOut(finger=model.name, touches=len(own), offset_mm=float(own.mean()))
 
 
-MAX_AGE_DAYS = 90
+_MAX_AGE_DAYS = 90
 """From this age on a calibration should be made anew: skins wear, screws loosen."""
 
 
@@ -318,9 +318,9 @@ def judge_calibration(case: DiagnosisCase, readings: Readings) -> Judgement:
     age = _age_days(file, readings)
     findings = _exchange_findings(case, file, servos, arrays)
     again = case.calibrate_or("move the calibration away: pads are measured by hand")
-    if age > MAX_AGE_DAYS and not findings:
+    if age > _MAX_AGE_DAYS and not findings:
         saw = f"it is {age} days old"
-        means = f"skins wear and screws loosen; it should not be older than {MAX_AGE_DAYS} days"
+        means = f"skins wear and screws loosen; it should not be older than {_MAX_AGE_DAYS} days"
         findings.append(warning(Cause.CALIBRATION_OLD, CALIBRATION, saw, means, again))
     loose = [item.name for item in file.fingers if item.bounds is None]
     if loose:

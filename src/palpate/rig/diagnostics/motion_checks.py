@@ -251,7 +251,7 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
     )
 
 
-def certain_force_n(patch: ContactPatch) -> float | None:
+def _certain_force_n(patch: ContactPatch) -> float | None:
     """Force (N) with which a tip certainly pressed on the part; None if nothing is certain.
 
     Taxels' forces do not all point the same way: over an extent of 2 h a load that is greatest in the middle
@@ -403,7 +403,7 @@ def _push_result(rig: RigFile, push: SlipPush, touch: Touch) -> FingerHoldOut:
         finger=push.finger.name,
         slid=push.slid,
         pressed_n=0.0 if push.patch is None else push.patch.force_n,
-        holds_n=None if push.patch is None else certain_force_n(push.patch),
+        holds_n=None if push.patch is None else _certain_force_n(push.patch),
         moved_mm=moved_mm,
     )
 

@@ -27,11 +27,11 @@ from palpate.drivers.transport import Clock
 from palpate.rig.diagnostics.steps import DiagnosisCase, NamedDevice, name_servo
 from palpate.rig.fingers import ServoSettings, finger_settings, servo_settings, start_problems
 
-LOOP_S = 1.0
+_LOOP_S = 1.0
 """How long servos are read over and over."""
 
 
-def check_loop(
+def _check_loop(
     bus: Bus, clock: Clock, servos: Sequence[Servo], baudrate: int, return_delays_s: Sequence[float]
 ) -> tuple[BusLoopOut, dict[int, ServoState]]:
     """Read the state of all servos for a second, as a run does; also the last state of each.
@@ -43,7 +43,7 @@ def check_loop(
     begin = before = clock.now()
     times_s: list[float] = []
     states: dict[int, ServoState] = {}
-    while before - begin < LOOP_S:
+    while before - begin < _LOOP_S:
         states.update(reader.read(servos).values)
         now = clock.now()
         times_s.append(now - before)
@@ -66,7 +66,7 @@ def rate_in_run_hz(loop: BusLoopOut, return_delays_s: Sequence[float]) -> float:
     return 1 / max(1 / loop.rate_hz - delay_s, 1e-6)
 
 
-EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
+_EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
 """Items that runs do not write, and that can spoil them."""
 
 
@@ -162,7 +162,7 @@ def _read(case: DiagnosisCase, bus: Bus, sound: frozenset[int]) -> ExaminedServo
     if able:
         delays = [servo.return_delay_s for _, servo in able]
         try:
-            loop, states = check_loop(
+            loop, states = _check_loop(
                 bus, case.place.clock, [servo for servo, _ in able], case.rig.bus.baudrate_bps, delays
             )
         except PortFailed:
@@ -202,5 +202,5 @@ def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:
 
 
 def _health(bus: Bus, servo: Servo, wanted: Mapping[str, int]) -> Health:
-    there = [name for name in EXTRA_ITEMS if name in servo.model.items]
+    there = [name for name in _EXTRA_ITEMS if name in servo.model.items]
     return read_health(bus, servo, [*wanted, *there])

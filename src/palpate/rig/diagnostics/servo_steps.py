@@ -357,7 +357,7 @@ def _slow_reads(case: DiagnosisCase, readings: Readings, seen: ExaminedServos) -
     return findings
 
 
-def list_starts(case: DiagnosisCase, readings: Readings) -> dict[str, str | None]:
+def _list_starts(case: DiagnosisCase, readings: Readings) -> dict[str, str | None]:
     """Reasons why a run would not start from where fingers stand, None without; by finger, where known."""
     if readings.servos is None:
         return {}
@@ -372,13 +372,13 @@ def list_starts(case: DiagnosisCase, readings: Readings) -> dict[str, str | None
 
 def need_start(case: DiagnosisCase, readings: Readings) -> str | None:
     """The need of a finger of which it is known where it stands."""
-    known = list_starts(case, readings)
+    known = _list_starts(case, readings)
     return None if known else "no finger has two servos that can be read and count as the rig file says"
 
 
 def judge_zeros(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Fingers that do not stand where a run may start."""
-    starts = list_starts(case, readings)
+    starts = _list_starts(case, readings)
     ids = {finger.name: tuple(item.dxl_id for item in finger.servos.values()) for finger in case.rig.fingers}
     findings = [
         wrong(

@@ -14,7 +14,7 @@ NOTHING_TO_DO = "nothing"
 """How the next thing to do begins where there is none."""
 
 CHECK_LISTEN_S = 1.0
-FULL_LISTEN_S = 3.0
+_FULL_LISTEN_S = 3.0
 """How long arrays stream, untouched, for a check and for a full one."""
 
 _MAX_LISTED = 6
@@ -31,7 +31,7 @@ class DiagnosisCase:
     place: BusEndpoint
     computer: Computer
     tell: Callable[[str], None] = lambda _: None
-    listen_s: float = FULL_LISTEN_S
+    listen_s: float = _FULL_LISTEN_S
 
     @property
     def rig(self) -> RigFile:

@@ -52,7 +52,7 @@ from palpate.rig.emulated.scene import Placement, outline_at
 Devices = Mapping[str, tuple[Device, int]]
 
 
-def attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices, Mapping[str, str]]:
+def _attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices, Mapping[str, str]]:
     """The devices by port behind the adapters that the rig file declares.
 
     Of the arrays' adapters one, drawn by the seed, is unplugged. An adapter that comes back under another
@@ -69,7 +69,7 @@ def attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices,
             found[port] = (device, baudrate)
             continue
         rng = np.random.default_rng([seed, 9, number])
-        truth = adapter_truth(config, rng)
+        truth = _adapter_truth(config, rng)
         if number not in (0, chosen):  # one array is enough
             truth = replace(truth, gone_s=None)
         adapter = UsbAdapter(device, baudrate, truth, int(rng.integers(2**32)))
@@ -80,7 +80,7 @@ def attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices,
     return found, renamed
 
 
-def adapter_truth(config: AdapterConfig, rng: np.random.Generator) -> AdapterTruth:
+def _adapter_truth(config: AdapterConfig, rng: np.random.Generator) -> AdapterTruth:
     """Adapter as a table declares it, with what the seed draws."""
     share = float(rng.uniform())
     gone = None
@@ -208,7 +208,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
         board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
         devices[finger.array.port] = (board, finger.array.baudrate_bps)
-    on_wires, renamed = attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
+    on_wires, renamed = _attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
     return EmulatedRig(bench, on_wires, part, renamed)
 
 

@@ -41,7 +41,7 @@ class _Beside:
     z_mm: tuple[float, float]
 
 
-def outline_beside_ball(
+def _outline_beside_ball(
     sections: Sequence[tuple[tuple[float, float], shapely.Geometry]],
     height_mm: float,
     radius_mm: float,
@@ -226,7 +226,7 @@ def outline_at(
 def _outline_of_ball(
     placement: Placement, height_mm: float, _half_length_mm: float, radius_mm: float
 ) -> PartSection | None:
-    return outline_beside_ball(
+    return _outline_beside_ball(
         [(item.z_mm, shape_of(placement, item)) for item in placement.state.sections],
         height_mm,
         radius_mm,

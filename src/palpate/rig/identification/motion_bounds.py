@@ -44,7 +44,7 @@ class GripLoads:
     within_mm: float
 
 
-def slide_bounds_mm(table: SupportTable, loads: Sequence[GripLoads], leverages: Floats) -> Floats:
+def _slide_bounds_mm(table: SupportTable, loads: Sequence[GripLoads], leverages: Floats) -> Floats:
     """Largest slide of n states (n, 3) before the measurement, after it, and in all.
 
     `leverages` (n, g): of the contacts. Infinite where there are no `loads`, nothing for a part that is taken
@@ -188,12 +188,12 @@ class MotionBounds:
         loads, table = self._loads(touches), self.supports
         anywhere = np.repeat(table.leverage[:, None], len(touches), axis=1)
         if recognition is None:
-            slides = slide_bounds_mm(table, loads, anywhere)
+            slides = _slide_bounds_mm(table, loads, anywhere)
         else:
             contacts = [touch.contact for touch in touches]
-            slides = slide_bounds_mm(table, loads, _leverages(table, contacts, recognition, since))
+            slides = _slide_bounds_mm(table, loads, _leverages(table, contacts, recognition, since))
             nudged = np.flatnonzero(slides[:, 2] * table.leverage > _MAX_NUDGE_MM)
-            slides[nudged] = slide_bounds_mm(table.select(nudged), loads, anywhere[nudged])
+            slides[nudged] = _slide_bounds_mm(table.select(nudged), loads, anywhere[nudged])
         # A round part that is turned about its centre lies as before.
         round_ = [item.state.is_round for item in self.catalogue.states]
         turn = np.where(round_, 0.0, table.turn_rad_per_mm)

@@ -296,7 +296,7 @@ def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> 
     holds = item.holds_n or search.part_holds_n
     if holds is None:
         return StateSupport(math.inf, 0.0, 0.0, 1.0, item.origin_mm, 0.0)
-    centre = centre_of_mass_mm(item.state)
+    centre = _centre_of_mass_mm(item.state)
     sections = item.state.sections
     outline = np.concatenate([ring for section in sections for ring in section.rings])
     hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(outline))) - centre
@@ -314,7 +314,7 @@ def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> 
     return StateSupport(holds, shift, turn, leverage, centre, carried_mm * turn * leverage)
 
 
-def centre_of_mass_mm(state: State) -> Floats:
+def _centre_of_mass_mm(state: State) -> Floats:
     """Centre of mass (2,) of a state in its file's frame, as of one material, seen from above."""
     total, moment = 0.0, np.zeros(2)
     for section in state.sections:

@@ -116,7 +116,7 @@ class _CreepMover(TipMover):
         return 1.0 if last > first else -1.0
 
 
-MAX_PUSH_MM = 2.0
+_MAX_PUSH_MM = 2.0
 """No creep takes the tip further than this from where it touched, so the part neither."""
 
 _PUSH_MM_S = 1.0
@@ -177,7 +177,7 @@ class _SlipMover(TipMover):
     def __init__(
         self, hand: Hand, run: ApproachState, others: Sequence[ApproachState], largest_n: float
     ) -> None:
-        super().__init__(hand, run, run.travel_mm + MAX_PUSH_MM, _PUSH_MM_S, math.inf, others)
+        super().__init__(hand, run, run.travel_mm + _MAX_PUSH_MM, _PUSH_MM_S, math.inf, others)
         tip = run.finger.spec.tip
         self._soft_n_per_mm = softest_n_per_mm(tip)
         self._largest_n = largest_n

@@ -34,7 +34,7 @@ from palpate.rig.mechanisms.swept_volume import (
 )
 
 
-def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
+def _joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
     """Room that several paths sweep, numbered in their order."""
     count = [len(path.since) for path in paths]
     empty = np.empty((0, 2))
@@ -110,7 +110,7 @@ class WaitingFingers:
     def free_ranges(self, obstacles: Sequence[Floats], unsure_mm: float) -> list[tuple[int, int] | None]:
         """Range of each finger among obstacles whose places are `unsure_mm`, as `free_ranges` has it."""
         clearance = self.rig.closing.clearance_mm
-        clear = [clear_aims(poses, obstacles, clearance + unsure_mm) for poses in self.poses]
+        clear = [_clear_aims(poses, obstacles, clearance + unsure_mm) for poses in self.poses]
         return free_ranges(self.poses, clear, clearance)
 
     @property
@@ -142,7 +142,7 @@ class WaitingFingers:
         return reached(lo), reached(hi)
 
 
-def clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
+def _clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
     """Aims (m,) at which a waiting finger keeps clear of polygons (c, 2)."""
     clear = np.ones(len(poses.aims_rad), dtype=bool)
     for corners in obstacles:
@@ -283,7 +283,7 @@ def _cut_at_obstacles(
             result &= gap_mm(capsules, other) >= clearance
         return result
 
-    travel = longest_way_mm(joint_sweep(paths), np.array([path.travel_mm for path in paths]), free)
+    travel = longest_way_mm(_joint_sweep(paths), np.array([path.travel_mm for path in paths]), free)
     return [
         path.up_to(float(far)) for path, far in zip(paths, travel, strict=True) if far > _MIN_FREE_TRAVEL_MM
     ]
@@ -382,7 +382,7 @@ def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
             for angle, path in found
         ),
         np.array([path.aiming_s + stage.turning_s(angle) for angle, path in found]),
-        joint_sweep([path for _, path in found]),
+        _joint_sweep([path for _, path in found]),
         rig.closing,
     )
 

@@ -35,7 +35,7 @@ from palpate.drivers.transport import (
 from palpate.rig.session.log import INTERRUPTS, KINDS, error_of, line_checksum
 from palpate.rig.session.log_file import check_line_length, check_session, is_locked, log_lines, log_path
 
-FORMAT = "palpate/session@1"
+_FORMAT = "palpate/session@1"
 _ADVICE = "record shorter runs"
 _SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
 _VALUE_MARKS = (b",", b"[", b"{")  # each goes with a value
@@ -86,7 +86,7 @@ def read_session(folder: Path) -> SessionFile:
             values += sum(map(line.count, _VALUE_MARKS))
         _check_counts(path, number, values)
     if not entries:
-        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
+        raise InputError(f'{path}: has no whole line; the first must say format "{_FORMAT}"')
     header = _header(path, entries[0])
     ends = [
         k
@@ -100,7 +100,7 @@ def read_session(folder: Path) -> SessionFile:
     return SessionFile(path, header, tuple(entries[1:]), end, changed)
 
 
-def parse_entry(path: Path, number: int, line: bytes) -> RecordEntry:
+def _parse_entry(path: Path, number: int, line: bytes) -> RecordEntry:
     """Return what one line of a log says; InputError, with its number, for what is wrong with it."""
     check_line_length(path, number, line)
     return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
@@ -115,8 +115,8 @@ def _check_counts(path: Path, lines: int, values: int) -> None:
 def _header(path: Path, entry: RecordEntry) -> Mapping[str, Any]:
     what = entry.what
     values = what.values if isinstance(what, SessionEvent) and what.kind == "session" else {}
-    if values.get("format") != FORMAT:
-        raise InputError(f'{path}: line 1: must be the event "session" with format "{FORMAT}"')
+    if values.get("format") != _FORMAT:
+        raise InputError(f'{path}: line 1: must be the event "session" with format "{_FORMAT}"')
     return values
 
 
@@ -284,4 +284,4 @@ class LogTail:
         *lines, self._rest = (self._rest + text).split(b"\n")
         for line in lines:
             self._line += 1
-            yield parse_entry(self.path, self._line, line)
+            yield _parse_entry(self.path, self._line, line)

@@ -34,7 +34,7 @@ from palpate.rig.study.simulation import Simulation
 from palpate.rig.study.variations import UNVARIED
 from palpate.rig.workers import in_processes
 
-DECIDING_CODE = (
+_DECIDING_CODE = (
     "palpate.recognizer",
     "palpate.base.geometry",
     "palpate.drivers",
@@ -126,7 +126,7 @@ def _deciding_inputs(simulation: Simulation) -> dict[str, Any]:
     return {
         "format": _FORMAT,
         "palpate": version("palpate"),
-        "code": source_digest(*DECIDING_CODE, compiled=True),
+        "code": source_digest(*_DECIDING_CODE, compiled=True),
         "rig": _digest(simulation.rig.model_dump_json()),
         "objects": _digest(file_text(simulation.objects)),
         "strategy": simulation.strategy.value,
@@ -189,7 +189,7 @@ Executor = Callable[[Sequence[Chunk]], Iterator[Sequence[StudyRunOut]]]
 
 def simulate_here(chunks: Sequence[Chunk], workers: int | None = None) -> Iterator[Sequence[StudyRunOut]]:
     """Simulate on so many cores of this machine, or all."""
-    for _, runs in in_processes(carry_out_chunk, [(chunk,) for chunk in chunks], workers) if chunks else ():
+    for _, runs in in_processes(_carry_out_chunk, [(chunk,) for chunk in chunks], workers) if chunks else ():
         yield runs
 
 
@@ -239,7 +239,7 @@ def split_into_chunks(
     ]
 
 
-def carry_out_chunk(chunk: Chunk) -> list[StudyRunOut]:
+def _carry_out_chunk(chunk: Chunk) -> list[StudyRunOut]:
     """Carry out a chunk, in whatever process; InputError in one that has another palpate."""
     own = version("palpate")
     if own != chunk.palpate or _code_digest() != chunk.code:
@@ -254,7 +254,7 @@ def carry_out_chunk(chunk: Chunk) -> list[StudyRunOut]:
 
 def _code_digest() -> str:
     """Digest of this process's code, without a compiled kernel, which differs between machines."""
-    return source_digest(*DECIDING_CODE, compiled=False)
+    return source_digest(*_DECIDING_CODE, compiled=False)
 
 
 @lru_cache(maxsize=_MAX_LOADED_SIMULATIONS)
@@ -335,7 +335,7 @@ def _results(
 
     def submit(chunk: Chunk) -> Any:
         again = f"-again-{killed[chunk]}" if killed[chunk] else ""
-        future = client.submit(carry_out_chunk, chunk, key=chunk.name + again)
+        future = client.submit(_carry_out_chunk, chunk, key=chunk.name + again)
         chunk_of[future.key] = chunk
         return future
 

@@ -42,7 +42,7 @@ from palpate.rig.motion.touch_timing import (
 from palpate.rig.study.simulated_touches import FingerErrors, Mismeasurement
 
 _STOP_S = 2e-3  # from the frame that shows a contact to the servo's braking: wire, host, bus, and its loop
-TURN_S = 0.09
+_TURN_S = 0.09
 """From standing still to going back (s): new profiles, speeding up, play."""
 
 _PITCH_RAD = 0.2  # of an array's columns
@@ -184,7 +184,7 @@ class SimulatedFinger:
         if now < self._stop_s - _ROUNDING_S:
             return
         if self.turns and not self.is_back:
-            self.is_back, self._stop_s, self.goal_mm = True, now + TURN_S, self.travel_mm
+            self.is_back, self._stop_s, self.goal_mm = True, now + _TURN_S, self.travel_mm
             return
         self.go(self.travel_mm, self.speed_mm_s, sensing=False)
         if self.turns:
@@ -320,7 +320,7 @@ class _Grip:
 
     def retract(self) -> None:
         """Let all go back to where they wait."""
-        self._pass(TURN_S)
+        self._pass(_TURN_S)
         for finger in self._fingers:
             finger.go(0.0, self._closing.approach_speed_mm_s, sensing=False)
         self._move()

@@ -42,17 +42,17 @@ class Card:
 MARGIN, GAP = 14.0, 14.0
 ROOM = 190.0
 """Side of the square in which a section is drawn."""
-BAR_WIDTH = 78.0
+_BAR_WIDTH = 78.0
 """Width of the ladder of heights with its numbers."""
-SIDE = 76.0
+_SIDE = 76.0
 """Height of the side view, beneath the ladder."""
-WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
+WIDTH = 2 * MARGIN + ROOM + 12 + _BAR_WIDTH
 LINES, BOTTOM = 102.0, 102.0
 HEIGHT = LINES + ROOM + BOTTOM
 
 CONCAVE = "#f6ecd4"
 UNREACHED, UNREACHED_LINE = "#e6cfdd", "#8f5a7e"
-SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
+_SHADES = ((0x9C, 0xC9, 0xE8), (0x08, 0x2F, 0x5C))
 """Colours of the lowest and of the highest section."""
 
 
@@ -72,13 +72,13 @@ def side_rings(state: State) -> tuple[Floats, ...]:
     return tuple(rings_of(shapely.union_all(boxes)))
 
 
-def draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
+def _draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
     """The view in a box as wide as the ladder of heights, on a line for the table."""
     points = np.concatenate(rings)
     low, high = points.min(axis=0), points.max(axis=0)
     wide, tall = max(high[0] - low[0], 1e-9), max(high[1], 1e-9)
-    scale = min((BAR_WIDTH - 2 * _SIDE_MARGIN) / wide, (SIDE - 2 * _SIDE_MARGIN) / tall)
-    middle, bottom = left + BAR_WIDTH / 2, top + SIDE - _SIDE_MARGIN
+    scale = min((_BAR_WIDTH - 2 * _SIDE_MARGIN) / wide, (_SIDE - 2 * _SIDE_MARGIN) / tall)
+    middle, bottom = left + _BAR_WIDTH / 2, top + _SIDE - _SIDE_MARGIN
     origin = np.array([middle - scale * (low[0] + high[0]) / 2, bottom])
     drawn = [origin + ring * (scale, -scale) for ring in rings]
     part = svg.closed_path(
@@ -89,7 +89,7 @@ def draw_side(rings: tuple[Floats, ...], left: float, top: float) -> str:
         stroke_width=1.0,
         stroke_linejoin="round",
     )
-    line = svg.segment((left, bottom), (left + BAR_WIDTH, bottom), stroke=svg.INK, stroke_width=svg.THIN)
+    line = svg.segment((left, bottom), (left + _BAR_WIDTH, bottom), stroke=svg.INK, stroke_width=svg.THIN)
     return part + line
 
 
@@ -102,11 +102,11 @@ _THIN_BAND = 3.0
 def shade(z_mm: float, top_mm: float) -> str:
     """Colour of a height: the higher, the darker."""
     share = min(max(z_mm / top_mm, 0.0), 1.0)
-    low, high = SHADES
+    low, high = _SHADES
     return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(low, high, strict=True))
 
 
-def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: float) -> str:
+def _draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: float) -> str:
     """The ladder, as high as its `room`, with its upper left corner at `left`, `top`."""
     heights = [at.height_mm for at in fingers.at]
     high = card.state.state.top_mm
@@ -232,9 +232,9 @@ def draw_card(
         symmetry = symmetry_of_region(card.shown[0].region)
         tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
         drawing = _section(card.shown[0], page, tip_mm, symmetry)
-    beside, rings = left + WIDTH - MARGIN - BAR_WIDTH, side_rings(card.state.state)
-    ladder = draw_ladder(card, fingers, beside, top + LINES, ROOM - SIDE - _LADDER_GAP if rings else ROOM)
-    ladder += draw_side(rings, beside, top + LINES + ROOM - SIDE) if rings else ""
+    beside, rings = left + WIDTH - MARGIN - _BAR_WIDTH, side_rings(card.state.state)
+    ladder = _draw_ladder(card, fingers, beside, top + LINES, ROOM - _SIDE - _LADDER_GAP if rings else ROOM)
+    ladder += _draw_side(rings, beside, top + LINES + ROOM - _SIDE) if rings else ""
     return (
         frame
         + _heading(card, left, top)

@@ -108,12 +108,12 @@ def pair_lines(pair: PairOut, sign: str) -> Iterator[str]:
 
 def _separating_lines(pair: SeparatingOut, sign: str, rig: RigHeightsOut) -> Iterator[str]:
     yield from pair_lines(pair, sign)
-    yield f"      {help_words(pair, rig)}"
+    yield f"      {_help_words(pair, rig)}"
     if pair.tried < pair.ranges:
         yield f"      ({pair.tried} of {pair.ranges} ranges of height were looked at)"
 
 
-def help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
+def _help_words(pair: SeparatingOut, rig: RigHeightsOut) -> str:
     """Say at which heights one more finger of the rig's kind would distinguish the two."""
     tips = [item.tip_shape.tip for item in rig.heights]
     upright = [tip.is_upright for tip in tips]
@@ -229,7 +229,7 @@ def _pairs_section(found: ObjectsCheckOut, kind: str) -> Iterator[str]:
         return
     names = ("one", "other", "how alike", "what would help")
     rows = [
-        (_state_name(pair.first), _state_name(pair.second), fit_words(pair), help_words(pair, found.rig))
+        (_state_name(pair.first), _state_name(pair.second), fit_words(pair), _help_words(pair, found.rig))
         for pair in pairs[:_MAX_PAIRS_ON_PAGE]
     ]
     more = (

@@ -37,7 +37,7 @@ _POINT_ROWS = (
 )
 
 
-def grip_sections(
+def _grip_sections(
     grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: LoggedPlacement | None
 ) -> list[str]:
     """A section for each grip."""
@@ -177,7 +177,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
             f"{Path(summary.path).name}, {instant_words(summary.began)}",
         ),
         section("Answer", *_answer_parts(answer, summary, folder)),
-        *grip_sections(grips, samples.rig, samples.objects, truth),
+        *_grip_sections(grips, samples.rig, samples.objects, truth),
         section("Why each rival fell", _rivals(grips, samples.objects)),
         section("Timing", _timing(grips, summary)),
         section("Devices", _devices(samples.rig, file)),

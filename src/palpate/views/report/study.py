@@ -39,7 +39,7 @@ _MAX_PAIRS_DRAWN, _COLUMNS = 6, 3
 _ALIGNMENT_TURNS = 72
 
 
-def touches_picture(touches_of: Mapping[int, int]) -> str:
+def _touches_picture(touches_of: Mapping[int, int]) -> str:
     """Histogram: runs by how many touches they took."""
     low, high = min(touches_of), max(touches_of)
     total, most = sum(touches_of.values()), max(touches_of.values())
@@ -63,7 +63,7 @@ def touches_picture(touches_of: Mapping[int, int]) -> str:
     return svg.document((_WIDTH, 58 + height), *parts, title="touches that runs took")
 
 
-def pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel], height_mm: float) -> str:
+def _pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel], height_mm: float) -> str:
     """Outlines of the hardest pairs at a height, laid on each other as well as they will go."""
     states = {(item.name, state.name): state for item in objects for state in item.states}
     drawn: dict[frozenset[tuple[str, str]], tuple[State, State]] = {}
@@ -148,7 +148,7 @@ def study_report(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequ
         *(() if out.wrong else (paragraph(_sentence(wrong_answers_words(out))),)),
         _verdicts(out),
         *_accuracy(out),
-        section("Touches needed", _costs(out), picture(touches_picture(out.touches_of))),
+        section("Touches needed", _costs(out), picture(_touches_picture(out.touches_of))),
         *_confusion(out),
         *_hardest(out, objects, heights_mm),
         *_heights(out, heights_mm),
@@ -269,7 +269,7 @@ def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence
             "One lay on the table, the other was still possible. Outlines, laid on each other, at "
             f"{min(heights_mm):g} mm."
         ),
-        picture(pair_pictures(pairs, objects, min(heights_mm))),
+        picture(_pair_pictures(pairs, objects, min(heights_mm))),
         table(names, rows, numbers=names[2:]),
         kind="sections",
     )

@@ -87,7 +87,7 @@ def _unresolved_words(out: StudyOut) -> str:
     return f"{stopped}{'; '.join(named[:_MAX_HEIGHT_SETS])}{more}"
 
 
-def accuracy_words(item: AccuracyOut) -> str:
+def _accuracy_words(item: AccuracyOut) -> str:
     """Say what answers guarantee: median, 90 % and the worst."""
     median, p90, worst = (
         bounds_words(mm, rad) for mm, rad in zip(item.position, item.orientation, strict=True)
@@ -139,7 +139,7 @@ def _heights_text(heights_mm: Sequence[float]) -> str:
     return f"{', '.join(f'{height:g}' for height in sorted(set(heights_mm)))} mm"
 
 
-def comparison_words(item: ComparedOut) -> str:
+def _comparison_words(item: ComparedOut) -> str:
     """Say what a change gains in the same runs, and what of it may be chance."""
     if not item.shown:
         runs = quantity(item.runs, "run", "runs")
@@ -225,7 +225,7 @@ def _heights_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
     lines = ["", best_heights_words(best, heights_mm, others=bool(out.heights))]
     if best.compared is not None:
         runs = quantity(best.compared.runs, "run", "runs")
-        lines.append(f"  the first {runs} again with fingers there: {comparison_words(best.compared)}")
+        lines.append(f"  the first {runs} again with fingers there: {_comparison_words(best.compared)}")
     return lines
 
 
@@ -262,7 +262,7 @@ def _accuracy_lines(out: StudyOut) -> list[str]:
     if out.accuracy is not None and out.goal is not None:
         lines = [
             "",
-            f"identified: {accuracy_words(out.accuracy)}",
+            f"identified: {_accuracy_words(out.accuracy)}",
             f"  {goal_words(out.accuracy, out.goal)}",
         ]
     if out.true_error is not None:
@@ -294,7 +294,7 @@ def _budget_lines(out: StudyOut) -> list[str]:
     lines = [
         "",
         head,
-        *(f"  {SOURCE_WORDS[item.source]:{width}s}  {comparison_words(item)}" for item in costs),
+        *(f"  {SOURCE_WORDS[item.source]:{width}s}  {_comparison_words(item)}" for item in costs),
     ]
     more = more_runs_words(costs, out.runs)
     return [*lines, f"  ({more})"] if more else lines

@@ -174,7 +174,7 @@ def _workspace_key(x: float, y: float) -> str:
 _INSET_SIZE = 170.0
 
 
-def whole_table(picture: Picture, view: View, column: svg.Column, y: float) -> tuple[str, float]:
+def _whole_table(picture: Picture, view: View, column: svg.Column, y: float) -> tuple[str, float]:
     """The whole table, small: workspace, bases, the object, and the window of the drawing."""
     radius = picture.workspace_radius_mm
     if radius is None or not picture.bases:
@@ -263,14 +263,14 @@ _TEXT_SIZE = 11.5
 _HEADS = ("from x, y (mm)", "along", "at most (mm)", "stop (mm), normal")
 
 
-def prediction_width(picture: Picture) -> float:
+def _prediction_width(picture: Picture) -> float:
     """Width (SVG units) that the table needs; 0 without approaches."""
     if not picture.approaches:
         return 0.0
     return _NAME_WIDTH + _OUTCOME_WIDTH * min(len(picture.approaches), _MAX_ABREAST)
 
 
-def prediction_table(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
+def _prediction_table(picture: Picture, _view: View, column: svg.Column, y: float) -> tuple[str, float]:
     """A row for each hypothesis that is drawn, a column for each approach; the y at which it ends."""
     if not picture.approaches:
         return "", y
@@ -349,14 +349,14 @@ _WIDTH = 330.0
 
 def panel_width(picture: Picture) -> float:
     """Width of the panel, SVG units."""
-    return max(_WIDTH, prediction_width(picture))
+    return max(_WIDTH, _prediction_width(picture))
 
 
 def draw_panel(picture: Picture, view: View, column: svg.Column, top: float) -> tuple[str, float]:
     """The panel, and the y at which it ends; SVG units."""
     y = top
     shown = []
-    for part in (_pose, _facts, _others, prediction_table, legend, whole_table):
+    for part in (_pose, _facts, _others, _prediction_table, legend, _whole_table):
         drawn, end = part(picture, view, column, y)
         shown.append(drawn)
         y = end + (16.0 if end > y else 0.0)

@@ -37,7 +37,7 @@ _MAX_FILLED_HYPOTHESES = 4  # hypotheses whose outlines are filled
 _INSIDE_WEIGHT = 0.12  # weight of the found object's inside: a label may lie there, but rather not
 
 
-def draw_view(picture: Picture, view: View, clip: str) -> str:
+def _draw_view(picture: Picture, view: View, clip: str) -> str:
     """The drawing with its frame, ticks and scale bar. `clip`: an id of its own for the clipping path."""
     placer = LabelPlacer(view.frame)
     frame = {"x": view.left, "y": view.top, "width": view.width, "height": view.height}
@@ -328,7 +328,7 @@ def draw(picture: Picture) -> str:
     return svg.document(
         (width, height),
         *head,
-        draw_view(picture, view, clip),
+        _draw_view(picture, view, clip),
         panel,
         title=picture.title or "Recognition",
         description=_description(picture),
