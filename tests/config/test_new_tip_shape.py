@@ -17,12 +17,19 @@ class Ellipse(Tip):
     """An upright tip that is longer than wide; nothing of it is worked out yet."""
 
     shape = noun = "ellipse"
+
+    def half_width_mm(self, radius_mm, width_mm):
+        return 1.5 * radius_mm
+
+    def plan_mm(self, radius_mm, width_mm):
+        return [(radius_mm, 0.0), (0.0, 1.5 * radius_mm), (-radius_mm, 0.0), (0.0, -1.5 * radius_mm)]
 '''
 REGISTERED = {
     "\n\nclass TipShape": "\nfrom palpate.base.tips.ellipse import Ellipse\n\n\nclass TipShape",
     "    PAD = Pad()\n": "    PAD = Pad()\n    ELLIPSE = Ellipse()\n",
 }
 FIRM_RIG = Path(__file__).parents[2] / "examples" / "firm-rig.toml"
+OBJECTS = "palpate/config/objects/memo.json"
 KNOWN = "from palpate.config import load_rig; print(load_rig({rig!r}).fingers[1].tip.shape)"
 
 
@@ -65,16 +72,20 @@ def test_the_rig_file_knows_it(house: Path) -> None:
     assert run(house, "-c", KNOWN.format(rig=str(house / "rig.toml"))).stdout == "ellipse\n"
 
 
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["identify"], "an ellipse as a fingertip: what emulated ones meet is not known to palpate yet"),
-        (
-            ["calibrate", "--yes"],
-            "finger f2: its tip is an ellipse, and palpate does not do that with it yet",
-        ),
-    ],
-)
-def test_what_is_not_there_is_refused_in_one_line(house: Path, words: list[str], why: str) -> None:
+def test_fingers_keep_clear_of_all_of_its_width(house: Path) -> None:
+    wide = "; tip = load_rig({rig!r}).fingers[1].tip; print(tip.half_width_mm / tip.radius_mm)"
+    done = run(house, "-c", KNOWN.partition(";")[0] + wide.format(rig=str(house / "rig.toml")))
+    assert done.stdout == "1.5\n"
+
+
+def test_it_is_drawn(house: Path) -> None:
+    done = run(house, "-m", "palpate", "check", "--rig", "rig.toml", "--picture", "rig.svg")
+    assert done.returncode in (0, 1), done.stderr
+    assert "ellipse of radius" in (house / "rig.svg").read_text("utf-8")
+
+
+@pytest.mark.parametrize("words", [["identify"], ["calibrate", "--yes"], ["objects", "check", OBJECTS]])
+def test_what_is_not_there_is_refused_in_one_line(house: Path, words: list[str]) -> None:
     done = run(house, "-m", "palpate", *words, "--rig", "rig.toml")
-    assert (done.returncode, done.stdout, done.stderr.splitlines()) == (2, "", [f"error: {why}"])
+    why = "error: finger f2: its tip is an ellipse, and palpate does not do that with it yet"
+    assert (done.returncode, done.stdout, done.stderr.splitlines()) == (2, "", [why])

@@ -92,7 +92,7 @@ def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: f
         finger.check_place(radius, "fingers", index)
     for (_, first), (index, second) in combinations(enumerate(fingers), 2):
         apart = math.dist(first.start_tip_mm(radius), second.start_tip_mm(radius))
-        gap = apart - first.tip.radius_mm - second.tip.radius_mm
+        gap = apart - first.tip.half_width_mm - second.tip.half_width_mm
         if gap < clearance_mm:
             raise problem(
                 f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
@@ -118,7 +118,7 @@ def _check_obstacles(
         shape = shapely.Polygon(obstacle.outline_mm)
         for finger in fingers:
             body = shapely.LineString([finger.base_mm, finger.start_tip_mm(radius)])
-            gap = shapely.distance(shape, body) - finger.tip.radius_mm
+            gap = shapely.distance(shape, body) - finger.tip.half_width_mm
             if gap < clearance_mm:
                 raise problem(
                     f'is {gap:.4g} mm from finger "{finger.name}", retracted; '

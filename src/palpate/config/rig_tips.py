@@ -11,9 +11,11 @@ from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
 
 
-def _half_of_width(data: dict[str, Any]) -> float:
-    """Radius of a pad if a file does not give it; others must."""
-    return (data.get("width_mm") or 0.0) / 2
+def _radius_of_width(data: dict[str, Any]) -> float:
+    """Radius that a tip's width stands for if a file does not give it; 0 for shapes whose files must."""
+    shape, width_mm = data.get("shape"), data.get("width_mm")
+    made = shape.tip.radius_of_width_mm(width_mm) if isinstance(shape, TipShape) and width_mm else None
+    return made or 0.0
 
 
 def check_keys(tip: Tip, table: FileModel, group: str = "") -> None:
@@ -44,7 +46,7 @@ class TipConfig(FileModel):
         default=None, description="Width of a pad's face, from edge to edge."
     )
     radius_mm: Annotated[Positive, Field(le=100)] = Field(
-        default_factory=_half_of_width,
+        default_factory=_radius_of_width,
         description="Radius of the cylinder or the ball; of a pad half of its width, and best left out.",
     )
     radius_bound_mm: Length = Field(
@@ -72,7 +74,8 @@ class TipConfig(FileModel):
     @model_validator(mode="after")
     def _fits_its_shape(self) -> Self:
         check_keys(self.kind, self)
-        if self.width_mm is not None and self.radius_mm != self.width_mm / 2:
+        stands_for = self.width_mm and self.kind.radius_of_width_mm(self.width_mm)
+        if stands_for is not None and self.radius_mm != stands_for:
             raise problem(
                 f"is {self.radius_mm:g}, not half of width_mm ({self.width_mm:g}); leave it out: a "
                 f"{self.shape} has width_mm alone",
@@ -99,6 +102,16 @@ class TipConfig(FileModel):
         """
         latitude = self.max_latitude_deg
         return self.kind.least_share if latitude is None else math.cos(math.radians(latitude))
+
+    @property
+    def half_width_mm(self) -> float:
+        """Distance from the tip's middle to what of it is furthest to the side of its travel."""
+        return self.kind.half_width_mm(self.radius_mm, self.width_mm)
+
+    @property
+    def size_text(self) -> str:
+        """Size of the tip, to follow its noun."""
+        return self.kind.size_text(self.radius_mm, self.width_mm)
 
     @property
     def half_length_mm(self) -> float:

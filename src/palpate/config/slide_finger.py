@@ -57,7 +57,7 @@ class SlideFingerConfig(FingerConfig):
     def check_place(self, radius_mm: float, *at: str | int) -> None:
         """Refuse a slide that waits in the workspace, or never gets there."""
         waiting = self._nearest_to_origin(self.slide.range_mm[0])
-        needed = radius_mm + self.tip.radius_mm
+        needed = radius_mm + self.tip.half_width_mm
         if waiting < needed:
             raise problem(
                 f"retracted to {self.slide.range_mm[0]:g} mm the tip's centre comes within {waiting:.4g} "

@@ -117,6 +117,7 @@ class _PreparedRun:
 def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Callbacks) -> Answer:
     """Identify, with a session log in a folder below `sessions`; errors as `Rig.identify`."""
     begin, on_bench = time.perf_counter(), request.on_bench
+    on_bench.rig.require("identify")
     check_accuracy(on_bench.rig, str(on_bench.path))
     request, lies = request.with_part()
     for line in finding_lines(on_bench.rig, request.objects.objects, request.name):

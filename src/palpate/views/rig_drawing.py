@@ -85,10 +85,11 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
     way = {"stroke_width": 3.0} if is_slide else {"stroke_width": svg.LINE, "stroke_dasharray": "2 3"}
     yield svg.segment((x, y), tip, stroke=svg.INK, **way)
-    if finger.tip.kind.has_face:
-        across = radius * np.array([math.sin(heading), math.cos(heading)])
-        (x1, y1), (x2, y2) = tip - across, tip + across
-        yield svg.segment((x1, y1), (x2, y2), stroke=svg.TIP, stroke_width=4.0)
+    if outline := finger.tip.kind.plan_mm(finger.tip.radius_mm, finger.tip.width_mm):
+        ahead = np.array([math.cos(heading), math.sin(heading)])
+        ring = np.array(outline) @ [ahead, [-ahead[1], ahead[0]]] + base + tip_mm * ahead
+        wide = 4.0 if len(ring) == 2 else svg.LINE
+        yield svg.closed_path([plan.at(ring)], fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=wide)
     elif is_slide:  # where both joints of an arm are at 0, it is stretched out: no posture to draw
         yield svg.circle(tip, radius, fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=svg.LINE)
     yield svg.circle((x, y), 7.0, fill=svg.PAPER, stroke=svg.INK, stroke_width=2.0)
@@ -140,7 +141,7 @@ def _wiring(finger: FingerConfig) -> Iterator[str]:
         yield f"{name}: servo {servo.dxl_id}, {servo.model}{moves.get(name, '')}"
     yield f"array: {finger.array.port}"
     high = "" if finger.tip.length_mm is None else f", {finger.tip.length_mm:g} mm high"
-    size = f"{finger.tip.kind.noun} {finger.tip.kind.size_text(finger.tip.radius_mm)}{high}"
+    size = f"{finger.tip.kind.noun} {finger.tip.size_text}{high}"
     yield f"{size}, its middle {finger.height_mm:g} mm above the table"
 
 
@@ -155,7 +156,7 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
     yield svg.segment((left, ground), (left + _COLUMN_WIDTH, ground), stroke=svg.INK, stroke_width=svg.LINE)
     for k, finger in enumerate(rig.fingers):
         x, middle = left + (k + 0.5) * step, ground - finger.height_mm * scale
-        radius = finger.tip.radius_mm * scale
+        radius = finger.tip.half_width_mm * scale
         half = radius if finger.tip.length_mm is None else finger.tip.half_length_mm * scale
         yield svg.rectangle(
             (x - radius, middle - half),

@@ -1,5 +1,6 @@
 """Pad: a flat face across the travel, whose contacts are given as points (docs/recogniser.md, "A pad")."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from palpate.base.tips.cylinder import Cylinder
@@ -39,6 +40,14 @@ class Pad(Cylinder):
         "cylinder or a ball, or slides",
     }
 
-    def size_text(self, radius_mm: float) -> str:
+    def size_text(self, radius_mm: float, width_mm: float | None = None) -> str:  # noqa: ARG002
         """Width of one, to follow its noun."""
         return f"{2 * radius_mm:g} mm wide"
+
+    def radius_of_width_mm(self, width_mm: float) -> float:
+        """Half of the width."""
+        return width_mm / 2
+
+    def plan_mm(self, radius_mm: float, width_mm: float | None) -> Sequence[tuple[float, float]]:  # noqa: ARG002
+        """Face, from edge to edge."""
+        return ((0.0, -radius_mm), (0.0, radius_mm))

@@ -4,7 +4,7 @@ A shape has a module of its own in this package. All others ask these attributes
 what a shape does not say yet is refused in one line.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, get_args
 
 from palpate.base.errors import InputError
@@ -14,6 +14,7 @@ Ability = Literal[
     "calibrate taxels",
     "check what parts hold",
     "compare touches",
+    "identify",
     "move parts",
     "plan",
     "simulate",
@@ -61,9 +62,21 @@ class Tip:
         """Noun with its article."""
         return f"{'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}"
 
-    def size_text(self, radius_mm: float) -> str:
+    def size_text(self, radius_mm: float, width_mm: float | None = None) -> str:  # noqa: ARG002
         """Size of one, to follow its noun."""
         return f"of radius {radius_mm:g} mm"
+
+    def radius_of_width_mm(self, width_mm: float) -> float | None:  # noqa: ARG002
+        """Radius that a width stands for; None if files give the radius itself."""
+        return None
+
+    def half_width_mm(self, radius_mm: float, width_mm: float | None) -> float:  # noqa: ARG002
+        """Distance from its middle to what of it is furthest to the side of its travel."""
+        return radius_mm
+
+    def plan_mm(self, radius_mm: float, width_mm: float | None) -> Sequence[tuple[float, float]]:  # noqa: ARG002
+        """Outline seen from above, points ahead and to the left of its middle; empty for a circle."""
+        return ()
 
     def half_height_mm(self, radius_mm: float, half_length_mm: float) -> float:  # noqa: ARG002
         """Distance from its middle to its highest and lowest point."""

@@ -77,6 +77,7 @@ def rig_fingers(rig: RigFile) -> RigFingers:
 
     Raises InputError if no finger gets to the middle: there is no such bound then.
     """
+    rig.require("identify")
     bound_mm = contact_bound_mm(rig)
     if bound_mm is None:
         raise InputError(

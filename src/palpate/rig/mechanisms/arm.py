@@ -107,7 +107,7 @@ class ArmMechanism(Mechanism):
 
     def wait_radius_mm(self, radius_mm: float) -> float:
         """Distance from W's origin at which the tip waits."""
-        return radius_mm + self.spec.tip.radius_mm + ARM_MARGIN_MM
+        return radius_mm + self.spec.tip.half_width_mm + ARM_MARGIN_MM
 
     @property
     def home_rad(self) -> float:

@@ -291,7 +291,7 @@ class Mechanism(ABC):
 
     def body(self, servos_rad: Servos) -> FingerBody:
         """Room that the finger may take up, with what its place, tip and aim may be off."""
-        body = self.kinematics.body(servos_rad, self.spec.tip.radius_mm)
+        body = self.kinematics.body(servos_rad, self.spec.tip.half_width_mm)
         unsure = self.kinematics.position_bound_mm(servos_rad) + self.kinematics.cross_track_bound_mm(
             servos_rad, AIM_TOLERANCE_RAD
         )

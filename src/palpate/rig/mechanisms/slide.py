@@ -101,7 +101,7 @@ class SlideMechanism(Mechanism):
         """Furthest distance from the base, from the retracted end on, with the tip clear of the workspace."""
         kinematics = self.kinematics
         lo, hi = self.spec.slide.range_mm
-        clear = radius_mm + self.spec.tip.radius_mm
+        clear = radius_mm + self.spec.tip.half_width_mm
         distances = np.append(lo + _END_MARGIN_MM, np.arange(lo + _END_MARGIN_MM, hi, 1.0))
         angles = kinematics.heading_rad + np.radians(np.linspace(*self.spec.aim.range_deg, 15))
         x = kinematics.base_mm[0] + distances[:, None] * np.cos(angles)

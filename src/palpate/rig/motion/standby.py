@@ -175,10 +175,10 @@ class _MetObstacles:
 
     def past(self, ways: Iterator[StandbyWay], finger: HostFinger) -> Iterator[StandbyWay]:
         """Ways on which the tip passes what it has met."""
-        radius = finger.spec.tip.radius_mm
+        tip, past_mm = finger.spec.tip, finger.spec.tip.half_width_mm + _OBSTACLE_MARGIN_MM
         for way in ways:
-            points = [at + radius * np.array([math.cos(a), math.sin(a)]) for at, a in self.places]
-            if all(way.keeps_off(point, radius + _OBSTACLE_MARGIN_MM) for point in points):
+            points = [at + tip.radius_mm * np.array([math.cos(a), math.sin(a)]) for at, a in self.places]
+            if all(way.keeps_off(point, past_mm) for point in points):
                 yield way
 
 

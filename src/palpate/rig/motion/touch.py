@@ -176,8 +176,8 @@ class ApproachState:
     def body(self) -> FingerBody:
         """Room that the finger takes up now; all others ask for it."""
         if self._body is None or self._body[0] is not self.servos:
-            radius_mm = self.finger.spec.tip.radius_mm
-            self._body = self.servos, self.finger.kinematics.body(self.servos, radius_mm)
+            half_width_mm = self.finger.spec.tip.half_width_mm
+            self._body = self.servos, self.finger.kinematics.body(self.servos, half_width_mm)
         return self._body[1]
 
     def largest_cross_track_error_mm(self, far_mm: float) -> float:

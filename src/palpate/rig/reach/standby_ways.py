@@ -127,7 +127,7 @@ class Standby:
     def _stands_alone(self, index: int, servos_rad: Sequence[Servos]) -> bool:
         """True if a finger stands in nothing by the drawing: else there is no telling which way is out."""
         bodies = [
-            capsules_of([item.kinematics.body(servos, item.spec.tip.radius_mm)])
+            capsules_of([item.kinematics.body(servos, item.spec.tip.half_width_mm)])
             for item, servos in zip(self.waiting.mechanisms, servos_rad, strict=True)
         ]
         own = bodies.pop(index)
@@ -154,7 +154,7 @@ def _way(mechanism: Mechanism, postures: Floats, workspace_mm: float) -> Standby
     places = np.array([kinematics.centre_mm(item) for item in servos])
     steps = np.diff(places, axis=0)
     length = np.hypot(*steps.T)
-    inside = np.hypot(*places[1:].T) < workspace_mm + spec.tip.radius_mm
+    inside = np.hypot(*places[1:].T) < workspace_mm + spec.tip.half_width_mm
     middle = np.array([kinematics.facing_rad(item) for item in servos[1:]]) + math.radians(
         spec.array.heading_deg
     )
