@@ -263,7 +263,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "an array's cable breaks",
         lambda h: setattr(h.session.cables["mock://f1"], "cut", True),
-        "all motion ends within 0.15 s and a look; if it does not answer within 4 s, torque off",
+        "all motion ends within 0.15 s and one sample period; if it does not answer within 4 s, torque off",
         "`device error: tactile array f1 on … has sent nothing for 0.15 s …`, exit code 3",
         DEVICE,
         r"tactile array f1 on .*(sent nothing|(does|did) not answer|no frame)",
@@ -273,7 +273,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "an array is unplugged",
         lambda h: setattr(_wire(h, "mock://f1"), "unplugged", True),
-        "all motion ends; if it is not back within 4 s, torque off; if it is, the grip is begun again",
+        "all motion ends; if it is not back within 4 s, torque off; if it is, the grip is repeated",
         "`device error: tactile array f1 on … is gone …`, exit code 3",
         DEVICE,
         r"tactile array f1 on |port .*/f1 ",
@@ -311,7 +311,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "the computer does not run palpate for 0.8 s",
         lambda h: h.session.clock.sleep(0.8),
-        "Bus Watchdog stops every finger; a grip is begun again, once",
+        "Bus Watchdog stops every finger; a grip is repeated, once",
         "`servo … heard nothing for 0.5 s …; the grip is begun again`, or the error that ends the run",
         EITHER,
         r"heard nothing|torque off|above max_force_n|finger|servo",
@@ -359,7 +359,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "the log's disk is full",
         lambda h: _redirect_log(h, os.open("/dev/full", os.O_WRONLY)),
-        "the run ends at the next look, torque off; what was written stays",
+        "the run ends at the next check, torque off; what was written is kept",
         "`output error: session log … cannot be written: No space left on device …`, exit code 5",
         OUTPUT,
         r"session log .* No space left",
