@@ -1,17 +1,17 @@
 """Cache of arrays that can be recomputed, kept in the user's cache folder to save time.
 
-A cache gives what was put in, bit for bit, or nothing. Whatever is wrong with a file, a folder or a disk
-means nothing: no error comes from there, and nothing waits for another process. Keys hold a digest of the
-code, and of the libraries, that something was computed with: other code may compute something else, and a
-version that is raised by hand would be forgotten.
+A cache returns what was stored, bit for bit, or nothing. A fault of a file, folder or disk counts as a miss:
+it raises no error, and nothing waits for another process. Keys contain a digest of the code and the
+libraries used for the computation, because other code may give other results and a manual version number
+would be forgotten.
 
 Array files hold named arrays, whole or refused, and are mapped into memory instead of read:
 
     magic (16 bytes) | SHA-256 of all that follows (32) | length of the table, and of the file (8 + 8)
     table: JSON, [[name, type, shape, offset], …] | arrays, each on a 64-byte boundary
 
-Integers are little-endian. What a file holds are numbers: nothing in it is ever carried out. A file is moved
-to its place when it is complete, and never written to again, so that others may have it mapped meanwhile.
+Integers are little-endian. A file contains only numbers: nothing in it is ever executed. A file is moved
+into place when it is complete, and never written to again, so that other processes may keep it mapped.
 """
 
 import hashlib

@@ -1,9 +1,9 @@
 """Confined reading: untrusted files are read in a separate process with limited time and memory.
 
-Foreign parsers of a damaged or hostile file may crash, search without end, or want more memory than there is.
-None of this happens to the process that has the file read: there it is an InputError. The process is started
-anew rather than forked, since its parent may have threads; it is this module, run as a script, with a pickled
-call on standard input and its outcome on standard output.
+Third-party parsers may crash on a damaged or hostile file, never end, or exhaust memory. None of this
+affects the process that requests the reading, which gets an InputError. The reading process is started
+afresh rather than forked, since its parent may have threads; it is this module, run as a script, with a
+pickled call on standard input and its outcome on standard output.
 """
 
 import os

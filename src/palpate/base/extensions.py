@@ -1,8 +1,8 @@
 """Entry points: devices that installed distributions add to palpate, loaded when something names them.
 
-A distribution registers an object under a name in one of the groups below, in its `pyproject.toml`. What the
-object has to be is said where it is used: `palpate.plugins` for authors. Nothing is loaded, and no other
-distribution is looked at, as long as only built-in devices are named.
+A distribution registers an object under a name in one of the groups below, in its `pyproject.toml`.
+`palpate.plugins` describes the required interfaces for authors. As long as only built-in devices are named,
+nothing is loaded and no other distribution is examined.
 """
 
 from collections.abc import Iterable

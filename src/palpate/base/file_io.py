@@ -1,9 +1,9 @@
 """Reading of users' files and writing of results: limits on size and content, complete files only.
 
-Nothing but a regular file is read, and never more of it than its kind may have. Every limit is in the one
-table below: each is several times what a large useful file needs; together they keep whatever a file holds
-below 10 s and 1 GB (docs/file-limits.md says the same for users). Results are written so that a reader never
-meets half of one.
+Only regular files are read, and no more of one than the limit for its kind. All limits are in the table
+below: each is several times what a large useful file needs; together they keep the cost of any file below 10
+s and 1 GB (docs/file-limits.md is the version for users). Results are written so that a reader never sees an
+incomplete one.
 """
 
 import errno

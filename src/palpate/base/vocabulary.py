@@ -1,6 +1,6 @@
 """Closed sets of words shared by files, results, the command line and computations: one enum per concept.
 
-They import nothing, so that the command line can list their values without loading what computes.
+This module imports nothing, so that the command line can list the values without loading computing modules.
 """
 
 from enum import StrEnum

@@ -1,5 +1,5 @@
 """Geometry of CAD parts: readers of solids and drawings, stable states, cross sections.
 
-Knows no rig, no recogniser and no file format of ours; `palpate.rig` writes what is found into object models.
-Readers of file formats live in extras and are imported only when a file of theirs is read.
+Independent of rigs, recogniser and palpate's file formats; `palpate.rig` writes the results into object
+models. Readers of file formats need extras and are imported only when such a file is read.
 """

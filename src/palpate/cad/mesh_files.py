@@ -1,10 +1,10 @@
 """STL, OBJ, PLY and 3MF files, as trimesh reads them, into checked solids.
 
-trimesh takes what it can get: it skips what is cut off, cuts concave polygons of OBJ files into wrong fans,
-and returns open surfaces without a word. What it passes over is therefore looked for here, in the file
-itself, and the rest in `mesh_checks`. Of a scene with many parts (3MF, STEP) each distinct shape is taken
-once: four screws of an assembly are one object. Sources: G. Turk, The PLY Polygon File Format, 1994;
-Wavefront, The OBJ format, appendix B1, which allows any planar polygon in a face statement.
+trimesh is lenient: it ignores truncation, cuts concave polygons of OBJ files into wrong fans, and returns
+open surfaces without a warning. What it ignores is therefore checked here, in the file itself, and the rest
+in `mesh_checks`. In a scene with many parts (3MF, STEP) each distinct shape is imported once: four screws of
+an assembly are one object. Sources: G. Turk, The PLY Polygon File Format, 1994; Wavefront, The OBJ format,
+appendix B1, which allows any planar polygon in a face statement.
 """
 
 import io

@@ -1,6 +1,6 @@
 """Readers of all file formats, chosen by suffix, with the options that each of them accepts.
 
-The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings
+The entry point of `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings
 (`dxf_files`, `svg_files`), whose readers are imported when they are needed.
 """
 

@@ -1,9 +1,9 @@
 """Solids of revolution: faceted approximations are rebuilt so that they are uniform around the axis.
 
-CAD kernels cut a surface of revolution into triangles as they like, and the lying states of a cone are then
-as many different ones as it has facets. Here a profile, the curve that is turned about the axis, is read off
-the vertices, and turned in equal steps: lying states are congruent exactly, and become one. How far the new
-surface is from the old one, both ways, is proven like the congruence of two states, piece by piece.
+CAD kernels triangulate a surface of revolution irregularly, so that a cone has as many different lying
+states as facets. Here the profile, the curve that is turned about the axis, is read from the vertices and
+turned in equal steps: lying states are then exactly congruent, and become one. How far the new surface is
+from the old one, both ways, is proven like the congruence of two states, piece by piece.
 """
 
 import math

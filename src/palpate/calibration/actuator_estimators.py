@@ -1,9 +1,9 @@
 """Estimators of servos and drives: backlash, friction, homing against hard stops, stop latency.
 
-Backlash and friction come from slow presses that go in and come back: going back, the tip stands still until
-the drive has taken up the backlash, so that one force is met at two servo angles. Homing compares stalls
-against hard stops with their known distances. A finger that meets something runs on until the contact is
-detected, the stop is sent and it stands: that is its latency, and part of it is the wait between two
+Backlash and friction are derived from slow presses, in and back: on the way back the tip stands still until
+the drive has taken up the backlash, so that the same force occurs at two servo angles. Homing compares
+stalls against hard stops with their known distances. A finger that meets something runs on until the contact
+is detected, the stop is sent and it stands: that is its latency, and part of it is the wait between two
 readings of the array.
 """
 

@@ -1,8 +1,8 @@
 """Calibration step for actuators: homing, direction, backlash, friction, latency, overshoot.
 
-Slides and aims have all of these. Of arms' joints direction and friction are measured, and how tips stop;
-their plays stay as described, for the fit of the fingers to narrow down. The table is cleared for homing;
-presses and stops need a disc. Results are fingers' tables `actuators`.
+All of these are measured for slides and aims. For arms only direction and friction of the joints and the
+stopping of tips are measured; their backlash stays as declared, and is refined by the fit of the fingers.
+The table is cleared for homing; presses and stops need a disc. Results are fingers' tables `actuators`.
 """
 
 import math

@@ -1,10 +1,10 @@
 """Chi-square tests of touches: is a reference as described and at rest, and is a calibration still valid?
 
-What is inconsistent is refused, not fitted: errors name the reference and what to do.
+Inconsistent data are refused, not fitted: errors name the reference and say what to do.
 
-*Drift.* The thing is an identified object in a session, or a disc that was put there to be touched (`palpate
-check --touch`); its pose has been fitted. The calibration states by how much touches may differ; that they
-differ by more is either chance, at a stated rate, or the rig has changed.
+*Drift.* The touched object is the identified one of a session, or a disc placed for this purpose (`palpate
+check --touch`); its pose has been fitted. The calibration states by how much touches may differ; a larger
+difference is either chance, at a stated rate, or a change of the rig.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Experiment design: touches that locate a reference, and those most informative about the fingers.
 
-Every touch that could be made has a row of derivatives; the one that shrinks the covariance most is taken,
-again and again (greedy D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would
-slip, or that might meet a corner, are not offered.
+Every possible touch has a row of derivatives; the one that reduces the covariance most is chosen, repeatedly
+(greedy D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would slip, or that
+might meet a corner, are excluded.
 """
 
 import math

@@ -1,10 +1,9 @@
 """Model of a finger: its tip as a function of the values that calibration estimates, and their priors.
 
 Every kind of finger has its values in one row: base x, base y (mm), heading (rad) and tip radius (mm) first,
-then its own. All fingers of a rig have rows of one width; what a kind has no use for is pinned. Priors are
-what rig file and homing say before touches are looked at. Touches have a slide's backlash on one side
-always, that on which the part pushes the tip back; the zero that is fitted is the one that belongs to that
-side.
+then its own. All fingers of a rig have rows of the same width; values that a kind does not use are fixed.
+Priors come from the rig file and from homing. In touches a slide's backlash is always taken up on the side
+to which the part pushes the tip back; the fitted zero belongs to that side.
 """
 
 import math

@@ -1,10 +1,11 @@
 """Calibration steps for the poses of fingers and for the axis of the turning stage.
 
-Each placing begins with touches that find the reference, goes on with those that say most, and ends with the
-first of these again: a reference that has moved meanwhile shows.
+Each placing begins with touches that locate the reference, continues with the most informative ones, and
+ends by repeating the first of these, which reveals a reference that has moved.
 
-*Stage.* The stage carries the fingers, the disc stands still. It goes up and down again over its range, so
-that every angle between the ends is reached from both sides; the first angle is reached once more in the end.
+*Stage.* The stage carries the fingers; the disc does not move. The stage goes through its range in both
+directions, so that every angle between the ends is reached from both sides; the first angle is repeated at
+the end.
 """
 
 import math

@@ -1,10 +1,10 @@
 """Alignment of fitted fingers with the hand frame, and their bounds and residuals.
 
-Touches of references at unknown places say where fingers stand to one another, not where the rig stands on
-its table (gauge freedom). So W is defined by the rig file: it is the frame in which bases and headings are,
-all in all, nearest to what the file says. The bound on a finger's contacts is a sum of parts, so that it can
-be read and argued with: what the fit leaves open, what touches differ by, encoder steps, the aim's play,
-what stopping adds (docs/calibration-method.md).
+Touches of references in unknown poses determine how fingers stand relative to one another, not where the rig
+stands on its table (gauge freedom). So W is defined by the rig file: it is the frame in which bases and
+headings fit the file's values best. The bound on a finger's contacts is a sum of parts that can be inspected
+one by one: uncertainty of the fit, scatter of touches, encoder steps, the aim's backlash, overshoot
+(docs/calibration-method.md).
 """
 
 import math

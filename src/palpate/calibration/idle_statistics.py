@@ -1,7 +1,7 @@
 """Data reduction of array recordings: idle ones to zeros, noise and drift, presses to a few load levels.
 
-*Presses.* A level is a stretch of the travel. Averages over it take out noise, encoder steps and most of the
-steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.
+*Presses.* A level is an interval of the travel. Averaging over it removes noise, encoder steps and most of
+the steps of Present Current, and the fit has a dozen numbers per column instead of hundreds.
 """
 
 import math

@@ -1,9 +1,9 @@
 """Measurements of a rig during calibration, the `Prober` that makes them, and the run record.
 
-Touches of references, presses, stops, idle arrays; the estimators are pure functions of them. A prober is a
-rig, real or emulated, without ports or clocks. Servo angles count from Goal Position 2048, the servo next to
-the base first. The record, `palpate/calibration-run@1`, is JSON beside the rig file by which a run can be
-resumed.
+Touches of references, presses, stops, idle arrays; the estimators are pure functions of them. A prober
+stands for a rig, real or emulated, without exposing ports or clocks. Servo angles count from Goal Position
+2048, the servo next to the base first. The record, `palpate/calibration-run@1`, is JSON beside the rig file
+by which a run can be resumed.
 
 *References.* Each has a `name`, the `radius_mm` of the smallest circle round its origin that holds it,
 `tolerance_mm` by which its surface may be elsewhere, `turns`, whether its orientation can be measured, and

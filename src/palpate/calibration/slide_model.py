@@ -1,7 +1,7 @@
 """Model of an aim and slide finger.
 
-Touches have a slide's backlash on one side always, that on which the part pushes the tip back; the zero that
-is fitted is the one that belongs to that side.
+In touches a slide's backlash is always taken up on the side to which the part pushes the tip back; the
+fitted zero belongs to that side.
 """
 
 import math

@@ -1,11 +1,11 @@
 """Fit of the turning stage: its axis and backlash, from touches of a stationary disc.
 
-The fingers are those of a calibration, with what they may be off by.
+The fingers are those of a calibration, with their covariance.
 
 In the frame of the ring that carries the fingers the disc turns back about the axis: at a stage angle φ its
-centre is at c + R(−φ) (d − c). Generalised least squares: what is wrong with the fingers' places, as their
-calibration knows them, with an angle or the disc is alike in many touches, and counts as their common error
-(Schmidt's consider covariance).
+centre is at c + R(−φ) (d − c). The fit uses generalised least squares: errors of the fingers' positions, of
+an angle or of the disc are common to many touches, and are treated as correlated errors (Schmidt's consider
+covariance).
 """
 
 import math

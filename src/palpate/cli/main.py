@@ -1,8 +1,8 @@
 """The command line: registration of all commands, and the handling of errors and exit codes.
 
-Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
-people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
-4 safety stop, 5 log or disk failed, 129 terminal closed, 130 interrupted, 143 terminated.
+Errors become one line and an exit code. Results go to stdout (with `--json` one object), progress and
+messages for people to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device, 4
+safety stop, 5 log or disk failed, 129 terminal closed, 130 interrupted, 143 terminated.
 """
 
 import errno

@@ -1,6 +1,6 @@
 """Display of a run: its progress and answer on the terminal, and the live view in the browser.
 
-The view is a process of its own, so that nothing it does can slow the run.
+The view is a separate process, so that it cannot slow the run.
 """
 
 import importlib.util

@@ -1,6 +1,6 @@
 """Common parts of commands: shared options, escaping of text, notices, questions, remaining time.
 
-Every command imports it at start-up: typer, rich and the standard library, nothing else of palpate but its
+Every command imports it at start-up, so it depends only on typer, rich, the standard library and palpate's
 errors and vocabulary.
 """
 

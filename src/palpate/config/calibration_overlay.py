@@ -1,9 +1,9 @@
 """Calibration overlay: a rig with measured values, and the check that the calibration belongs to it.
 
 The result is a `RigFile` like any other, with values that were measured and bounds that hold for them. A
-calibration speaks of the frame in which bases and headings are nearest to the rig file's (ADR 0018); what
-that frame leaves open is added where a value is the drawing's. Hand and recogniser use the calibrated rig;
-emulated devices are built from the one in the rig file, which says round what their hidden truth is drawn.
+calibration is given in the frame in which bases and headings are nearest to the rig file's (ADR 0018); the
+uncertainty of that frame is added to values taken from the drawing. Hand and recogniser use the calibrated
+rig; emulated devices are built from the one in the rig file, around which their hidden truth is drawn.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """Emulated hardware and parts: tables of `[emulation]` in a rig file, and scenes, `palpate/scene@1`.
 
-Adapters, mechanics as bought and screwed together, a part that may move when it is pushed, and what lies on
-the table. Only emulators see any of it. Ranges [lo, hi] are drawn from by the seed.
+Adapters, imperfect mechanics, a part that may move when it is pushed, and the scene on the table. Only
+emulators use any of it. The seed draws values from ranges [lo, hi].
 """
 
 import os

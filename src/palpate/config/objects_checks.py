@@ -1,8 +1,8 @@
 """Checks of the contents of an objects file; findings name the place, and redundant points are dropped.
 
-Stands behind `objects_tables`, where the values have the right kinds already, and before `objects_file`.
-Points that repeat the one before, or lie on a straight line between others, say nothing; exporters write
-them. They are left out, and that is said, since edges of answers are counted without them.
+It runs after `objects_tables`, so that values already have the right types, and before `objects_file`.
+Points that repeat the previous one, or lie on a straight line between others, as exporters write them, are
+redundant. They are dropped, with a notice, since the edges in answers are counted without them.
 """
 
 from bisect import bisect_right

@@ -1,7 +1,7 @@
 """Geometric checks that an outline is simple and apart from others; errors name the place of a fault.
 
-For cross sections of objects and for obstacles of a rig; the values have the right kinds already. Nothing is
-repaired.
+Used for cross sections of objects and for obstacles of a rig, whose values already have the right types.
+Nothing is repaired.
 """
 
 import numpy as np

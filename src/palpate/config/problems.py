@@ -1,8 +1,7 @@
 """Error messages for files: what is wrong and where, in terms of the file's author.
 
 Turns pydantic's validation errors, also those behind the first wrong entry of a list, into `Problem` values:
-a place in the user's own terms and one sentence. Nothing of pydantic's vocabulary, and none of its links,
-gets past this module.
+a place in the user's own terms and one sentence. None of pydantic's vocabulary or links reaches the user.
 """
 
 import difflib

@@ -1,9 +1,9 @@
 """Description of a rig, format `palpate/rig@1`: TOML in, one checked `RigFile` out.
 
-Says which servos and arrays hang on which ports, where the fingers stand, how well all that is known, and
-how carefully to move. Checks across tables run while a `RigFile` is made, each raising at the key to be
-changed, so that a rig that exists is one that fits. The values keep the file's units, which are the suffixes
-of their names: mm, degrees, N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench.
+It gives the ports of servos and arrays, the positions of the fingers, the bounds on all of these, and the
+speeds and forces of motion. Checks across tables run while a `RigFile` is made, each raising at the key to
+be changed, so that a rig that exists is one that fits. The values keep the file's units, which are the
+suffixes of their names: mm, degrees, N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench.
 `docs/rig-file.md` explains every key.
 """
 

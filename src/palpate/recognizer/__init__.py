@@ -1,6 +1,6 @@
 """Pure computation: from contacts to hypotheses, and from hypotheses to the next approach.
 
-Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock, no devices.
+Usable without a rig: arrays in, values out, no I/O, no clock, no devices.
 """
 
 from palpate.recognizer.approach import Approach, approach_lines, offset_from_lines

@@ -3,8 +3,8 @@
 Every step of a query has a share. A step that would need more is left out, or done more coarsely, where that
 loses nothing: a contact is then paired with no edges (what lies there still has to satisfy it), cells stay
 wide, and bounds with them. Shares do not depend on what earlier steps took: an answer depends on its inputs
-alone. What no answer can do without is done at any price: the first contact is paired with every edge of the
-catalogue, and every interpretation that is left is looked at once.
+alone. Indispensable work is done regardless of the budget: the first contact is paired with every edge of
+the catalogue, and every remaining interpretation is examined once.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,8 @@
 """Search steps implemented by the compiled kernel, C code in `recognizer/kernel`.
 
-The same as the numpy steps give by whole arrays (see docs/adr/0038-a-compiled-kernel.md). It can be imported
-where there was a C compiler. Arrays that the kernel takes of large values are kept as long as these are.
+They return the same as the numpy steps (see docs/adr/0038-a-compiled-kernel.md). The module can be imported
+only if the kernel was compiled. Arrays that the kernel derives from large values are kept for the lifetime
+of these.
 """
 
 import math

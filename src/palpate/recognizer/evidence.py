@@ -1,11 +1,11 @@
 """Evidence beyond bounds: touches that matched their predictions although they could have failed to.
 
-Bounds prove which of the catalogue's objects lies there, but not that it is one of the catalogue at all, nor
-that it stayed where it was. Kinds of *strangers*, objects outside the catalogue, differ by how far, and over
-what length, their outlines deviate from what the hypotheses say (`outline_deviations`). Each touch that
-agrees makes kinds that would hardly have agreed less probable (docs/next-approach.md; fitted by
-benchmarks/fit_strangers.py). The smallest detectable shift of the part follows from predictions, or
-from recognising anew.
+Bounds prove which of the catalogue's objects was touched, but not that the object is in the catalogue at
+all, nor that it has not moved. Kinds of *strangers*, objects outside the catalogue, differ by how far, and
+over what length, their outlines deviate from what the hypotheses say (`outline_deviations`). Each touch that
+agrees reduces the probability of kinds that would rarely have agreed (docs/next-approach.md; fitted by
+benchmarks/fit_strangers.py). The smallest detectable shift of the part follows from predictions, or from
+recognising anew.
 """
 
 import math

@@ -1,11 +1,11 @@
 """Planner of the next grip (memo §3.2, third strategy): reachable touches that distinguish hypotheses best.
 
 A grip is approaches to carry out together, with the predictions of every hypothesis and a certificate. Every
-hypothesis is represented by some configurations of its region. Two of them need distinguishing if they are of
-different hypotheses, or further apart than is fine enough. How likely each approach is to tell two poses
-apart follows from what touches would come to at both (`touch_model`). Fingers are added one by one, as long
-as each takes away a good share of what would still be confused. What the grip then promises is not taken from
-these samples, but from enclosures over whole regions (`prediction`).
+hypothesis is represented by some configurations of its region. Two of them need distinguishing if they
+belong to different hypotheses, or are further apart than the goals. The probability that an approach
+distinguishes two poses follows from the outcomes of touches at both (`touch_model`). Fingers are added one
+by one, as long as each removes a good share of the remaining confusion. The guarantees of the grip do not
+come from these samples, but from enclosures over whole regions (`prediction`).
 """
 
 from collections.abc import Sequence

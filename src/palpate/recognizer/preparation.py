@@ -1,10 +1,9 @@
 """Preparation of a catalogue, to and from arrays: its states, and the edges each kind of finger can meet.
 
-What is prepared of every state before any finger is known: its symmetry, and vertices that were made exactly
-symmetric. What is prepared for one kind of finger: edges and true boundary. Every state is prepared by
-itself, so what was prepared of some states can be joined with what was prepared of others, in other processes
-or long ago, and is the same, bit for bit, as all prepared at once. Digests say of two states whether
-everything that is prepared of them is the same.
+Independent of fingers, each state's symmetry and exactly symmetric vertices are prepared; for one kind of
+finger, edges and true boundary. Every state is prepared separately, so results of different processes or
+earlier runs can be joined, and are bit for bit the same as if prepared together. Equal digests of two states
+mean that all prepared data of them are equal.
 """
 
 import hashlib

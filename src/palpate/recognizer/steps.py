@@ -1,6 +1,6 @@
 """Search steps, selected once: compiled if a C compiler was available, otherwise with NumPy.
 
-The environment variable `PALPATE_KERNEL=off` chooses numpy. What is above knows nothing of the choice.
+The environment variable `PALPATE_KERNEL=off` selects numpy. Callers do not depend on the choice.
 """
 
 import os

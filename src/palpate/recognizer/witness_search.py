@@ -1,12 +1,12 @@
 """Witness search: connected regions of cells, each with a configuration that satisfies all constraints.
 
 Everything is done for all regions at once. Cells are a little larger than what they enclose, so candidates
-are judged by `verification`. Where none in a region holds, cells that prove to hold none are dropped and the
-others are cut finer: a configuration comes to light, or nothing is left, or the region remains unverified.
+are judged by `verification`. If none in a region holds, cells that provably contain none are dropped and the
+others are subdivided: a configuration is found, or nothing is left, or the region remains unverified.
 
-A cell takes every half-plane at its largest value over the cell's orientations. That is of no account while
-hypotheses are told apart, but widens what is said of the last ones: for their bounds these are enclosed once
-more, in narrower cells, without those that cannot hold a configuration which satisfies every contact exactly.
+A cell takes every half-plane at its largest value over the cell's orientations. That hardly matters while
+hypotheses are being distinguished, but it widens the bounds of the last ones: these are enclosed again, in
+narrower cells, without those that cannot contain a configuration which satisfies every contact exactly.
 """
 
 from dataclasses import replace

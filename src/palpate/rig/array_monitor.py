@@ -1,10 +1,10 @@
 """Array monitor: what each finger's array reads, from streaming devices or from a recorded session.
 
-Every frame is counted; only the newest few are looked at, because looking takes longer than an array takes
-to sample. Nothing here uses the servos' bus: nothing can move.
+Every frame is counted, but only the newest few are evaluated, because evaluation takes longer than a sample
+period. The servo bus is not used, so nothing can move.
 
-*Playback.* A session's arrays are read through the same drivers, by a clock that may be held to the wall's
-pace.
+*Playback.* A session's arrays are read through the same drivers, with a clock that can be slowed to real
+time.
 """
 
 import math

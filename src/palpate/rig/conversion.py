@@ -1,7 +1,7 @@
 """Conversion of values in files to values of the layers: between `config` and `drivers` or `recognizer`.
 
-Degrees become radians here, and nowhere else. So do a tip's numbers become bounds: dents, bending, shear,
-and what arrays do not notice.
+Degrees become radians here, and nowhere else. Likewise, a tip's numbers become bounds: on dents, deflection,
+shear, and undetected contact.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Workers beside the main thread: a thread that cannot delay devices, and a pool of processes.
 
-What is beside the devices (a log, a disk, a screen, an observer) is given its work through a bounded queue.
-Its first failure is kept until it is asked for, at a moment when no device is driven. Work in processes is
-ended at once by an interruption, and by the end of what began it.
+Everything other than devices (a log, a disk, a display, an observer) gets its work through a bounded queue.
+Its first failure is kept until it is queried, when no device is being driven. Work in processes ends at once
+on an interruption, and when the parent process ends.
 """
 
 import os

@@ -7,9 +7,9 @@
     class TestMyServo(ServoConformance):
         model = "XZ330-M999"
 
-Every driver of an array has to do the same on its emulated device, every servo model needs a table that the
-host can work with and an emulated servo that it can move. `rig_with_arrays` is the shipped rig with other
-arrays, `served` one served by another process.
+Every array driver must behave alike on its emulated device; every servo model needs a control table that the
+host can use and an emulated servo that it can move. `rig_with_arrays` is the shipped rig with other arrays,
+`served` one served by another process.
 """
 
 import json

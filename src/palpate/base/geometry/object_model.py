@@ -4,9 +4,9 @@ A state is one stable way in which an object rests on the support plane: a stack
 to that plane (memo §1.2 and §3.1). Recognition treats states as separate objects. Models are read from files
 by `palpate.config`, or made directly from arrays.
 
-All computations are with polygons. One that stands for a circle or for arcs has its vertices on the curve, so
-that it strays to one side by the sagitta of a facet; how far, and by what angle the curve's normals differ
-from those of its facets, is kept.
+All computations use polygons. A polygon that represents a circle or arcs has its vertices on the curve, so
+that it deviates to one side by the sagitta of a facet; this deviation is stored, with the angle by which the
+curve's normals differ from those of its facets.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Plane geometry as whole-array operations, and the array types that annotations name throughout palpate.
 
 Rotations, angles modulo a turn and point-in-polygon tests; distances and intersections of straight segments.
-Rays and capsules answer one question of the recogniser: where along a straight path must, and where may, a
-disc's centre be stopped by an outline that is known only to within a distance.
+Rays and capsules determine where along a straight path the centre of a disc must, and where it may, be
+stopped by an outline that is known only to within a distance.
 """
 
 import math

@@ -1,8 +1,8 @@
 """Tips: the shapes that a fingertip may have, each with a module of its own.
 
-A new shape is a module here and a member below; what works with fingers asks its attributes (`tip`). Layers
-that know a geometry of their own for it, the recogniser's obstacles and the emulator's outlines, which check
-each other, hold tables by shape.
+A new shape is a module here and a member below; code that works with fingers uses its attributes (`tip`).
+Layers with their own geometry for it (the recogniser's obstacles and the emulator's outlines, which check
+each other) have tables by shape.
 """
 
 from collections.abc import Mapping

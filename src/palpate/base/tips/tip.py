@@ -1,7 +1,7 @@
 """Tip: properties of a shape of fingertip that do not depend on the size of an individual tip.
 
-A shape has a module of its own in this package. All others ask these attributes, never which shape it is;
-what a shape does not say yet is refused in one line.
+Each shape has its own module in this package. All other code uses these attributes and never tests for a
+shape; what a shape does not support yet is refused with a one-line message.
 """
 
 from collections.abc import Mapping, Sequence

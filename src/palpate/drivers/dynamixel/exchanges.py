@@ -1,11 +1,12 @@
 """Exchanges on a servo bus: their duration, and which answers may still arrive, until when.
 
-Beneath `transceiver` and `bus`; whoever judges a loop's rate uses the formulas, too. A byte takes ten bits.
-Return delay is what a servo waits before it answers.
+Used by `transceiver` and `bus`, and to assess the rate of a loop. A byte takes ten bits. Return delay is the
+time that a servo waits before it answers.
 
-No packet of Protocol 2.0 says which instruction it answers, and an answer can come late, or twice. All that
-tells two answers of a servo apart is their length. So a read is made a few bytes wider wherever an answer of
-its length, to anything else, may still be under way. `transceiver` asks here before it sends.
+No packet of Protocol 2.0 says which instruction it answers, and an answer can come late, or twice. Two
+answers of a servo can be distinguished only by their length. So a read is made a few bytes longer if an
+answer of the same length to another request may still arrive. `transceiver` checks this here before it
+sends.
 
 Sources: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (packet layouts) and Return Delay Time (9); the latency
 timer is that of the FTDI chips in the vendor's adapters.

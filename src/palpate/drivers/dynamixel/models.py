@@ -5,8 +5,8 @@ these leave out is added from the e-Manual for the models that rigs are built of
 defaults, ranges, the layout of older and newer firmware, models that the vendor's list lacks.
 
 Stall torque, stall current and no-load speed are those of section "Specifications" of each model's page, at
-the recommended supply. Inertia, friction and heating stand nowhere; guesses for emulated servos are said
-where they stand. Plug-ins add models of their own (`base.extensions`).
+the recommended supply. Inertia, friction and heating are not published; estimates for emulated servos are
+marked as such. Plug-ins add models of their own (`base.extensions`).
 """
 
 import math

@@ -7,8 +7,7 @@ tick; limits of velocity, acceleration and current are rounded down.
 
 Torque off is a broadcast to all, then confirmed by each. The broadcast needs no answer, so it also works
 beside a program that is using the wire; its traffic may spoil a packet, therefore an emergency stop repeats
-it. Confirming reads, and needs the wire for itself. Health is only read; what is judged wrong is for those
-who ask.
+it. Confirmation reads, and needs exclusive use of the wire. Health is only read; the caller judges it.
 """
 
 import contextlib

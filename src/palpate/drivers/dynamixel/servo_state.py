@@ -1,8 +1,8 @@
 """State of a group of servos in one read: position, velocity, current, and all fault indicators.
 
-Above `bus`, beside `servo`; the rig's loops read through it. What belongs together lies apart in the control
-table, so each servo is set up once, by its indirect addresses, to show it in one block (e-Manual, Indirect
-Address). These live in RAM. A servo that has restarted meanwhile shows an empty block, which is an error.
+Built on `bus`, and used by the rig's loops. The items needed are scattered over the control table, so each
+servo's indirect addresses are set once to map them into one block (e-Manual, Indirect Address). They are in
+RAM: a servo that has restarted returns an empty block, which is an error.
 
 The turn mark is a note in the last two indirect addresses, which nothing else uses, of which turn the servo's
 count is in. A servo that has been without power reports its angle within one turn, and forgets its RAM at the

@@ -1,8 +1,8 @@
 """Transactions: one instruction and its answer, through the vendor's SDK; counts of losses.
 
 Nothing here is repeated and nothing raised but the port's own errors: an answer is a status packet, or it is
-`Lost`, or a `SizeMismatch`. What a loss means, and whether to ask again, is for the `bus`. `BusCounts` are
-the numbers behind "the wire is bad"; `rig` shows them.
+`Lost`, or a `SizeMismatch`. The `bus` decides what a loss means, and whether to repeat a request.
+`BusCounts` are the statistics of a bad wire; `rig` shows them.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -1,9 +1,10 @@
 """The vendor's X series as data: every model that reports Present Current, by family, and its control table.
 
 Sources: the ROBOTIS e-Manual's page of each model, sections "Specifications" and "Control Table"; where
-Indirect Data lies before firmware 52 of the X330s is from the tables that the vendor ships with its easy SDK.
-Where pages of different age differ, the newer one holds; exceptions are said where they stand. Left out is
-XW540-H260, a special order: without its stall torque nobody knows what a current of it means.
+Indirect Data lies before firmware 52 of the X330s is from the tables that the vendor ships with its easy
+SDK. Where pages of different age differ, the newer one holds; exceptions are said where they stand.
+XW540-H260, a special order, is left out: its stall torque is not published, so its current cannot be
+converted to torque.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """Emulators of the devices at byte level: servos, arrays, and the mechanics between them.
 
-At the far end of the data's way, where a real rig has hardware. Imported by rig's composition root and by
-tests alone; `docs/emulation.md` says what is modelled and what is not.
+They take the place of a real rig's hardware. Only rig's composition root and tests import them;
+`docs/emulation.md` says what is modelled and what is not.
 """
 
 from palpate.drivers.emulators.array import EmulatedArray

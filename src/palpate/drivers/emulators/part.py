@@ -1,8 +1,9 @@
 """Emulated part: its points of support on the table, and how far tips have pushed it.
 
-The seam between the emulated bench and the engines that move a part. The bench asks `displacement` before it
-works out what tips touch, and calls `step` once in each of its steps with a function that says what tips do
-to the part wherever it may be. An engine decides what motion that makes; `mujoco_part` is another one.
+The interface between the emulated bench and the engines that move a part. The bench calls `displacement`
+before it computes what tips touch, and calls `step` once in each of its steps with a function that gives the
+forces of tips on the part for any displacement. An engine decides what motion that makes; `mujoco_part` is
+another one.
 
 `Support` has Coulomb friction at any number of points (Goyal, Ruina and Papadopoulos, Wear 143, 1991). A
 `QuasiStaticPart` goes in each step where skin and friction together cost least: to the minimum of the skin's

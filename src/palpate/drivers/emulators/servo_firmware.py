@@ -1,10 +1,10 @@
 """Firmware of an emulated servo: effects of reads, writes and time, and its protective shutdowns.
 
-Below `servo` (the face towards packets, mechanics and wire). `servo_table` knows which addresses and values
-are possible; here stands what depends on the servo's state. Protection watches every step: overload,
-overheating, a supply out of its limits. The e-Manual says which limits there are ("Shutdown", "Temperature
-Limit", "Min/Max Voltage Limit"); how long an overload lasts and how a servo warms up it does not say. Those
-are guesses.
+Used by `servo`, the interface to packets, mechanics and wire. `servo_table` checks addresses and values;
+this module contains everything that depends on the servo's state. Protection is checked at every step:
+overload, overheating, a supply voltage outside its limits. The e-Manual gives the limits ("Shutdown",
+"Temperature Limit", "Min/Max Voltage Limit"), but not the duration of an overload or how a servo warms up.
+Those are estimates.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
 """Baseline: bounds on the readings of an untouched array, tracked while it drifts.
 
 A taxel's zero wanders with temperature and wear, and a finger that comes to rest on a part very slowly looks
-the same at first. So the zero is not filtered, it is bounded: a taxel's zero is known to lie in an interval,
-which grows by the drift that the calibration allows and is cut with what the taxel reads, four standard
-deviations either side.
+the same at first. So the zero is not filtered but bounded: a taxel's zero is known to lie in an interval,
+which grows by the drift that the calibration allows and is intersected with the taxel's reading, plus or
+minus four standard deviations.
 
 A mean of many frames has little noise, but zeros have moved meanwhile; so means of the newest 1, 2, 4, …
 blocks of frames are all compared. Load only adds: any mean cuts an interval from above, and from below only

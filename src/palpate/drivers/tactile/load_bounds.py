@@ -1,8 +1,9 @@
 """Bounds of a patch's load: on its centroid, and on the share that an array may fail to measure.
 
-Used by `cylinder` for columns and by `pads` for the taxels of a flat pad, one axis at a time. A cell says how
-much load it bears, not where in it: the centroid is within half a cell of the cells' own. On top come the
-gains' spread (four standard deviations, at most its limit), noise, the baseline's drift and crosstalk.
+Used by `cylinder` for columns and by `pads` for the taxels of a flat pad, one axis at a time. A cell
+measures how much load it bears, not where: the centroid is within half a cell of that of the cells. The
+bound also includes the gains' spread (four standard deviations, at most its limit), noise, the baseline's
+drift and crosstalk.
 
 Two things limit hidden load. Crosstalk: a share of it shows on the neighbours. And the shape of one contact:
 the pressure between a convex part and an elastic skin is log-concave, and so are the loads of cells in a

@@ -2,9 +2,9 @@
 
 A flat pad cannot tell the object's normal: the range is the half circle in front of it. On a free array the
 contact's direction lies among those of the patch's taxels and half a step to their neighbours. The centroid
-of a patch may be where nothing touches, as between two corners. So of each column it is asked whether what it
-shows could be crosstalk from its neighbours, with gains as far off as they may be, and noise. If not,
-something presses on it.
+of a patch may be where nothing touches, as between two corners. So each column is tested for whether its
+reading could be crosstalk from its neighbours, with gains at their bounds, and noise. If not, something
+presses on it.
 """
 
 import math

@@ -1,7 +1,7 @@
 """CAD import: makes object models of the parts of a CAD file.
 
-What `tolerance_mm` allows is shared out: to curves that become edges, to states that are nearly the same,
-and to cross sections that stand for many. What they came to is added up and written as the object's
+`tolerance_mm` is divided among curves that become edges, states that are nearly the same, and cross sections
+that represent a range of heights. Their actual deviations are added up and written as the object's
 tolerance.
 """
 

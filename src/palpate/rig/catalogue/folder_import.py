@@ -1,8 +1,8 @@
 """Import of a folder of CAD files into a catalogue: one process per file, and only for changed files.
 
-What an object was made from is kept with it (`source`): the file, a hash of its content, and one of what was
-asked. An object whose file and request are the same is kept as it is, and so is the reason why a file was
-refused. A file that fails costs only itself.
+The source of an object is stored with it (`source`): the file, a hash of its content, and one of the
+options. An object whose file and options are unchanged is kept, and so is the reason why a file was refused.
+A file that fails does not affect the others.
 """
 
 import hashlib

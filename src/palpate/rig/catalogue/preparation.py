@@ -1,8 +1,8 @@
 """Preparation of catalogues: on all cores if it takes long, and cached for later.
 
-What is prepared is the same, bit for bit, whether it was made now or kept. It is kept under a digest of all
-that it depends on: the states' outlines and tolerances, the finger, the code that prepares, its libraries.
-An object that was changed or added costs its own preparation only: what was kept of others is used.
+Prepared data are bit for bit the same whether computed now or cached. They are cached under a digest of
+everything that they depend on: the states' outlines and tolerances, the finger, the code and its libraries.
+If an object is changed or added, only this object is prepared; cached data are used for the others.
 """
 
 import hashlib

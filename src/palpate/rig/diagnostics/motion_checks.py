@@ -1,12 +1,12 @@
 """Checks in which fingers move: directions of joints, and the force at which a part slides.
 
-*Directions.* A servo knows its own angle only: which way a tip goes is seen by a person, or by what emulates
-the bench.
+*Directions.* A servo knows only its own angle: the direction of a tip is observed by a person, or by the
+emulated bench.
 
-*Hold.* First each finger finds the part by a light touch; then each pushes through what is known of its
-middle. A part under one push that does not accelerate takes no more than F = μ m g from it, wherever and
-however obliquely it is pushed: off its middle it turns under less. So every force that was certainly there is
-a lower bound of F, also while the part slides, and the greatest of them is the best one.
+*Hold.* First each finger finds the part by a light touch; then each pushes towards the estimated middle. A
+single push on a part that does not accelerate cannot exceed F = μ m g, wherever and however obliquely the
+part is pushed: an off-centre push turns it at a smaller force. So every force that certainly acted is a
+lower bound of F, also while the part slides, and the greatest of them is the best one.
 """
 
 import math

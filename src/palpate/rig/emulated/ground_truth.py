@@ -2,8 +2,8 @@
 
 A calibration cannot measure where the rig stands on its table. Its answers are in the hand frame, in which
 the fingers are nearest to where the rig file has them; the emulators' truth is in the table's frame. Scenes
-that fingers cannot touch, as the part lies outside of the workspace or lower than the fingers, are allowed,
-to try what happens on a table that seems empty.
+that fingers cannot touch, because the part is outside the workspace or below the fingers, are allowed for
+testing runs on an apparently empty table.
 """
 
 import math

@@ -1,13 +1,13 @@
 """Search loop from an untouched table to a verdict: grip, recognise, choose the next grip, grip again.
 
-Joins hand, recogniser and planner. It ends in every case: identified, indistinguishable (no reachable
-approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict each
-other, again and again, though each can be explained by itself), or unresolved after the rig's `max_grips`.
-An answer is only given after some touches that it predicted: bounds prove which of the catalogue's objects
-it is, but not that it is one of these. If a grip contradicts the earlier ones, the part may have been
-moved; the search then begins again with that grip. Where the rig file or an object says what force parts
-bear, what the fingers may have moved them by is bounded and taken into account (`motion_bounds`). A rig of
-which too little is known to tell parts apart is refused beforehand.
+It connects hand, recogniser and planner, and always ends with a verdict: identified, indistinguishable (no
+reachable approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict
+each other, again and again, though each can be explained by itself), or unresolved after the rig's
+`max_grips`. An answer is given only after some touches have matched its predictions: bounds prove which of
+the catalogue's objects it is, but not that it is in the catalogue. If a grip contradicts the earlier ones,
+the part may have been moved; the search then begins again with that grip. If the rig file or an object
+declares the force at which parts slide, the motion that fingers may have caused is bounded and taken into
+account (`motion_bounds`). A rig that is known too inaccurately to tell parts apart is refused beforehand.
 
 *Observers* are called with each event, beside the thread that drives devices.
 """

@@ -1,7 +1,7 @@
 """Fingers as movers of a guarded move: through free space, and along a line on which they may touch.
 
 A `FreeMover` must arrive; a `TipMover` ends at a contact, at its limit, or where another finger comes too
-near. What a finger must never do ends all motion: `judge` raises it, and so does the hand's `pause`.
+near. A violation of a finger's limits ends all motion: `judge` raises it, and so does the hand's `pause`.
 """
 
 import math

@@ -1,9 +1,9 @@
 """The hand: all fingers of a rig, connected, limited, and switched off whatever happens.
 
 Limits are written and read back before torque goes on; Bus Watchdog is armed while anything moves; leaving
-the `with` block, by whatever way, switches every motor's torque off, each by itself. Whatever time passes
-with torque on passes in `pause`, where arrays are guarded. An `Environment` is what a hand depends on beside
-its rig file: the clock and the ports, of a bench or of a recording.
+the `with` block in any way switches every motor's torque off individually. All waiting with torque on is
+done in `pause`, where arrays are guarded. An `Environment` provides a hand with clock and ports, of a bench
+or of a recording.
 """
 
 import gc

@@ -1,7 +1,7 @@
 """The log's file: lines as a Zstandard stream (RFC 8878), readable up to the last complete block.
 
-A block ends with every flush, so that what a kill leaves can be read: at most the lines since the last flush
-are missing. Logs of older versions, and those that were unpacked by `zstd -d`, are plain text.
+A block ends with every flush, so that the log of a killed process can be read: at most the lines since the
+last flush are missing. Logs of older versions, and those that were unpacked by `zstd -d`, are plain text.
 """
 
 import fcntl

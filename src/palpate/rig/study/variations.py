@@ -1,6 +1,6 @@
 """Variations of a study: the same runs with one error halved, the part clamped, or fingers at other heights.
 
-Part and place of a run stay what they are, so that each run is its own control. Shares identified are
+The part of a run and its pose are unchanged, so that each run is its own control. Identification rates are
 compared by McNemar's exact test, bounds by the sign test, touches by Student's interval of paired
 differences, each at the level that keeps all comparisons of a list at 95 % together (Bonferroni).
 """

@@ -1,7 +1,7 @@
 """Tests with torque off and no motion: every device answers, has the settings of a run, and is fast enough.
 
-The steps are those of `palpate check --full`, with more frames. What a first run would put right, and what
-makes it slow, fails here, too.
+The steps are those of `palpate check --full`, with more frames. Settings that a first run would correct, and
+causes of slow runs, fail here, too.
 """
 
 from collections.abc import Callable, Mapping
