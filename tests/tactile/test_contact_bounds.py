@@ -11,11 +11,16 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.columns import Columns, columns_of
+from palpate.drivers.tactile.columns import (
+    Columns,
+    columns_of,
+    crosstalk_limit_n,
+    load_beyond_edge,
+    log_concave_limit_n,
+)
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.description import Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.load_bounds import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 from palpate.drivers.tactile.patches import ContactPatch, TipCalibration
 from support.oracles.array_contacts import (
     Outcome,

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.columns import CellLoads, UnseenLoads, centroids
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.description import Description, Shape
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.drivers.tactile.load_bounds import CellLoads, UnseenLoads, centroids
 from palpate.drivers.tactile.patches import ContactPatch, PatchFlag, TipCalibration
 from support.oracles.array_contacts import describe
 

@@ -23,7 +23,7 @@ from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import load_kept_inputs, used_calibration
-from palpate.rig.session.replay import Replayed, replay
+from palpate.rig.session.run import Replayed, replay
 
 
 @check_arguments

@@ -14,7 +14,7 @@ from palpate.views.tables import folding_column, table
 
 if TYPE_CHECKING:  # a list of sessions needs nothing of the recogniser
     from palpate.rig.session.log_reader import SessionFile
-    from palpate.rig.session.replay import Replayed
+    from palpate.rig.session.run import Replayed
 
 _WORD = re.compile("([A-Z][a-z]+)")
 

@@ -22,7 +22,7 @@ from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Environment
 from palpate.rig.session.log import SessionEvents, line_checksum
 from palpate.rig.session.log_reader import read_session
-from palpate.rig.session.replay import first_difference, replay_with
+from palpate.rig.session.run import first_difference, replay_with
 from palpate.testing import served
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.benches.session import small_session

@@ -1,6 +1,6 @@
 """Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
 
-Puts the steps together: `columns`, then `templates`, then `load_bounds`.
+Puts the steps together: `columns`, then `templates`, then bounds of loads.
 """
 
 import math
@@ -11,15 +11,18 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.drivers.tactile.baseline import BOUND_SIGMAS
-from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
-from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.load_bounds import (
+from palpate.drivers.tactile.columns import (
     CellLoads,
+    Columns,
+    Runs,
     UnseenLoads,
     centroids,
+    columns_of,
     load_beyond_edge,
     log_concave_limit_n,
+    runs_of,
 )
+from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, mask_untouched
 from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 

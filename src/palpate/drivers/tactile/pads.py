@@ -16,8 +16,7 @@ from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_fi
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.tactile.baseline import BOUND_SIGMAS
-from palpate.drivers.tactile.description import TaxelSurface
-from palpate.drivers.tactile.load_bounds import (
+from palpate.drivers.tactile.columns import (
     CellLoads,
     UnseenLoads,
     centroids,
@@ -25,6 +24,7 @@ from palpate.drivers.tactile.load_bounds import (
     load_beyond_edge,
     log_concave_limit_n,
 )
+from palpate.drivers.tactile.description import TaxelSurface
 from palpate.drivers.tactile.patches import (
     Patches,
     PatchFlag,

@@ -16,7 +16,6 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.file_io import write_text
-from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays
 from palpate.calibration.finger_model import FingerModel, SlowTouch
 from palpate.calibration.finger_step import (
@@ -45,7 +44,7 @@ from palpate.calibration.measurements import (
     TouchMeasurement,
 )
 from palpate.calibration.rig_models import KnownFingers, calibrated_models
-from palpate.calibration.tactile_step import measure_tactile
+from palpate.calibration.tactile_step import measure_actuators, measure_tactile
 from palpate.config import (
     CalibrationDevice,
     CalibrationFile,
