@@ -13,7 +13,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins/weiss/tests)
 
-.PHONY: help demo test tests lint types layers check firmware docs campaign bench bench-torch clean
+.PHONY: help demo test tests realtime lint types layers check firmware docs campaign bench bench-torch clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
@@ -63,15 +63,18 @@ check: lint types layers
 firmware:
 	$(MAKE) -C firmware
 
-# the checks beside the tests: the type checker has a core to itself only while the firmware is built
+# all at once: tests in real time mostly wait
 test: $(DEV)
-	$(MAKE) --jobs 2 check tests
+	$(MAKE) --jobs 3 check tests realtime
 
 # a process a core: more threads for small matrices only stand in each other's way
 tests: $(DEV) firmware
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
-# by themselves, four at a time: a client and an emulator share the computer in real time, and mostly wait
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 4 --dist worksteal -m "realtime and not campaign" $(REALTIME)
+
+# four at a time, each a client and an emulator in real time; printed at the end, not between the others
+realtime: $(DEV) firmware
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 4 --dist worksteal -m "realtime and not campaign" $(REALTIME) \
+		> $(VENV)/realtime.txt 2>&1; ended=$$?; cat $(VENV)/realtime.txt; exit $$ended
 
 # the site, where every warning is an error
 docs: $(DEV)
