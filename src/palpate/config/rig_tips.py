@@ -24,7 +24,7 @@ def check_keys(tip: Tip, table: FileModel, group: str = "") -> None:
     `group`: of the finger's table, "" for the tip's own. Raises a pydantic error.
     """
     place = [group] if group else []
-    for path, why in {**tip.needs, **tip.lacks}.items():
+    for path, why in {**tip.lacks, **tip.needs}.items():
         of, _, key = path.rpartition(".")
         if of != group:
             continue
