@@ -336,6 +336,10 @@ def _finger(number: int, table: str, **keys: Any) -> Change:
     return change
 
 
+def _slow_touch(data: dict[str, Any]) -> None:
+    data["closing"]["touch_speed_mm_s"] = 0.3
+
+
 def _bus_rate(data: dict[str, Any]) -> None:
     data["bus"]["baudrate_bps"] = 57_600
 
@@ -495,5 +499,6 @@ FAULTS = (
         "an array replaced since calibration", Cause.OTHER_DEVICES, "calibration", _replaced, calibrated=True
     ),
     Fault("an old calibration", Cause.CALIBRATION_OLD, "calibration", _old_calibration, calibrated=True),
+    Fault("a touch slower than a slide can go", Cause.LIMITS_IMPOSSIBLE, "22", _describe(_slow_touch)),
 )
 """Each with the one cause that explains it."""

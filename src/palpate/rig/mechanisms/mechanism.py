@@ -41,10 +41,14 @@ ACCELERATION_RAD_S2 = 6.0
 
 @dataclass(frozen=True, slots=True)
 class ServoLimits:
-    """Limits in a servo's EEPROM before torque goes on: runs write them, set-up and check know them."""
+    """Limits in a servo's EEPROM before torque goes on: runs write them, set-up and check know them.
+
+    `problem`: why the servo cannot do what the rig file asks of it, None if it can.
+    """
 
     mode: OperatingMode
     current_a: float
+    problem: str | None = None
 
     def write(self, servo: Servo) -> None:
         """Write what differs, with torque off, and read it back. Raises InputError as `eeprom`."""
@@ -53,6 +57,8 @@ class ServoLimits:
 
     def eeprom(self, servo: Servo) -> dict[str, int]:
         """The items and their values. Raises InputError for limits that the model cannot keep."""
+        if self.problem is not None:
+            raise InputError(self.problem)
         try:
             wanted = servo.eeprom(self.mode, self.current_a)
         except ValueError as error:

@@ -230,7 +230,7 @@ class SlideDrive:
         self._aim, self._slide = servos
         self._kinematics = mechanism.kinematics
         self._wait_mm = mechanism.wait_mm(rig.clear_radius_mm)
-        self._speed_mm_s = closing.approach_speed_mm_s
+        self._speed_mm_s, self._touch_mm_s = closing.approach_speed_mm_s, closing.touch_speed_mm_s
         self._force_n = closing.max_force_n
         self._friction_a = mechanism.spec.slide.friction_a
         self._targets: ServoGoals = {}
@@ -249,7 +249,9 @@ class SlideDrive:
         """The slide's current allows the largest force at the tip."""
         return {
             self._aim: ServoLimits(OperatingMode.POSITION, AIM_CURRENT_A),
-            self._slide: ServoLimits(OperatingMode.CURRENT_BASED_POSITION, self._current_a()),
+            self._slide: ServoLimits(
+                OperatingMode.CURRENT_BASED_POSITION, self._current_a(), self._speed_problem()
+            ),
         }
 
     def prepare(self) -> None:
@@ -307,6 +309,17 @@ class SlideDrive:
     def tolerance_rad(self, _servo: Servo, gap_mm: float) -> float:
         """Only the slide's is asked for: the aim has a tolerance of its own."""
         return gap_mm / abs(self._kinematics.mm_per_rad)
+
+    def _speed_problem(self) -> str | None:
+        """What is wrong with the slowest speed of the rig file: Profile Velocity counts from 1."""
+        least_mm_s = self._slide.model.velocity_unit_rad_s * abs(self._kinematics.mm_per_rad)
+        if self._touch_mm_s >= least_mm_s:
+            return None
+        return (
+            f"touch_speed_mm_s ({self._touch_mm_s:g}) is slower than its profile can be: at least "
+            f"{math.ceil(1000 * least_mm_s) / 1000:g} mm/s (servo {self._slide.dxl_id}); raise it in the rig "
+            f"file, or take a smaller pinion"
+        )
 
     def _current_a(self) -> float:
         lever_m = abs(self._kinematics.mm_per_rad) / 1000
