@@ -5,8 +5,10 @@ Its first failure is kept until it is queried, when no device is being driven. W
 on an interruption, and when the parent process ends.
 """
 
+import atexit
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +27,39 @@ _POLL_S = 0.05  # between two looks at the queue: a kill loses no more
 QUEUE_CAPACITY = 50_000  # items: half a minute of a rig's traffic, some 20 MB
 _MAX_PENDING_CALLS = 1_000
 _CLOSE_TIMEOUT_S = 2.0
+_MAX_ENDING_S = 10.0  # longer than the longest computation between two looks at devices
 _ENDED_TEXT, _COMPLETE_TEXT = "the run was ended, torque off", "the run was complete, its result stands"
+
+
+class ProgramEnd:
+    """The end of the program, as noticed by a run in another thread than the main one.
+
+    Such a thread gets no signals, and a daemon is stopped wherever it stands when the program ends, with
+    torque on. `check` raises SystemExit there as soon as the program is ending, and the program waits for
+    `finish`. In the main thread all of this does nothing.
+    """
+
+    def __init__(self) -> None:
+        self._ending, self._finished = False, threading.Event()
+        if threading.current_thread() is not threading.main_thread():
+            atexit.register(self._wait)
+
+    def check(self) -> None:
+        """Raise SystemExit if the program is ending."""
+        if self._ending:
+            raise SystemExit("the program ended")
+
+    def finish(self) -> None:
+        """Let the program end."""
+        atexit.unregister(self._wait)
+        self._finished.set()
+
+    def _wait(self) -> None:
+        self._ending = True
+        if not self._finished.wait(_MAX_ENDING_S):
+            sys.stderr.write(
+                "palpate: torque may still be on, as a run did not end with its program; palpate stop\n"
+            )
 
 
 class Background(Generic[_T]):

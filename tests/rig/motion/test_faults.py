@@ -3,6 +3,8 @@
 import json
 import random
 import signal
+import subprocess
+import sys
 import time
 import tomllib
 from collections.abc import Callable
@@ -363,6 +365,55 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         assert done.json["confirmed"] is True
         checked = run("check", "--rig", "real.toml", "--json", cwd=tmp_path)
         assert checked.code == 0, checked.err
+
+
+# ----------------------------------------------------------------------------------------------------
+# A program ends while a thread of it, which gets no signals, drives the fingers.
+
+IN_A_THREAD = """
+import sys, threading, time
+import palpate
+
+closing = threading.Event()
+
+def look(event):
+    if isinstance(event, palpate.StageEvent) and event.stage.value == "closing":
+        closing.set()
+
+def drive():
+    with palpate.open_rig("real.toml") as rig:
+        rig.identify("{parts}", sessions="sessions", on_event=look)
+
+threading.Thread(target=drive, daemon=True).start()
+assert closing.wait(60)
+time.sleep(0.3)
+{end}
+"""
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("end", "code"), sample([("", 0), ("raise KeyboardInterrupt", -2), ("sys.exit(3)", 3)], [("", 0)])
+)
+def test_a_program_that_ends_switches_torque_off_in_its_threads_too(
+    tmp_path: Path, end: str, code: int
+) -> None:
+    small, parts = quick_bench(tmp_path, fingers=2)
+    words = ("--rig", small, "--objects", parts, "--seed", 7, "--rig-out", "real.toml")
+    with served(tmp_path, "--pty", *words) as (_, told):
+        (tmp_path / "program.py").write_text(IN_A_THREAD.format(parts=parts, end=end))
+        words = [sys.executable, "program.py"]
+        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == code, done.stderr
+        assert "torque may still be on" not in done.stderr
+        bus = Bus(
+            open_port(told["ports"]["mock://bus"], 1_000_000), MonotonicClock(), 1_000_000, latency_s=0.1
+        )
+        try:
+            torque = {dxl_id: bus.read(dxl_id, ct.TORQUE_ENABLE) for dxl_id in FOUR_IDS}
+        finally:
+            bus.close()
+        assert torque == dict.fromkeys(FOUR_IDS, 0), done.stderr
 
 
 # ----------------------------------------------------------------------------------------------------

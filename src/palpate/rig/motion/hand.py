@@ -59,6 +59,7 @@ from palpate.rig.motion.homing import (
 )
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.standby import come_to_standby, stage_problem
+from palpate.rig.workers import ProgramEnd
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
@@ -99,6 +100,7 @@ class Hand:
         self._latency_s = latency_s
         self.notice = notice
         self._check = check
+        self._program_end = ProgramEnd()
         self._array_guard = ArrayGuard(clock, rig.closing)
         self._ports: list[SerialBase] = []
         self._arrays = HandArrays(clock)
@@ -152,6 +154,7 @@ class Hand:
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._ports = [], []
             gc.unfreeze()
+            self._program_end.finish()
 
     def _switch_off(self) -> list[DeviceError]:
         failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
@@ -354,6 +357,7 @@ class Hand:
         self._array_guard.forget()
         for _ in range(looks):
             self.clock.sleep(seconds / looks)
+            self._program_end.check()
             self._check()
             self._array_guard.look()
 
