@@ -269,6 +269,7 @@ CASES = [
         "emulation.joint_backlash_deg",
         "shoulder.backlash_deg",
     ),
+    (ARMS, "radius_mm = 5.0", "radius_mm = 0.004", "fingers[0].tip.radius_mm", "must be at least 0.1"),
     (STAGED, "dxl_id = 1\n", "dxl_id = 11\n", "fingers[0].aim.dxl_id", "11 is the id of the stage"),
     (STAGED, "[-30.0, 30.0]", "[5.0, 30.0]", "stage.range_deg", "must contain 0, where the stage starts"),
     (STAGED, "[-30.0, 30.0]", "[-40.0, 30.0]", "stage.range_deg", "needs servo turns -0.06 to 0.92"),

@@ -42,10 +42,10 @@ class TipConfig(FileModel):
         description="Shape of what touches: an upright cylinder, a ball with its equator at height_mm, or a "
         "pad: an upright flat face across the slide, its middle where the tip is.",
     )
-    width_mm: Annotated[Positive, Field(le=200)] | None = Field(
+    width_mm: Annotated[Positive, Field(ge=0.2, le=200)] | None = Field(
         default=None, description="Width of a pad's face, from edge to edge."
     )
-    radius_mm: Annotated[Positive, Field(le=100)] = Field(
+    radius_mm: Annotated[Positive, Field(ge=0.1, le=100)] = Field(
         default_factory=_radius_of_width,
         description="Radius of the cylinder or the ball; of a pad half of its width, and best left out.",
     )
