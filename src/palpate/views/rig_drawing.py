@@ -157,7 +157,7 @@ def _side(rig: RigFile, left: float, top: float) -> Iterator[str]:
     for k, finger in enumerate(rig.fingers):
         x, middle = left + (k + 0.5) * step, ground - finger.height_mm * scale
         radius = finger.tip.half_width_mm * scale
-        half = radius if finger.tip.length_mm is None else finger.tip.half_length_mm * scale
+        half = scale * (finger.tip.radius_mm if finger.tip.length_mm is None else finger.tip.half_length_mm)
         yield svg.rectangle(
             (x - radius, middle - half),
             (2 * radius, 2 * half),
