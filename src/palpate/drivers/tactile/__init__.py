@@ -23,6 +23,7 @@ from palpate.drivers.tactile.messages import (
     TaxelFault,
 )
 from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.repeats import Repeats, count_repeats, is_new
 from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 
 __all__ = [
@@ -46,6 +47,7 @@ __all__ = [
     "PatchFlag",
     "Patches",
     "Port",
+    "Repeats",
     "SelfTestReport",
     "SelfTestResult",
     "Shape",
@@ -55,5 +57,7 @@ __all__ = [
     "TaxelFault",
     "TipCalibration",
     "column_windows",
+    "count_repeats",
+    "is_new",
     "windows_within",
 ]
