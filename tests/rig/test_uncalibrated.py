@@ -144,6 +144,7 @@ def test_what_tip_and_array_may_be_off_widens_contacts_and_plans() -> None:
 @pytest.mark.parametrize("rig", [FRESH, load_rig(EXAMPLES / "two-link-rig.toml")], ids=["slides", "arms"])
 def test_bounds_that_were_found_take_the_place_of_the_others(rig: RigFile) -> None:
     rig = with_all(with_all(rig, "tip", radius_bound_mm=0.3), "array", heading_bound_deg=3.0)
+    rig = with_all(rig, "bounds", encoder_deg=0.0)
     found = with_all(rig, "bounds", position_mm=0.7, direction_deg=0.9)
     for before, finger in zip(rig.fingers, found.fingers, strict=True):
         assert (tip_bound_mm(before), array_bound_rad(before)) == (0.3, math.radians(3.0))

@@ -43,6 +43,7 @@ _DRAWN_BY_STAGE = (
     ("stage_centre_error_mm", "centre_bound_mm"),
 )
 _DRAWN_BY_ANY = (
+    ("encoder_error_deg", "bounds.encoder_deg"),
     ("gain_spread", "array.gain_spread"),
     ("drift_counts_per_s", "array.drift_counts_per_s"),
     ("array_heading_error_deg", "array.heading_bound_deg"),

@@ -46,6 +46,10 @@ SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
 BOUND_SIGMAS = 3.3
 """Standard deviations that 99.9 % of a normal distribution lie within (3.29)."""
 
+ENCODER_DEG = 1.5
+"""Largest error of encoders in X series servos. ams: AS5045 1.4° with its magnet 0.25 mm off centre, 0.9°
+with it centred; AS5601 1° with it centred. Robotis does not say how well magnets are centred."""
+
 _COVERAGE_DEG = 270.0
 
 
@@ -198,6 +202,11 @@ class BoundsConfig(FileModel):
     direction_deg: Annotated[Positive, Field(le=45)] | None = Field(
         default=None,
         description="Bound on the direction that carries the array, as calibration finds it; likewise.",
+    )
+    encoder_deg: Annotated[Length, Field(le=10)] = Field(
+        default=ENCODER_DEG,
+        description="Bound: encoders of both servos are off by at most this, as an angle of the servo; "
+        "position_mm and direction_deg are without it.",
     )
     deflection_mm_per_n: Annotated[Length, Field(le=1)] = Field(
         default=0.0,

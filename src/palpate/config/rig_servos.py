@@ -71,6 +71,17 @@ AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
 LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 
 
+EncoderHarmonics = Annotated[
+    tuple[Number, Number, Number, Number],
+    Field(
+        description="Error of its encoder, as calibration finds it: its angle is what it reads, from Goal "
+        "Position 2048, and a cos + b sin of that + c cos + d sin of twice that: [a, b, c, d].",
+    ),
+]
+
+NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
+
+
 class ServoConfig(FileModel):
     """A servo on the bus."""
 
@@ -128,6 +139,7 @@ class AimConfig(RotaryConfig):
         description="Bound: up to this force across the slide at the tip, friction holds the aim within its "
         "play; a greater one may push it to its flank. Without it: no force does.",
     )
+    encoder_harmonics_deg: EncoderHarmonics = NO_HARMONICS
 
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:
@@ -146,6 +158,7 @@ class JointConfig(RotaryConfig):
         description="Bound: up to this force at the tip, across its way to the joint, friction holds it "
         "within its play; a greater one may push it to its flank. Without it: no force does.",
     )
+    encoder_harmonics_deg: EncoderHarmonics = NO_HARMONICS
 
     @model_validator(mode="after")
     def _within_one_turn(self) -> Self:
@@ -197,6 +210,7 @@ class SlideConfig(ServoConfig):
         description="[back, front]: distance from base to tip centre where the slide meets its hard stops; "
         "calibration homes against them.",
     )
+    encoder_harmonics_deg: EncoderHarmonics = NO_HARMONICS
 
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:

@@ -190,6 +190,11 @@ class EmulationConfig(FileModel):
         default=0.0, description="Angles of arms' joints are off by up to this, besides their play."
     )
     link_error_mm: Length = Field(default=0.0, description="Lengths of arms' links are off by up to this.")
+    encoder_error_deg: Length = Field(
+        default=0.0,
+        description="Encoders of fingers' servos are off by up to this, in waves of one and of two periods a "
+        "turn.",
+    )
     base_error_mm: Length = Field(
         default=0.0, description="Bases are up to this far from where they should be."
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.drivers.kinematics import TICK_RAD, FingerBody, Line, Servos
+from palpate.drivers.kinematics import NO_ENCODER_ERROR, TICK_RAD, Encoder, FingerBody, Line, Servos
 
 
 @dataclass(frozen=True)
@@ -27,25 +27,31 @@ class ArmJoint:
     lo_rad: float
     hi_rad: float
     zero_bound_rad: float = 0.0
+    encoder: Encoder = NO_ENCODER_ERROR
 
     @property
     def bound_rad(self) -> float:
-        """Bound of the joint's error beside what the servo says, from zero, play and encoder steps."""
-        return self.zero_bound_rad + self.play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+        """Bound of the joint's error beside what the servo says, from zero, play and encoder."""
+        return self.zero_bound_rad + self.play_rad + TICK_RAD / 2 / abs(self.gear_ratio) + self.encoder_rad
+
+    @property
+    def encoder_rad(self) -> float:
+        """Share of the encoder's error in that, its steps apart."""
+        return self.encoder.bound_rad / abs(self.gear_ratio)
 
     def servo_rad(self, angle_rad: float) -> float:
         """Servo angle for a joint angle; nan outside of the joint's range."""
         if not self.lo_rad <= angle_rad <= self.hi_rad:
             return math.nan
-        return self.zero_rad + self.gear_ratio * angle_rad
+        return self.encoder.read_rad(self.zero_rad + self.gear_ratio * angle_rad)
 
     def angle_rad(self, servo_rad: float) -> float:
         """Joint angle for a servo angle."""
-        return (servo_rad - self.zero_rad) / self.gear_ratio
+        return (self.encoder.angle_rad(servo_rad) - self.zero_rad) / self.gear_ratio
 
     def within_range(self, servo_rad: float) -> float:
         """The nearest servo angle at which the joint is in its range."""
-        return self.zero_rad + self.gear_ratio * min(max(self.angle_rad(servo_rad), self.lo_rad), self.hi_rad)
+        return self.servo_rad(min(max(self.angle_rad(servo_rad), self.lo_rad), self.hi_rad))
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ class ArmKinematics:
 
     The sign of the elbow's range says to which side it bends. `length_bound_mm`: how far either length may
     be off; `link_width_mm`: of both links. `found_position_mm` and `found_direction_rad`, if given, are the
-    bounds on centre and direction that a calibration found, and all others are left aside.
+    bounds on centre and direction that a calibration found, and all others but encoders' are left aside.
     """
 
     base_mm: tuple[float, float]
@@ -74,7 +80,7 @@ class ArmKinematics:
     def direction_bound_rad(self) -> float:
         """Bound of the error of the last link's direction."""
         if self.found_direction_rad is not None:
-            return self.found_direction_rad
+            return self.found_direction_rad + self.shoulder.encoder_rad + self.elbow.encoder_rad
         return self.heading_bound_rad + self.shoulder.bound_rad + self.elbow.bound_rad
 
     def servos_rad(self, line: Line, travel_mm: float) -> Servos:
@@ -120,9 +126,10 @@ class ArmKinematics:
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """Bound of the true centre's distance from `centre_mm`."""
-        if self.found_position_mm is not None:
-            return self.found_position_mm
         lever = math.dist(self.base_mm, self.centre_mm(servos_rad))
+        if self.found_position_mm is not None:
+            encoders = lever * self.shoulder.encoder_rad + self.fore_mm * self.elbow.encoder_rad
+            return self.found_position_mm + encoders
         turned = (
             lever * (self.heading_bound_rad + self.shoulder.bound_rad) + self.fore_mm * self.elbow.bound_rad
         )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.base.geometry.plane import wrap_angle
-from palpate.drivers.kinematics import TICK_RAD, FingerBody, Line, Servos
+from palpate.drivers.kinematics import NO_ENCODER_ERROR, TICK_RAD, Encoder, FingerBody, Line, Servos
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class SlideKinematics:
     the base = zero_mm + mm_per_rad · servo. The `…_bound_…` fields are how far each may be off, either way:
     `travel_spread` is the share by which `mm_per_rad` may be, counted from Goal Position 0, where
     `zero_bound_mm` holds. `found_position_mm` and `found_direction_rad`, if given, are the bounds on centre
-    and direction that a calibration found, and all others are left aside.
+    and direction that a calibration found, and all others but encoders' are left aside.
     """
 
     base_mm: tuple[float, float]
@@ -38,17 +38,29 @@ class SlideKinematics:
     travel_spread: float = 0.0
     found_position_mm: float | None = None
     found_direction_rad: float | None = None
+    aim_encoder: Encoder = NO_ENCODER_ERROR
+    slide_encoder: Encoder = NO_ENCODER_ERROR
 
     @property
     def direction_bound_rad(self) -> float:
         """Bound of the error of the direction of travel."""
         if self.found_direction_rad is not None:
-            return self.found_direction_rad
+            return self.found_direction_rad + self._aim_encoder_rad
         return self._aimed_bound_rad
 
     @property
+    def _aim_encoder_rad(self) -> float:
+        return self.aim_encoder.bound_rad / abs(self.gear_ratio)
+
+    @property
     def _aimed_bound_rad(self) -> float:
-        return self.heading_bound_rad + self.aim_play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+        step = TICK_RAD / 2 / abs(self.gear_ratio)
+        return self.heading_bound_rad + self.aim_play_rad + step + self._aim_encoder_rad
+
+    @property
+    def slide_encoder_mm(self) -> float:
+        """Bound of the distance's error from the slide's encoder, its steps apart."""
+        return abs(self.mm_per_rad) * self.slide_encoder.bound_rad
 
     def _scale_bound_mm(self, servo_rad: float) -> float:
         """Bound of the distance's error from zero, travel per turn and the encoder's step."""
@@ -57,15 +69,15 @@ class SlideKinematics:
 
     def aim_servo_rad(self, aim_rad: float) -> float:
         """Servo angle for an aim."""
-        return self.aim_zero_rad + self.gear_ratio * aim_rad
+        return self.aim_encoder.read_rad(self.aim_zero_rad + self.gear_ratio * aim_rad)
 
     def slide_servo_rad(self, distance_mm: float) -> float:
         """Servo angle for a distance of the tip's centre from the base."""
-        return (distance_mm - self.zero_mm) / self.mm_per_rad
+        return self.slide_encoder.read_rad((distance_mm - self.zero_mm) / self.mm_per_rad)
 
     def distance_mm(self, servo_rad: float) -> float:
         """Distance of the tip's centre from the base for a servo angle."""
-        return self.zero_mm + self.mm_per_rad * servo_rad
+        return self.zero_mm + self.mm_per_rad * self.slide_encoder.angle_rad(servo_rad)
 
     def line(self, aim_rad: float, distance_mm: float) -> Line:
         """The way along the slide at an aim, from a distance on."""
@@ -94,8 +106,9 @@ class SlideKinematics:
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """Bound of the true centre's distance from `centre_mm`, along the slide and across it."""
         if self.found_position_mm is not None:
-            return self.found_position_mm
-        scale = self._scale_bound_mm(servos_rad[1])
+            aim_mm = (self.distance_mm(servos_rad[1]) + self.slide_encoder_mm) * self._aim_encoder_rad
+            return self.found_position_mm + math.hypot(self.slide_encoder_mm, aim_mm)
+        scale = self._scale_bound_mm(servos_rad[1]) + self.slide_encoder_mm
         along = self.slide_play_mm + abs(self.mm_per_rad) * TICK_RAD / 2 + scale
         across = (self.distance_mm(servos_rad[1]) + scale) * self._aimed_bound_rad
         return self.base_bound_mm + math.hypot(along, across)
@@ -110,5 +123,5 @@ class SlideKinematics:
         return FingerBody(np.array([self.base_mm]), np.array([tip]), np.array([tip_radius_mm]))
 
     def _along(self, aim_servo_rad: float) -> Line:
-        aim = (aim_servo_rad - self.aim_zero_rad) / self.gear_ratio
+        aim = (self.aim_encoder.angle_rad(aim_servo_rad) - self.aim_zero_rad) / self.gear_ratio
         return Line(self.base_mm, self.heading_rad + aim)

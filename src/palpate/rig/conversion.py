@@ -15,9 +15,9 @@ from palpate.config import (
     RigFile,
     TipConfig,
 )
-from palpate.config.rig_servos import SlideConfig
+from palpate.config.rig_servos import AimConfig, JointConfig, SlideConfig
 from palpate.drivers.dynamixel import specification
-from palpate.drivers.kinematics import Line
+from palpate.drivers.kinematics import Encoder, Line
 from palpate.drivers.tactile import Corner, Mounting, Shape
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange
 
@@ -86,6 +86,12 @@ def calibrated_direction_rad(finger: FingerConfig) -> float | None:
     """Bound on the finger's direction that a calibration found; None without one."""
     found = finger.bounds.direction_deg
     return None if found is None else math.radians(found)
+
+
+def encoder_of(finger: FingerConfig, servo: AimConfig | SlideConfig | JointConfig) -> Encoder:
+    """Encoder of one of a finger's servos."""
+    a, b, c, d = (math.radians(value) for value in servo.encoder_harmonics_deg)
+    return Encoder((a, b, c, d), math.radians(finger.bounds.encoder_deg))
 
 
 def tip_bound_mm(finger: FingerConfig) -> float:

@@ -240,6 +240,10 @@ class EmulatedServo:
         """
         return self._inner.run(dt_s, steps) if self._powered else self._inner.motion.run(dt_s, steps)[0]
 
+    def set_encoder(self, *waves: tuple[float, float]) -> None:
+        """Let its encoder be off as `ServoDrive.set_encoder`."""
+        self._unit.drive.set_encoder(*waves)
+
     def report_hardware_error(self, bits: int) -> None:
         """Latch bits of Hardware Error Status until a reboot; torque goes off if Shutdown selects them.
 

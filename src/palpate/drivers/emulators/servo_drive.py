@@ -44,6 +44,7 @@ _RAD_PER_TICK = 2 * math.pi / _TICKS
 _VELOCITY_UNIT = 0.229 * 2 * math.pi / 60  # rad/s
 _ACCELERATION_UNIT = 214.577 * 2 * math.pi / 3600  # rad/s²
 _FULL_DUTY = 885
+_INVERSE_ROUNDS = 4  # errors of a few degrees are below a tick's hundredth then
 _IN_POSITION_TICKS = 5  # the manual says "a predefined value"
 _SINGLE_TURN_OFFSET = 1024  # largest Homing Offset that counts in Position Control Mode
 
@@ -80,6 +81,15 @@ class ServoDrive:
         self._velocity = VelocityLaw(0.0, 0.0)
         self._extras = PositionTerms(0.0, 0.0)
         self._reported: tuple[float, ...] = ()
+        self._encoder_waves: tuple[tuple[float, float], ...] = ()
+
+    def set_encoder(self, *waves: tuple[float, float]) -> None:
+        """Let the encoder be off by sines of one, two … periods a turn: amplitudes and phases (rad).
+
+        Loop and items see its reading. A profile runs evenly in the shaft's angle.
+        """
+        self._encoder_waves = waves
+        self._reported = ()
 
     def power_up(self) -> None:
         """Begin with the table as it is after a start: turns are lost, nothing moves."""
@@ -201,9 +211,10 @@ class ServoDrive:
                 "Present PWM": sign * round(motion.duty * _FULL_DUTY),
                 "Present Current": sign * round(motion.current_a / self._current_unit_a),
                 "Present Velocity": sign * round(motion.velocity_rad_s / _VELOCITY_UNIT),
-                "Present Position": round(sign * motion.shaft_rad / _RAD_PER_TICK) + shift,
+                "Present Position": round(sign * self._read_rad(motion.shaft_rad) / _RAD_PER_TICK) + shift,
                 "Velocity Trajectory": sign * round(following / _VELOCITY_UNIT),
-                "Position Trajectory": round(sign * motion.reference_rad / _RAD_PER_TICK) + shift,
+                "Position Trajectory": round(sign * self._read_rad(motion.reference_rad) / _RAD_PER_TICK)
+                + shift,
             }
         )
         self._reported = seen
@@ -263,7 +274,7 @@ class ServoDrive:
 
     def _move_to(self, tick: int) -> None:
         absolute = tick - self._homing_offset() + self._turn_ticks
-        goal = (absolute - _ZERO_TICK) * _RAD_PER_TICK * self._sign
+        goal = self._shaft_rad((absolute - _ZERO_TICK) * _RAD_PER_TICK * self._sign)
         distance = abs(goal - self._motion.reference_rad)
         velocity, acceleration = self._rates()
         if self._drive_mode() & TIME_BASED:
@@ -298,7 +309,19 @@ class ServoDrive:
         return offset
 
     def _encoder(self) -> int:
-        return round(self._sign * self._motion.shaft_rad / _RAD_PER_TICK) + _ZERO_TICK
+        return round(self._sign * self._read_rad(self._motion.shaft_rad) / _RAD_PER_TICK) + _ZERO_TICK
+
+    def _read_rad(self, shaft_rad: float) -> float:
+        """Angle that the encoder says of the shaft."""
+        waves = enumerate(self._encoder_waves, start=1)
+        return shaft_rad + sum(size * math.sin(k * shaft_rad + phase) for k, (size, phase) in waves)
+
+    def _shaft_rad(self, read_rad: float) -> float:
+        """Angle of the shaft of which the encoder says `read_rad`."""
+        shaft = read_rad
+        for _ in range(_INVERSE_ROUNDS if self._encoder_waves else 0):
+            shaft += read_rad - self._read_rad(shaft)
+        return shaft
 
 
 def _profile_shape(velocity: float, acceleration: float, distance: float) -> _ProfileType:

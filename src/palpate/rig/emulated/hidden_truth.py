@@ -233,6 +233,8 @@ _LEAST_CHANGE_V = 0.05
 
 def add_imperfections(bench: Bench, rig: RigFile, seed: int) -> None:
     """Let servos, supply and screws of a bench be as they are drawn."""
+    if rig.emulation is not None and rig.emulation.encoder_error_deg:
+        _add_encoder_errors(bench, math.radians(rig.emulation.encoder_error_deg), seed)
     drawn = None if rig.emulation is None else rig.emulation.mechanics
     if drawn is None:
         return
@@ -246,6 +248,16 @@ def add_imperfections(bench: Bench, rig: RigFile, seed: int) -> None:
     at, by = float(rng.uniform(*drawn.slip_after_s)), draw(drawn.slip_mm, 0.0, rng)
     if by:
         bench.happenings.append((at, partial(slipping.slip, by)))
+
+
+def _add_encoder_errors(bench: Bench, most_rad: float, seed: int) -> None:
+    """Let magnets of fingers' servos sit off centre: waves of one and two periods, `most_rad` together."""
+    rng = np.random.default_rng([seed, 16])
+    for finger in bench.fingers:
+        for servo in finger.servos:
+            size, share = most_rad * rng.uniform(0.3, 1), rng.uniform()
+            first, second = rng.uniform(0, 2 * math.pi, 2).tolist()
+            servo.set_encoder((size * share, first), (size * (1 - share), second))
 
 
 def _add_servo_imperfections(servo: EmulatedServo, drawn: MechanicsConfig, rng: np.random.Generator) -> None:

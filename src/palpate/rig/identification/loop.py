@@ -456,8 +456,11 @@ def check_accuracy(rig: RigFile, file: str | None) -> None:
                 else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
                 "if they hold"
             )
+            known = finger.replace_in_tables(bounds={"encoder_deg": 0.0})
+            encoders = off - mechanism_of(known).middle_bound_mm - tip_bound_mm(known)
             raise InputError(
                 f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
-                f"than {finger.tip.kind.radius_words} ({finger.tip.radius_mm:g} mm): too little is known of "
-                f"this rig to identify parts; {remedy}"
+                f"than {finger.tip.kind.radius_words} ({finger.tip.radius_mm:g} mm), {encoders:.1f} mm of it "
+                f"through its servos' encoders (bounds.encoder_deg): too little is known of this rig to "
+                f"identify parts; {remedy}"
             )

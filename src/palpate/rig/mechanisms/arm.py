@@ -15,7 +15,7 @@ from palpate.config import ARM_MARGIN_MM, ArmFingerConfig, JointConfig, RigFile
 from palpate.drivers.arm_kinematics import ArmJoint, ArmKinematics
 from palpate.drivers.dynamixel import Servo
 from palpate.drivers.kinematics import FingerBody, Line, Servos
-from palpate.rig.conversion import array_bound_rad, calibrated_direction_rad
+from palpate.rig.conversion import array_bound_rad, calibrated_direction_rad, encoder_of
 from palpate.rig.mechanisms.arm_drive import MIN_FORCE_TRANSMISSION, ArmDrive, Place, point_on_circle
 from palpate.rig.mechanisms.mechanism import (
     CIRCLE_SPEED_MM_S,
@@ -49,8 +49,8 @@ def arm_kinematics(finger: ArmFingerConfig) -> ArmKinematics:
         heading_rad=math.radians(finger.heading_deg),
         upper_mm=finger.links.upper_mm,
         fore_mm=finger.links.fore_mm,
-        shoulder=_joint(finger.shoulder),
-        elbow=_joint(finger.elbow),
+        shoulder=_joint(finger, finger.shoulder),
+        elbow=_joint(finger, finger.elbow),
         link_width_mm=finger.links.width_mm,
         base_bound_mm=finger.bounds.base_mm,
         heading_bound_rad=math.radians(finger.bounds.heading_deg),
@@ -60,10 +60,11 @@ def arm_kinematics(finger: ArmFingerConfig) -> ArmKinematics:
     )
 
 
-def _joint(servo: JointConfig) -> ArmJoint:
+def _joint(finger: ArmFingerConfig, servo: JointConfig) -> ArmJoint:
     lo, hi = (math.radians(value) for value in servo.range_deg)
     play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
-    return ArmJoint(servo.gear_ratio, zero, play, lo, hi, math.radians(servo.zero_bound_deg))
+    off = math.radians(servo.zero_bound_deg)
+    return ArmJoint(servo.gear_ratio, zero, play, lo, hi, off, encoder_of(finger, servo))
 
 
 class ArmMechanism(Mechanism):
@@ -153,7 +154,7 @@ class ArmMechanism(Mechanism):
         ):
             at = math.degrees(joint.angle_rad(angle))
             lo, hi = config.range_deg
-            slack = config.backlash_deg + _JOINT_SLACK_DEG
+            slack = config.backlash_deg + math.degrees(joint.encoder_rad) + _JOINT_SLACK_DEG
             if not lo - slack <= at <= hi + slack:
                 return (
                     f"its {key} (servo {dxl_id}) stands at {at:.1f}°, outside its range {lo:g} … {hi:g}°; "

@@ -14,7 +14,7 @@ from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.dynamixel import OperatingMode, Servo, ServoGoals
 from palpate.drivers.kinematics import Line, Servos
 from palpate.drivers.slide_kinematics import SlideKinematics
-from palpate.rig.conversion import calibrated_direction_rad
+from palpate.rig.conversion import calibrated_direction_rad, encoder_of
 from palpate.rig.mechanisms.mechanism import (
     ACCELERATION_RAD_S2,
     AIM_CURRENT_A,
@@ -58,6 +58,8 @@ def slide_kinematics(finger: SlideFingerConfig) -> SlideKinematics:
         travel_spread=finger.slide.mm_per_turn_spread,
         found_position_mm=finger.bounds.position_mm,
         found_direction_rad=calibrated_direction_rad(finger),
+        aim_encoder=encoder_of(finger, finger.aim),
+        slide_encoder=encoder_of(finger, finger.slide),
     )
 
 
@@ -120,8 +122,8 @@ class SlideMechanism(Mechanism):
             return None
         distance = self.kinematics.distance_mm(angles_rad[1])
         lo, hi = self.spec.slide.range_mm
-        play = self.spec.slide.backlash_mm
-        if lo - play <= distance <= hi + play:
+        slack = self.spec.slide.backlash_mm + self.kinematics.slide_encoder_mm
+        if lo - slack <= distance <= hi + slack:
             return None
         return (
             f"its slide (servo {dxl_ids[1]}) stands at {distance:.1f} mm, outside its range "

@@ -103,7 +103,7 @@ def forget_turn(bus: Bus, finger: HostFinger) -> None:
 def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
     """True if a slide's tip can stand at the distance that its servo's angle says."""
     stops = _stops(finger)
-    slack = _stop_tolerance_mm(stops.slide)
+    slack = _stop_tolerance_mm(stops.slide) + stops.kinematics.slide_encoder_mm
     distance = stops.kinematics.distance_mm(angle_rad)
     return stops.back_mm - slack <= distance <= stops.front_mm + slack + stops.slide.off_mm(stops.front_mm)
 
