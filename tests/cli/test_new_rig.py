@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 from collections.abc import Callable
 from importlib.resources import as_file
@@ -445,7 +446,9 @@ def test_a_rig_that_is_not_known_well_is_not_identified_with(rig: Path, here: He
     ended = here("identify", "--rig", rig, "--sessions", rig.parent / "s")
     assert ended.code == 2
     said = " ".join(ended.err.split())
-    assert "may be off by 13.5 mm, more than radius_mm (5 mm)" in said
+    assert re.search(
+        r"may be off by 1\d\.\d mm, more than radius_mm \(5 mm\), \d\.\d mm of it .*encoder_deg", said
+    )
     assert "palpate calibrate --rig" in said
 
 
