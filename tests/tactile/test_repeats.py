@@ -57,6 +57,7 @@ def test_a_hung_array_is_told_where_its_noise_is_known() -> None:
     frames = _frames(np.repeat(_noise(np.random.default_rng(2), 1, 2.0, 0.0), 40, axis=0))
     assert count_repeats(frames, 2.0).certain
     assert not count_repeats(frames).certain
+    assert count_repeats(frames, 2.0).last == 39
     alive = count_repeats(_frames(_noise(np.random.default_rng(3), 64, 1.0, 5.0)))
     assert alive.are_stuck(3)
     assert not alive.are_stuck(0)

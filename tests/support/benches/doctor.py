@@ -28,6 +28,7 @@ from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase
 from palpate.rig.emulated.devices import emulate, on_mock_wires
 from palpate.rig.session.calibration_drift import devices_of
 from support.benches.calibration_files import MADE, empty_calibration, full_calibration
+from support.devices.spoilt_taxels import Spoil, drop_rows, hold, interference, loose, spoil
 
 # ----------------------------------------------------------------------------------------------------
 # An emulated set-up in which faults are planted, as `palpate doctor` examines it.
@@ -308,6 +309,11 @@ def _skin(finger: int, **faults: Any) -> Plant:
     return lambda found: found.skin(finger, **faults)
 
 
+def _spoilt(how: Spoil) -> Plant:
+    """Array f2's counts are spoilt before they are sent."""
+    return lambda found: spoil(found.array(1), how)
+
+
 def _says(**fields: Any) -> Plant:
     """Array f2 says something else of itself."""
 
@@ -488,6 +494,11 @@ FAULTS = (
     Fault("an array with a broken supply", Cause.ARRAY_HARDWARE, "f2", _broken(SelfTestResult.SUPPLY)),
     Fault("frames get lost", Cause.FRAMES_LOST, "f2", _array_wire("f2", FaultRates(lost=0.03))),
     Fault("too much noise", Cause.NOISE, "f2", _skin(1, noise_counts=60.0)),
+    Fault("samples that are sent again", Cause.FRAMES_REPEATED, "f2", _spoilt(hold(30.0))),
+    Fault("an array that hangs", Cause.ARRAY_HUNG, "f2", _spoilt(hold(1e4, until_s=0.0))),
+    Fault("interference", Cause.INTERFERENCE, "f2", _spoilt(interference(30.0))),
+    Fault("rows that drop", Cause.UNSTEADY_ROW, "f2", _spoilt(drop_rows(0.05))),
+    Fault("a taxel that is loose", Cause.UNSTEADY_TAXEL, "f2", _spoilt(loose(0.01))),
     Fault("zeros that drift", Cause.DRIFT, "f2", _skin(1, drift_counts_per_s=5.0)),
     Fault("a force scale off by ten", Cause.FORCE_SCALE, "f2", _says(counts_per_n=20_000.0)),
     Fault("touches harder than parts bear", Cause.TOUCH_TOO_HARD, "touches", _describe(_quick_search)),

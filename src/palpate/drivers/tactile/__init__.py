@@ -5,6 +5,7 @@ from palpate.drivers.tactile.baseline import BOUND_SIGMAS, Baseline
 from palpate.drivers.tactile.columns import column_windows, windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.description import Corner, Description, Mounting, Shape
+from palpate.drivers.tactile.disturbances import Disturbances, find_disturbances
 from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frames import (
     ArrayCounters,
@@ -40,6 +41,7 @@ __all__ = [
     "Corner",
     "Describe",
     "Description",
+    "Disturbances",
     "FrameStream",
     "FrameTimes",
     "Hello",
@@ -58,6 +60,7 @@ __all__ = [
     "TipCalibration",
     "column_windows",
     "count_repeats",
+    "find_disturbances",
     "is_new",
     "windows_within",
 ]

@@ -15,6 +15,8 @@ from palpate.base.geometry import Bools
 from palpate.drivers.tactile.frames import TactileFrame
 
 _MAX_CHANCE = 1e-6
+_LEAST = 1e-300  # chance, that logarithms need
+_STRETCH_FRAMES = 64
 
 
 @dataclass(frozen=True)
@@ -22,25 +24,19 @@ class Repeats:
     """Repetitions among some frames: `repeated` of `frames` after the first are as the one before.
 
     `chance`: for noise alone to leave all taxels as they were, at most. `rate_hz`: new readings a second.
+    `certain`: noise does not explain as many. `last`: so many frames at the end repeat.
     """
 
     frames: int
     repeated: int
     chance: float
     rate_hz: float
-
-    @property
-    def certain(self) -> bool:
-        """True if noise does not explain as many."""
-        share, chance = self.repeated / self.frames, max(self.chance, 1e-300)
-        if share <= chance:
-            return False
-        changed = 0.0 if share == 1 else (1 - share) * math.log((1 - share) / (1 - chance))
-        return self.frames * (share * math.log(share / chance) + changed) > -math.log(_MAX_CHANCE)
+    certain: bool
+    last: int
 
     def are_stuck(self, in_a_row: int) -> bool:
         """Return whether so many repeated frames in a row are no chance."""
-        return in_a_row > 0 and max(self.chance, 1e-300) ** in_a_row < _MAX_CHANCE
+        return in_a_row > 0 and max(self.chance, _LEAST) ** in_a_row < _MAX_CHANCE
 
 
 def is_new(frames: Sequence[TactileFrame], before: TactileFrame | None = None) -> Bools:
@@ -64,8 +60,29 @@ def count_repeats(frames: Sequence[TactileFrame], noise_counts: float = 0.0) -> 
     counts = np.stack([frame.counts for frame in frames])
     changed = counts[1:] != counts[:-1]
     new = changed.any(axis=(1, 2))
-    chance = float(np.prod(1 - changed.mean(axis=0)))
+    # Where drift takes readings to 0 noise goes, too: each stretch is judged by itself.
+    stretches = np.array_split(np.arange(len(new)), max(len(new) // _STRETCH_FRAMES, 1))
+    chances = [float(np.prod(1 - changed[part].mean(axis=0))) for part in stretches]
     if noise_counts > 0:  # whatever its mean, a taxel reads one value above 0 with this chance at most
-        chance = min(chance, math.erf(0.5 / (noise_counts * math.sqrt(2))) ** int((counts[-1] > 0).sum()))
+        still = math.erf(0.5 / (noise_counts * math.sqrt(2)))
+        above = [int((counts[part[-1]] > 0).sum()) for part in stretches]
+        chances = [min(chance, still**taxels) for chance, taxels in zip(chances, above, strict=True)]
+    evidence = sum(_evidence(~new[part], chance) for part, chance in zip(stretches, chances, strict=True))
     span_s = frames[-1].device_time_s - frames[0].device_time_s
-    return Repeats(len(new), int((~new).sum()), chance, float(new.sum()) / span_s if span_s > 0 else 0.0)
+    return Repeats(
+        frames=len(new),
+        repeated=int((~new).sum()),
+        chance=max(chances),
+        rate_hz=float(new.sum()) / span_s if span_s > 0 else 0.0,
+        last=int(np.argmax(new[::-1])) if new.any() else len(new),
+        certain=evidence > len(stretches) - math.log(_MAX_CHANCE),
+    )
+
+
+def _evidence(repeated: Bools, chance: float) -> float:
+    """Minus the logarithm of the chance that as many of some frames repeat, at most (Chernoff)."""
+    share, chance = float(repeated.mean()), max(chance, _LEAST)
+    if share <= chance:
+        return 0.0
+    new = 0.0 if share == 1 else (1 - share) * math.log((1 - share) / (1 - chance))
+    return len(repeated) * (share * math.log(share / chance) + new)

@@ -24,11 +24,15 @@ from palpate.drivers.tactile import (
     ArrayExchange,
     Describe,
     Description,
+    Disturbances,
     Hello,
     Port,
+    Repeats,
     SelfTestReport,
     TactileArray,
     TactileFrame,
+    count_repeats,
+    find_disturbances,
 )
 from palpate.drivers.transport import has_baudrate
 from palpate.rig.arrays import array_of, array_plugin
@@ -261,6 +265,7 @@ class UntouchedStatistics:
     read 0, as one does whose zero has drifted below what can be read. `noise_counts`: median of the live
     taxels' standard deviations. `drift_counts_per_s`: the fastest drift that is certain, in absolute value, 0
     if none is; `drifting`: how many taxels' is beyond what was allowed.
+    `repeats`: frames that carry no new reading; `disturbed`: those that something else has moved.
     """
 
     dead: Bools
@@ -271,12 +276,16 @@ class UntouchedStatistics:
     drift_counts_per_s: float
     drifting: int
     tells_dead: bool
+    repeats: Repeats
+    disturbed: Disturbances
 
 
 def analyse_untouched(
-    frames: Sequence[TactileFrame], max_count: int, allowed_drift: float
+    frames: Sequence[TactileFrame], max_count: int, allowed_drift: float, known_noise: float = 0.0
 ) -> UntouchedStatistics | None:
     """Look at frames of an array that nothing touches; None if they are too few.
+
+    `known_noise` (counts): as it was calibrated, 0 if it was not.
 
     A taxel drifts for certain if a straight line through the means of a dozen stretches is steeper than
     `allowed_drift` (counts/s) by six times its error. The error comes from how far the means lie off the
@@ -301,7 +310,18 @@ def analyse_untouched(
     unsteady = live & (_frame_noise(counts) > _UNSTEADY_RATIO * max(noise, _MIN_NOISE_COUNTS))
     beyond = live & ~unsteady & (np.abs(slope) - allowed_drift > _DRIFT_SIGMAS * error)
     fastest = float(np.abs(slope)[beyond].max()) if beyond.any() else 0.0
-    return UntouchedStatistics(dead, dead & low, hot, unsteady, noise, fastest, int(beyond.sum()), certain)
+    return UntouchedStatistics(
+        dead,
+        dead & low,
+        hot,
+        unsteady,
+        noise,
+        fastest,
+        int(beyond.sum()),
+        certain,
+        count_repeats(frames, known_noise),
+        find_disturbances(counts, live, max_count),
+    )
 
 
 def _frame_noise(counts: Floats) -> Floats:
@@ -340,5 +360,7 @@ def look_at_untouched(item: ExaminedArray) -> UntouchedArray:
     assert item.description is not None, "it introduced itself"
     taxels = item.spec.array.taxels
     known = frozenset() if taxels is None else frozenset(taxels.unusable)
-    shown = analyse_untouched(item.frames, item.description.max_count, item.spec.array.drift_counts_per_s)
+    noise = 0.0 if taxels is None else taxels.noise_counts
+    drift = item.spec.array.drift_counts_per_s
+    shown = analyse_untouched(item.frames, item.description.max_count, drift, noise)
     return UntouchedArray(item, shown, known)

@@ -25,6 +25,7 @@ from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, join_words, name_flag, warning, wrong
 
 _MAX_RADIUS_ERROR_SHARE = 0.1
+_HUNG_SHARE = 0.1  # of the frames, at the end
 _MAX_SCALE_RATIO = 2.0  # factor between what should be the same
 
 
@@ -202,7 +203,9 @@ def _odd_shape(item: ExaminedArray) -> list[FindingOut]:
 def judge_frames(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Rates of frames, and those that are lost or damaged."""
     wanted, arrays = case.rig.closing.sample_rate_hz, readings.untouched
-    findings = [found for array in arrays for found in _stream(array.seen, wanted)]
+    findings = [
+        found for array in arrays for found in (*_stream(array.seen, wanted), *_repeated(array, wanted))
+    ]
     rates = [f"{frame_rate_hz(array.seen.frames):.0f}" for array in arrays]
     lost = sum(array.seen.lost for array in arrays)
     return f"{join_words(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged", findings
@@ -255,6 +258,32 @@ def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
     ]
 
 
+def _repeated(array: UntouchedArray, wanted: float) -> list[FindingOut]:
+    """Frames that carry no new reading."""
+    if array.shown is None:
+        return []
+    repeats, device = array.shown.repeats, array.seen.device
+    if repeats.last > _HUNG_SHARE * repeats.frames:
+        saw = f"the last {repeats.last + 1} frames carry one and the same reading, taxel by taxel"
+        if repeats.certain:
+            why = "it hangs: its firmware sends on without sampling, and would feel nothing"
+            return [wrong(Cause.ARRAY_HUNG, device, saw, why, "power it off and on, then run this again")]
+        why = "it has no noise at all, or it hangs and would feel nothing"
+        do = f"press the tip of finger {array.seen.spec.name} while palpate watch shows it: it must change"
+        return [warning(Cause.ARRAY_HUNG, device, saw, why, do)]
+    if not repeats.certain:
+        return []
+    saw = (
+        f"only {repeats.rate_hz:.0f} of {wanted:g} frames a second carry a new reading; the others repeat it"
+    )
+    why = f"it samples more slowly than it sends: what it shows is up to {1e3 / repeats.rate_hz:.0f} ms old"
+    do = (
+        f"let its firmware sample as fast as it sends, or write sample_rate_hz = "
+        f"{max(math.floor(repeats.rate_hz), 1)} below [closing]"
+    )
+    return [warning(Cause.FRAMES_REPEATED, device, saw, why, do)]
+
+
 def judge_noise(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Noise that would pass for a contact, and zeros that move."""
     heard = [(array, array.shown) for array in readings.untouched if array.shown is not None]
@@ -283,6 +312,8 @@ def _noise_and_drift(
                 "leave it on for ten minutes with nothing near the tip, then run this again",
             )
         ]
+    if (found := _disturbed(array, shown)) or shown.unsteady.any():  # which the taxel map has
+        return found
     extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
     extractor.tare(array.seen.frames)
     noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
@@ -302,6 +333,28 @@ def _noise_and_drift(
         return []
     means, _, do = doubt.partition("; ")[2].partition(": ")
     return [warning(Cause.HIDDEN_PUSH, array.seen.device, doubt.partition("; ")[0], means, do)]
+
+
+def _disturbed(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:
+    """Readings that something else than a touch moves."""
+    disturbed, device = shown.disturbed, array.seen.device
+    if disturbed.common:
+        saw = (
+            f"all taxels jump together, by up to {disturbed.common_counts:.0f} counts, in "
+            f"{disturbed.common} of {disturbed.frames} frames"
+        )
+        why = "interference comes in by supply or cable, and passes for contacts"
+        do = "switch the servos' supply off: if it goes, part the cables and join the grounds"
+        return [wrong(Cause.INTERFERENCE, device, saw, why, do)]
+    if not disturbed.rows:
+        return []
+    rows, times = join_words([str(row) for row in disturbed.rows]), sum(disturbed.rows.values())
+    saw = (
+        f"whole rows ({rows}) jump by up to {disturbed.row_counts:.0f} counts, {times} times in "
+        f"{disturbed.frames} frames"
+    )
+    why = "a line of the rows or the multiplexer that switches them has a loose contact"
+    return [wrong(Cause.UNSTEADY_ROW, device, saw, why, "check the flat cable between skin and electronics")]
 
 
 def judge_scale(_case: DiagnosisCase, readings: Readings) -> Judgement:
@@ -380,6 +433,9 @@ def _bad_taxels(array: UntouchedArray, leave_out: str) -> list[FindingOut]:
     dead, hot, unsteady = (np.zeros((described.rows, described.cols), dtype=bool) for _ in range(3))
     if shown is not None:
         dead, hot, unsteady = shown.dead.copy(), shown.hot.copy(), shown.unsteady.copy()
+        unsteady[list(shown.disturbed.rows)] = False
+        for place in shown.disturbed.taxels:
+            unsteady[place] = True
         if (
             shown.drifting and array.seen.report is not None
         ):  # which says what is dead; these have drifted to 0
