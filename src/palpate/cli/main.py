@@ -64,9 +64,6 @@ class ExitCode(IntEnum):
     DEVICE = 3
     SAFETY = 4
     OUTPUT = 5
-    HUNG_UP = 128 + signal.SIGHUP
-    INTERRUPTED = 128 + signal.SIGINT
-    TERMINATED = 128 + signal.SIGTERM
 
 
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
@@ -181,7 +178,7 @@ def _report(error: Interrupted | PalpateError | MemoryError) -> int:
     """Say what ended the command."""
     match error:
         case Interrupted():
-            return _say("interrupted", ExitCode(128 + error.signal), _notes(error))
+            return _say("interrupted", 128 + error.signal, _notes(error))
         case MemoryError():
             return _say("error: out of memory", ExitCode.OUTPUT, _notes(error))
     word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))

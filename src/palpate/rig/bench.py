@@ -100,13 +100,13 @@ def environment(
         return ports.open(bench.urls(port), baudrate)
 
     if sink is None:
-        return Environment(bench.clock, open_raw, latency_s)
+        return Environment(bench.clock, open_raw, latency_s, is_real=bench.mock is None)
     recorder = Recorder(bench.clock, sink, check)
 
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))
 
-    return Environment(recorder.clock, open_recorded, latency_s, recorder.check)
+    return Environment(recorder.clock, open_recorded, latency_s, recorder.check, bench.mock is None)
 
 
 def connect(

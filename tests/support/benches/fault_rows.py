@@ -318,7 +318,7 @@ FAULTS: tuple[Fault, ...] = (
         travel_mm=2 * UNHEARD_MM,
     ),
     Fault(
-        "the computer stops, or palpate is killed",
+        "the computer stops",
         _die,
         "Bus Watchdog stops a move within 0.5 s, **with torque on**; `palpate stop` switches it off",
         "nothing; the log is whole up to its last 0.1 s",

@@ -1,6 +1,6 @@
 """Dynamixel servos over Protocol 2.0: the host side, and the packet codec that the emulators share."""
 
-from palpate.drivers.dynamixel.bus import Bus, GroupRead, Ping
+from palpate.drivers.dynamixel.bus import TORQUE_OFF_PACKET, Bus, GroupRead, Ping
 from palpate.drivers.dynamixel.bus_scan import (
     ALL_IDS,
     FoundServo,
@@ -99,6 +99,7 @@ __all__ = [
     "RAD_PER_TICK",
     "RETURN_DELAY_UNIT_S",
     "SPECIFICATIONS",
+    "TORQUE_OFF_PACKET",
     "UNKNOWN_LATENCY_S",
     "Access",
     "AnsweringLate",

@@ -38,7 +38,14 @@ from palpate.drivers.dynamixel.errors import (
     raise_first,
 )
 from palpate.drivers.dynamixel.exchanges import RETRIES, UNKNOWN_LATENCY_S, TableBlock, Timing, extract_block
-from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
+from palpate.drivers.dynamixel.packet import (
+    BROADCAST_ID,
+    MAX_ID,
+    Instruction,
+    InstructionPacket,
+    StatusPacket,
+    encode_instruction,
+)
 from palpate.drivers.dynamixel.transceiver import (
     BusCounts,
     Loss,
@@ -344,8 +351,7 @@ class Bus:
         """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
         with self._exchanging():
             item = TORQUE_ENABLE
-            params = _words(item.address) + item.encode(0)
-            self._transceiver.tell(BROADCAST_ID, params, (item.address, item.size))
+            self._transceiver.tell(BROADCAST_ID, _TORQUE_OFF, (item.address, item.size))
 
     def _use(self, port: SerialBase) -> None:
         self._port = port
@@ -477,3 +483,8 @@ def _ping_of(answer: StatusPacket) -> Ping:
 
 def _words(*values: int) -> bytes:
     return b"".join(value.to_bytes(2, "little") for value in values)
+
+
+_TORQUE_OFF = _words(TORQUE_ENABLE.address) + TORQUE_ENABLE.encode(0)
+TORQUE_OFF_PACKET = encode_instruction(InstructionPacket(BROADCAST_ID, Instruction.WRITE, _TORQUE_OFF))
+"""What `Bus.broadcast_torque_off` sends."""

@@ -19,6 +19,7 @@ from serial.serialutil import SerialBase
 from palpate.base.errors import DeviceError, SafetyStop
 from palpate.config import RigFile
 from palpate.drivers.dynamixel import (
+    TORQUE_OFF_PACKET,
     Bus,
     MoveEnd,
     Mover,
@@ -49,6 +50,7 @@ from palpate.rig.motion.array_guard import (
     note_what_is_on,
     switch_off,
 )
+from palpate.rig.motion.dead_man import DeadManSwitch
 from palpate.rig.motion.homing import (
     HomingPolicy,
     forget_turn,
@@ -101,6 +103,7 @@ class Hand:
         self.notice = notice
         self._check = check
         self._program_end = ProgramEnd()
+        self._dead_man: DeadManSwitch | None = None
         self._array_guard = ArrayGuard(clock, rig.closing)
         self._ports: list[SerialBase] = []
         self._arrays = HandArrays(clock)
@@ -158,8 +161,19 @@ class Hand:
 
     def _switch_off(self) -> list[DeviceError]:
         failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
+        if self._dead_man is not None:
+            self._dead_man.release()
         self._arrays.stop()
         return failed
+
+    def set_dead_man(self) -> None:
+        """Have torque switched off, should this program be killed; for real ports. Call before `prepare`."""
+        try:
+            self._dead_man = DeadManSwitch(self.bus.port_name, self.rig.bus.baudrate_bps, TORQUE_OFF_PACKET)
+        except OSError as error:
+            self.notice(
+                f"no process watches over this one ({error.strerror}): if it is killed, torque stays on"
+            )
 
     def prepare(self, *, home: HomingPolicy = HomingPolicy.UNKNOWN) -> None:
         """Write and check limits, switch torque on where everything stands, home slides, come to standby.
@@ -444,16 +458,21 @@ class Hand:
 class Environment:
     """A clock, what opens ports, and what the bus's adapter may add to an answer (s). Nothing else steers.
 
-    `check` raises OutputError if the run should end because its recording has failed.
+    `check` raises OutputError if the run should end because its recording has failed. `is_real`: there are
+    servos whose torque must not stay on if this program is killed.
     """
 
     clock: Clock
     open_port: OpenPort
     latency_s: float
     check: Callable[[], None] = lambda: None
+    is_real: bool = False
 
     def hand(self, rig: RigFile, notice: Callable[[str], None] = lambda _: None) -> Hand:
         """The rig's hand, connected; `notice` is told what the operator should do. Raises as `Hand` does."""
-        return Hand(
+        hand = Hand(
             rig, self.clock, self.open_port, latency_s=self.latency_s, notice=notice, check=self.check
         )
+        if self.is_real:
+            hand.set_dead_man()
+        return hand

@@ -20,6 +20,9 @@ INTERRUPTS = {
     signal.SIGINT: "interrupted",
     signal.SIGTERM: "terminated",
     signal.SIGHUP: "hung_up",  # its terminal was closed
+    signal.SIGXCPU: "cpu_time",  # its limit of computing time is reached; killed at the hard limit
+    signal.SIGUSR1: "sigusr1",  # batch systems warn by these
+    signal.SIGUSR2: "sigusr2",
 }
 """Signals that end a command in order, and what session logs call the end then."""
 
@@ -41,7 +44,7 @@ class Interrupted(BaseException):
 
 
 class HeldInterrupts:
-    """Holds SIGINT, SIGTERM and SIGHUP back for `check`, which does what their handlers would have done.
+    """Holds the signals of `INTERRUPTS` back for `check`, which does what their handlers would have done.
 
     Use as a context manager; outside of the main thread, which alone gets signals, it does nothing.
     """
@@ -95,12 +98,12 @@ class HeldInterrupts:
             os.kill(os.getpid(), number)
 
 
-_UNWINDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+_UNWINDING_SIGNALS = [number for number in INTERRUPTS if number != signal.SIGINT]
 
 
 @contextmanager
 def unwind_on_signals() -> Iterator[None]:
-    """Unwind for SIGTERM and SIGHUP, which would else end the process at once, torque on; SystemExit then.
+    """Unwind for SIGTERM and the like, which would else end the process at once; SystemExit then.
 
     Handlers that a program has set stay. Outside of the main thread, which alone gets signals, this is idle.
     """
