@@ -62,7 +62,7 @@ def test_a_set_up_without_a_fault_has_no_findings(planted: Fault, seed: int, tmp
     assert found.next is None
     assert found.moved is planted.move
     outcomes = {item.step: item.outcome for item in found.steps}
-    assert outcomes.pop("directions") is (Outcome.WELL if planted.move else Outcome.SKIPPED)
+    assert outcomes.pop("wiring") is (Outcome.WELL if planted.move else Outcome.SKIPPED)
     assert set(outcomes.values()) == {Outcome.WELL}
 
 
@@ -125,7 +125,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         *("port is there", "permission", "other programs", "latency timer", "baud rate", "ids", "models"),
         *("firmware", "supply voltage", "hardware errors", "torque", "settings in EEPROM", "bus traffic"),
         *("zeros", "arrays answer", "array geometry", "frames", "taxel map", "noise and drift"),
-        *("force scale", "touch force", "calibration", "directions"),
+        *("force scale", "touch force", "calibration", "wiring"),
     ]
     assert [item["cause"] for step in out["steps"] for item in step["findings"]] == ["limits-not-set"]
     assert out["next"] is None
@@ -136,7 +136,7 @@ def test_joints_move_with_leave_alone(here: Here) -> None:
     done = here("doctor", "--move", "--yes", "--json")
     assert done.code == 0
     assert done.json["moved"] is True
-    assert done.json["steps"][-1]["saw"] == "6 of 6 joints go the right way"
+    assert done.json["steps"][-1]["saw"] == "0 tips were pressed, 6 joints moved"
     refused = here("doctor", "--move")
     assert refused.code == 2
     assert refused.err.splitlines()[-1].endswith("no terminal to ask on: say --yes if they may")

@@ -3,7 +3,7 @@
 Nothing moves, unless asked to touch a disc, to push a part, or to see which way joints go.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from palpate.cli.terminal import StatusLine
+    from palpate.config import FingerConfig, RigFile
+    from palpate.jobs.check import CheckAnswer, DoctorAnswer
     from palpate.jobs.rig import Rig
+    from palpate.rig.diagnostics.wiring import Side
+    from palpate.rig.diagnostics.wiring_check import Sight
 
 _PUSH_QUESTION = "They push the part by up to 2 mm. Does it lie alone near the middle, and are hands away?"
 _EXIT_WRONG, _EXIT_DEVICE = 1, 3
@@ -26,8 +30,15 @@ ReportOption = Annotated[
     Path | None,
     typer.Option("--report", help="Also write a report for a bug tracker here, with nothing private."),
 ]
+PressOption = Annotated[
+    bool,
+    typer.Option("--press", help="Ask for a press on each tip, and see which array feels it, and where."),
+]
 MoveOption = Annotated[
-    bool, typer.Option("--move", help="Fingers move: see which way each joint goes, if all else is well.")
+    bool, typer.Option("--move", help="Fingers move: ask which tip each joint moves, and which way.")
+]
+ApplyOption = Annotated[
+    bool, typer.Option("--apply", help="With --press, --move: write what is to be changed into the rig file.")
 ]
 VerboseOption = Annotated[bool, typer.Option("--verbose", help="Also say what each step looks at.")]
 SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices and part.")]
@@ -61,30 +72,37 @@ def check(
         typer.Option("--picture", help="Also draw here how the rig stands by its file (SVG)."),
     ] = None,
     report: ReportOption = None,
+    press: PressOption = False,
     move: MoveOption = False,
+    apply: ApplyOption = False,
     verbose: VerboseOption = False,
     seed: SeedOption = 0,
 ) -> int:
     """Look at every servo, array and the bus of a rig. Moves nothing without --touch, --hold or --move.
 
     Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0. With
-    --full as `palpate doctor`: --move and --verbose are for it.
+    --full as `palpate doctor`: --verbose is for it. --press and --move together prove the wiring, which
+    identify asks for on a real rig; --json gives what they found.
     """
     from palpate.base.errors import InputError
     from palpate.cli.calibration_dialogue import ConsoleTable
+    from palpate.config.fields import to_json
     from palpate.views.check_table import show_check
 
     if full and (touch or hold):
         raise InputError("--full goes without --touch and --hold: ask for them by themselves")
-    if not full and (move or verbose):
-        raise InputError("--move and --verbose are for --full")
-    asked = _Asked(rig, json, no_calibration, yes, seed, report, picture)
+    if not full and verbose:
+        raise InputError("--verbose is for --full")
+    asked = _Asked(rig, json, no_calibration, yes, seed, report, picture, press, move, apply)
     if full:
-        return _examine(asked, move=move, verbose=verbose)
-    with asked.look("checking", references, moves=touch or hold) as looking:
+        return _examine(asked, verbose=verbose)
+    with asked.look("checking", references, moves=touch or hold or move) as looking:
         checked = looking.rig.check(
             touch=touch,
             hold=hold,
+            press=press,
+            move=move,
+            onlooker=looking.onlooker(),
             references=references if touch else None,
             table=None if looking.rig.emulated else ConsoleTable(looking.err),
             notice=looking.err.print,
@@ -93,9 +111,10 @@ def check(
         )
         looking.close()
         if json:
-            typer.echo(checked.to_json())
+            typer.echo(checked.to_json() if checked.result.wiring is None else to_json(checked.result.wiring))
         show_check(checked.result, looking.console(soft_wrap=True))
         looking.write_report(checked.report)
+        looking.apply(checked)
     if checked.failure is not None:
         raise checked.failure
     return 0 if checked.well else 3
@@ -105,7 +124,9 @@ def doctor(
     rig: RigOption = None,
     json: JsonOption = False,
     report: ReportOption = None,
+    press: PressOption = False,
     move: MoveOption = False,
+    apply: ApplyOption = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --move: fingers may move, do not ask.")] = False,
     verbose: VerboseOption = False,
     no_calibration: NoCalibrationOption = False,
@@ -116,16 +137,18 @@ def doctor(
     Moves nothing without --move. Exit code 1: something is wrong. 3: a port or device is missing or silent.
     Warnings alone: 0.
     """
-    return _examine(_Asked(rig, json, no_calibration, yes, seed, report), move=move, verbose=verbose)
+    asked = _Asked(rig, json, no_calibration, yes, seed, report, None, press, move, apply)
+    return _examine(asked, verbose=verbose)
 
 
-def _examine(asked: "_Asked", *, move: bool, verbose: bool) -> int:
+def _examine(asked: "_Asked", *, verbose: bool) -> int:
     from palpate.views.doctor import show_doctor
 
-    with asked.look("looking at the ports", moves=move) as looking:
+    with asked.look("looking at the ports", moves=asked.move) as looking:
         found = looking.rig.doctor(
-            move=move,
-            onlooker=None if looking.rig.emulated else _ConsoleOnlooker(looking.err),
+            press=asked.press,
+            move=asked.move,
+            onlooker=looking.onlooker(),
             permit=looking.permit,
             progress=lambda text: looking.tell(f"looking at {text}"),
             notice=looking.err.print,
@@ -135,12 +158,13 @@ def _examine(asked: "_Asked", *, move: bool, verbose: bool) -> int:
             typer.echo(found.to_json())
         show_doctor(found.result, looking.console(), verbose=verbose)
         looking.write_report(found.report)
+        looking.apply(found)
     if found.well:
         return 0
     return _EXIT_DEVICE if found.result.device_missing else _EXIT_WRONG
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Asked:
     """Options that both forms of the command have."""
 
@@ -151,10 +175,14 @@ class _Asked:
     seed: int
     report: Path | None
     picture: Path | None = None
+    press: bool = False
+    move: bool = False
+    apply: bool = False
 
     @contextmanager
     def look(self, doing: str, references: Path | None = None, *, moves: bool) -> "Iterator[_Looking]":
         """Open the rig, draw it if asked to, and say on a moving line what is being done."""
+        from palpate.base.errors import InputError
         from palpate.base.file_io import check_places, write_text
         from palpate.cli.terminal import StatusLine, Terminal, check_can_ask_to_move, rig_files
         from palpate.jobs.rig import open_rig
@@ -164,6 +192,8 @@ class _Asked:
             note_on_interruption("torque is off" if moves else "torque was left as it was"),
             ExitStack() as line,
         ):
+            if self.apply and not (self.press or self.move):
+                raise InputError("--apply writes what --press and --move find: say which")
             if moves and not self.yes:
                 check_can_ask_to_move()
             opened = open_rig(self.rig, seed=self.seed, calibration=not self.no_calibration)
@@ -190,6 +220,31 @@ class _Looking:
     def close(self) -> None:
         """Take the moving line away: it and a question or a result would write over each other."""
         self.line.close()
+
+    def onlooker(self) -> "_ConsoleOnlooker | None":
+        """Person at the table of a real rig, who is asked from now on; an emulated one has its own."""
+        if self.rig.emulated or not (self.asked.press or self.asked.move):
+            return None
+        self.moving = True
+        self.close()
+        return _ConsoleOnlooker(self.err, self.rig.described)
+
+    def apply(self, found: "CheckAnswer | DoctorAnswer") -> None:
+        """Write what is to be changed into the rig file, if that was asked for, or if somebody says so."""
+        from palpate.cli.terminal import can_ask
+        from palpate.views.doctor import change_lines
+
+        wiring = found.result.wiring
+        if wiring is None or not wiring.changes:
+            return
+        for line in change_lines(wiring):
+            self.err.print(line, highlight=False, markup=False)
+        if not self.asked.apply and can_ask():
+            answer = self.err.input("Write this into the rig file? [y/N] ", markup=False)
+            self.asked.apply = answer.strip().lower() in ("y", "yes")
+        if self.asked.apply:
+            found.apply()
+            self.err.print(f"written: {found.on_bench.path}; check once more", highlight=False, markup=False)
 
     def permit(self, question: str | None = None) -> None:
         """Ask whether fingers may move, unless that was said."""
@@ -220,26 +275,62 @@ class _Looking:
 
 
 class _ConsoleOnlooker:
-    """Somebody at the table, who is asked which way a tip went."""
+    """Somebody at the table, who is asked to press tips, and which one went which way."""
 
-    def __init__(self, console: "Console") -> None:
-        self._console = console
+    def __init__(self, console: "Console", rig: "RigFile") -> None:
+        self._console, self._fingers = console, rig.fingers
+        self._begun = False
 
-    def ready(self, finger: str) -> None:
-        """Say which finger to look at."""
-        self._ask(f"Look at the tip of finger {finger} from above, and press Enter.")
+    def press(self, finger: "FingerConfig", side: "Side") -> bool:
+        """Ask for a press that is held; no if nothing stands there."""
+        from palpate.views.doctor import press_request
 
-    def went(self, finger: str, where: str) -> bool:
-        """Ask until the answer is yes or no."""
-        while True:
-            answer = self._ask(f"Did the tip of finger {finger} go {where}? (y/n)").strip().lower()
-            if answer in ("y", "yes", "n", "no"):
-                return answer.startswith("y")
+        return self._ask(press_request(finger, side), ("", "n")) == ""
 
-    def _ask(self, what: str) -> str:
+    def release(self) -> None:
+        """Say that it is enough."""
+        self._console.print("Let go.")
+
+    def watch(self) -> None:
+        """Ask for attention."""
+        self._ask("One tip is going to move a little. Look at all of them, and press Enter.", ("",))
+
+    def saw(self) -> "Sight | None":
+        """Ask which tip moved, and which way."""
+        from palpate.rig.diagnostics.wiring import Way
+        from palpate.rig.diagnostics.wiring_check import Sight
+        from palpate.views.doctor import moved_question
+
+        places = {str(number): finger.base_mm for number, finger in enumerate(self._fingers, 1)}
+        which = self._ask(moved_question(self._fingers), ("0", *places), or_place=True)
+        if which == "0":
+            return None
+        base_mm = places.get(which) or _numbers(which)
+        assert base_mm is not None, "asked until it is one"
+        way = self._ask("Which way, seen from its base? (o)ut, (i)n, (l)eft, (r)ight:", ("o", "i", "l", "r"))
+        return Sight(base_mm, next(item for item in Way if item.name.lower().startswith(way)))
+
+    def _ask(self, what: str, allowed: Sequence[str], *, or_place: bool = False) -> str:
+        """Ask until the answer is allowed."""
         from palpate.base.errors import InputError
+        from palpate.views.doctor import WHERE_TO_STAND
 
-        try:
-            return self._console.input(f"{what} ", markup=False)
-        except EOFError:
-            raise InputError("nobody says which way tips go: standard input has ended") from None
+        if not self._begun:
+            self._console.print(WHERE_TO_STAND, markup=False)
+        self._begun = True
+        while True:
+            try:
+                answer = self._console.input(f"{what} ", markup=False).strip().lower()
+            except EOFError:
+                raise InputError("nobody says what tips do: standard input has ended") from None
+            if answer in allowed or (or_place and _numbers(answer) is not None):
+                return answer
+
+
+def _numbers(answer: str) -> tuple[float, float] | None:
+    """Two numbers that somebody wrote; None if it is something else."""
+    try:
+        x, y = map(float, answer.replace(",", " ").split())
+    except ValueError:
+        return None
+    return x, y

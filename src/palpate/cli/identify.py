@@ -44,6 +44,9 @@ def identify(
     strategy: StrategyOption = Strategy.PLANNED,
     sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = _SESSIONS,
     no_calibration: NoCalibrationOption = False,
+    unconfirmed: Annotated[
+        bool, typer.Option("--unconfirmed", help="On a real rig whose wiring was never proven, too.")
+    ] = False,
     view: ViewOption = False,
     view_port: ViewPortOption = VIEW_PORT,
 ) -> int:
@@ -62,6 +65,7 @@ def identify(
             objects,
             scene=scene,
             strategy=strategy.value,
+            unconfirmed=unconfirmed,
             sessions=sessions,
             on_event=progress,
             on_session=view_starter(view_port) if view else lambda _: None,

@@ -1,7 +1,9 @@
 """Results of `check` (`palpate/check@1`) and `doctor` (`palpate/doctor@1`), with causes of faults."""
 
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
+
+from pydantic import Field
 
 from palpate.config.fields import Interval, Out, Rounded
 
@@ -217,6 +219,11 @@ class Cause(StrEnum):
     COMPUTER_BUSY = "computer-busy"
     ZERO_OFF = "zero-off"
     DIRECTION_WRONG = "direction-wrong"
+    SERVOS_SWAPPED = "servos-swapped"
+    PLACES_SWAPPED = "places-swapped"
+    FRAME_MIRRORED = "frame-mirrored"
+    ARRAY_MOUNTING = "array-mounting"
+    WIRING_UNCLEAR = "wiring-unclear"
     MOTION_FAILED = "motion-failed"
     ARRAY_SILENT = "array-silent"
     ARRAY_BAUD_RATE = "array-baud-rate"
@@ -311,12 +318,37 @@ class DoctorStepOut(Out):
     skipped_because: str | None = None
 
 
+class WiringChangeOut(Out):
+    """A change of a value in the rig file: where (`fingers[0].array.port`), from what to what, and why."""
+
+    file_key: str
+    from_: Any = Field(alias="from")
+    to: Any
+    why: str
+
+
+class WiringOut(Out):
+    """Wiring as people saw it when tips were pressed and moved.
+
+    `confirmed`: every tip was pressed, every joint moved, and all is as the rig file says; then that is
+    written down beside it. `changes`: to the rig file, which explain what was seen.
+    """
+
+    format: Literal["palpate/wiring@1"] = "palpate/wiring@1"
+    rig: str
+    emulated: bool
+    confirmed: bool
+    changes: tuple[WiringChangeOut, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
 class CheckOut(Out):
     """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
 
     `calibration` is null if there is none. `touch_force`: of a part that does not give way. `hold` is null
-    unless a part was pushed. `problems`, `warnings`: the steps' findings in words, those of a device beside
-    it, too. `next`: what to do first; null if there is nothing to do.
+    unless a part was pushed, `wiring` unless tips were to be pressed or joints moved. `problems`, `warnings`:
+    the steps' findings in words, those of a device beside it, too. `next`: what to do first; null if there is
+    nothing to do.
     """
 
     format: Literal["palpate/check@1"] = "palpate/check@1"
@@ -331,6 +363,7 @@ class CheckOut(Out):
     calibration: CalibrationCheckOut | None = None
     touch_force: TouchForceOut
     hold: HoldCheckOut | None = None
+    wiring: WiringOut | None = None
     problems: tuple[str, ...]
     warnings: tuple[str, ...]
     steps: tuple[DoctorStepOut, ...]
@@ -355,6 +388,7 @@ class DoctorOut(Out):
     well: bool
     device_missing: bool
     moved: bool
+    wiring: WiringOut | None = None
     steps: tuple[DoctorStepOut, ...]
     next: str | None
 

@@ -293,4 +293,6 @@ class UnfinishedOut(Out):
 
 def to_json(result: BaseModel, *, indent: int | None = None) -> str:
     """Write `result` as one JSON object: declared key order, rounded numbers, no NaN (ValueError)."""
-    return json.dumps(result.model_dump(mode="json"), indent=indent, allow_nan=False, ensure_ascii=False)
+    return json.dumps(
+        result.model_dump(mode="json", by_alias=True), indent=indent, allow_nan=False, ensure_ascii=False
+    )

@@ -118,6 +118,12 @@ class ArrayConfig(FileModel):
         "its face to the other.",
     )
 
+    first_texel: Literal["lower-left", "lower-right", "upper-left", "upper-right"] | None = Field(
+        default=None,
+        description="Corner of the matrix where the device begins to count, seen from outside with the tip "
+        "pointing up; lower-left if left out. palpate check --press finds it.",
+    )
+
     @classmethod
     def variant(cls, data: object) -> type[FileModel]:
         """The model of the protocol that `data` names. Raises a pydantic error if no plug-in adds it."""
@@ -152,11 +158,6 @@ class MountedArrayConfig(ArrayConfig):
     shape: Literal["cylinder", "flat"] | None = Field(
         default=None,
         description="Whether the matrix is bent round the tip, as it is if left out, or flat (weiss-…).",
-    )
-    first_texel: Literal["lower-left", "lower-right", "upper-left", "upper-right"] | None = Field(
-        default=None,
-        description="Corner of the matrix where the device begins to count, seen from outside with the tip "
-        "pointing up; lower-left if left out (weiss-…).",
     )
     first_row: Literal["across", "upright"] | None = Field(
         default=None,

@@ -7,7 +7,7 @@ stops that do not fit that are refused here, at the key to be changed. Units are
 import math
 import re
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -85,8 +85,16 @@ NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
 class ServoConfig(FileModel):
     """A servo on the bus."""
 
+    ratio_key: ClassVar[str] = "gear_ratio"
+    """Key whose sign says which way its joint goes."""
+
     dxl_id: DxlId = Field(description="ID on the bus.")
     model: ServoModel = Field(description="Model as printed on the servo.")
+
+    @property
+    def ratio(self) -> float:
+        """Value of `ratio_key`."""
+        return float(getattr(self, self.ratio_key))
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +196,8 @@ class StageConfig(RotaryConfig):
 
 class SlideConfig(ServoConfig):
     """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
+
+    ratio_key = "mm_per_turn"
 
     mm_per_turn: Ratio = Field(
         description="Travel per servo turn; negative if growing angles retract the tip."

@@ -23,7 +23,7 @@ from palpate.config.commissioning_results import (
     StopOut,
 )
 from palpate.config.contacts_file import ContactsFile
-from palpate.config.diagnosis_results import CheckOut, DoctorOut
+from palpate.config.diagnosis_results import CheckOut, DoctorOut, WiringOut
 from palpate.config.emulation import Scene
 from palpate.config.fields import Out
 from palpate.config.objects_tables import ObjectsFileText
@@ -59,6 +59,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "stop": StopOut,
     "study": StudyOut,
     "watch": WatchOut,
+    "wiring": WiringOut,
 }
 """Short name of each format and the model it is read into or written from."""
 

@@ -1,22 +1,28 @@
 """Writers of the file formats: values as text that, when read, gives the same values again."""
 
 import json
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from functools import singledispatch
+from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.items import Array, InlineTable, Table
 
 from palpate.base.errors import InputError
+from palpate.base.file_io import write_text
 from palpate.base.geometry.object_model import ObjectModel, Polygon, State
 from palpate.config.calibration_file import CalibrationFile, ReferencesFile
 from palpate.config.contacts_file import ContactsFile
+from palpate.config.diagnosis_results import WiringChangeOut
 from palpate.config.emulation import Scene
 from palpate.config.fields import FileModel
+from palpate.config.loading import Content
 from palpate.config.objects_file import ObjectsFile
 from palpate.config.objects_tables import ObjectsFileText, objects_json, outline_text
-from palpate.config.rig_file import RigFile
+from palpate.config.rig_file import RigFile, load_rig
+from palpate.config.wiring_record import ConfirmedWiring, confirmed_path
 
 _HEAD_COMMENT = (
     "Written by `palpate calibrate`; docs/calibration-file.md explains every key.",
@@ -31,6 +37,33 @@ def calibration_toml(file: CalibrationFile) -> str:
         document.add(tomlkit.comment(line))
     _fill(document, file)
     return tomlkit.dumps(document)
+
+
+def keep_confirmed(rig: Path, wiring: ConfirmedWiring) -> None:
+    """Write confirmed wiring beside a rig file. Raises InputError, OutputError if it cannot be written."""
+    write_text(confirmed_path(rig), file_text(wiring))
+
+
+def change_rig(path: Path, changes: Iterable[WiringChangeOut]) -> str:
+    """Change values in a rig file, and keep all else as it is: comments, order, blanks; returns its text.
+
+    Raises InputError if the file is another by now, or would not be right, and writes nothing then.
+    """
+    document = tomlkit.parse(path.read_text(encoding="utf-8"))
+    for change in changes:
+        *tables, key = re.findall(r"[a-z_]+|\d+", change.file_key)
+        table: Any = document
+        for name in tables:
+            table = table[int(name) if name.isdecimal() else name]
+        table[key] = _plain(change.to)
+    text = tomlkit.dumps(document)
+    load_rig(Content(str(path), text.encode()))
+    write_text(path, text)
+    return text
+
+
+def _plain(value: object) -> object:
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value
 
 
 def _fill(table: Any, model: FileModel) -> None:
@@ -104,7 +137,8 @@ def _contacts(value: ContactsFile) -> str:
 
 @file_text.register(RigFile)
 @file_text.register(ReferencesFile)
-def _tables(value: RigFile | ReferencesFile) -> str:
+@file_text.register(ConfirmedWiring)
+def _tables(value: RigFile | ReferencesFile | ConfirmedWiring) -> str:
     return tomlkit.dumps(value.model_dump(mode="json", exclude_unset=True, exclude_none=True))
 
 

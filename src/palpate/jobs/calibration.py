@@ -19,6 +19,8 @@ from palpate.config import (
     load_calibration,
 )
 from palpate.config.calibration_file import ReferencesFile
+from palpate.config.wiring_record import ConfirmedWiring
+from palpate.config.writers import keep_confirmed
 from palpate.jobs.files import PathLike, load_references
 from palpate.jobs.monitor import view_log
 from palpate.rig.bench import connect, emulated_table, environment, set_up
@@ -157,6 +159,10 @@ def calibrate_rig(
 
         file = calibrate(job, rig_connector(environment(bench, log), table, notice), keeper, tell)
     write_text(paths.calibration, calibration_toml(file))
+    arrays = [device.id for device in file.devices if device.kind == "array"]
+    if not rig.emulated and len(arrays) == len(rig.fingers) and all(item.place for item in file.fingers):
+        uids = {finger.name: uid for finger, uid in zip(rig.fingers, arrays, strict=True)}
+        keep_confirmed(path, ConfirmedWiring.of(rig, uids, file.made, "calibrate"))
     write_report(paths.report, file)
     keeper.forget()
     return CalibrationAnswer(file, paths, bench.clock.now(), notice.late_failure)

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Generic, TypeVar
 
-from palpate.base.errors import InputError, PalpateError
+from palpate.base.errors import DeviceError, InputError, PalpateError, warn_operator
 from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.config import RigOnBench, load_objects
 from palpate.config.calibration_file import ReferencesFile, references_sha256
@@ -16,29 +17,47 @@ from palpate.config.diagnosis_results import (
     DoctorStepOut,
     FindingOut,
     HoldCheckOut,
+    Severity,
+    WiringOut,
 )
 from palpate.config.fields import to_json
 from palpate.config.loading import shipped_objects, shipped_rig
+from palpate.config.wiring_record import ConfirmedWiring
+from palpate.config.writers import change_rig, keep_confirmed
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
 from palpate.jobs.files import PathLike
 from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration_run import build_references, rig_connector
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.calibration_check import CALIBRATION, Retouch, judge_touch, retouch
-from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
+from palpate.rig.diagnostics.diagnosis import Diagnosis, check_out, diagnose, doctor_out, in_words
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.motion_checks import (
-    EmulatedOnlooker,
-    Onlooker,
     check_hold,
-    directions_step,
-    examine_directions,
     judge_hold,
     least_threshold_n,
     with_light_touch,
 )
 from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig
-from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase, Judgement, MotionStep, warning
+from palpate.rig.diagnostics.steps import (
+    CHECK_LISTEN_S,
+    DiagnosisCase,
+    Judgement,
+    MotionStep,
+    NamedDevice,
+    warning,
+    wrong,
+)
+from palpate.rig.diagnostics.wiring import Seen, Side
+from palpate.rig.diagnostics.wiring_check import (
+    EmulatedOnlooker,
+    Onlooker,
+    read_turns,
+    rig_for_moves,
+    see_moves,
+    see_presses,
+)
+from palpate.rig.diagnostics.wiring_findings import WiringVerdict, judge_wiring
 from palpate.rig.workers import BackgroundCall
 from palpate.views.doctor import doctor_report
 
@@ -66,6 +85,18 @@ class DiagnosisAnswer(Generic[ResultT]):
     def findings(self) -> Sequence[FindingOut]:
         """Findings: cause, device, what was seen, what it means, what to do next."""
         return self.result.findings
+
+    def apply(self) -> str:
+        """Write the changes of the wiring that was found into the rig file; returns the file's new text.
+
+        Raises InputError for the shipped rig, without changes, or if the file would not be right then.
+        """
+        wiring = self.result.wiring
+        if wiring is None or not wiring.changes:
+            raise InputError("there is nothing to change in the rig file")
+        if not isinstance(self.on_bench.path, Path):
+            raise InputError("the shipped rig cannot be changed: copy its rig file and check that one")
+        return change_rig(self.on_bench.path, wiring.changes)
 
     def to_json(self) -> str:
         """The result in its published format."""
@@ -149,6 +180,7 @@ def check_rig(
     seed: int,
     *,
     moving: FingerCheck | None,
+    wiring: "WiringCheck",
     permit: Callable[[], None],
     progress: Callable[[str], None],
 ) -> CheckAnswer:
@@ -169,8 +201,9 @@ def check_rig(
         return judged
 
     motions = [] if moving is None else [MotionStep(moving.name, moving.looked_at, carry_out)]
+    motions += [wiring.step(case, permit)] if wiring.asked else []
     found = diagnose(case, datetime.now(UTC), motions)
-    return CheckAnswer(check_out(found, measured), on_bench, failure)
+    return CheckAnswer(check_out(found, measured, wiring.result(found)), on_bench, failure)
 
 
 def _push_part(
@@ -239,33 +272,103 @@ def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[Find
     return [warning(Cause.OTHER_REFERENCES, CALIBRATION, saw, means, do)]
 
 
+@dataclass
+class WiringCheck:
+    """Proof of the wiring: whether tips are pressed, whether joints move, and who sees it.
+
+    `onlooker`: None for the emulated bench's. `notice`: as `Rig.identify` has it.
+    """
+
+    press: bool
+    move: bool
+    onlooker: Onlooker | None = None
+    notice: Callable[[str], None] = warn_operator
+    verdict: WiringVerdict | None = None
+
+    @property
+    def asked(self) -> bool:
+        """True if anything of it is to be done."""
+        return self.press or self.move
+
+    def step(self, case: DiagnosisCase, permit: Callable[[], None]) -> MotionStep:
+        """The step; fingers move after `permit`. Raises InputError for a real rig without an onlooker."""
+        if self.asked and self.onlooker is None and not case.on_bench.rig.emulated:
+            raise InputError(
+                f'rig "{case.rig.name}" is real: give an onlooker, who presses tips and says which one moved'
+            )
+
+        def carry_out() -> Judgement | str:
+            try:
+                return self._carry_out(case, permit)
+            except InputError as error:
+                return str(error)
+            except DeviceError as error:
+                means = "a motion did not end where it should, or a device failed; torque is off"
+                do = "see what holds the finger, with the supply off"
+                found = wrong(Cause.MOTION_FAILED, NamedDevice("fingers"), str(error), means, do)
+                return "a motion failed", [found]
+
+        looked = "asked which array feels a press on each tip, and which tip each joint moves"
+        zeros = frozenset({Cause.ZERO_OFF})
+        return MotionStep("wiring", looked, carry_out if self.asked else _NOT_ASKED, zeros)
+
+    def _carry_out(self, case: DiagnosisCase, permit: Callable[[], None]) -> Judgement:
+        bench = _bench(case.place, case.on_bench)
+        watching, rig = self.onlooker or EmulatedOnlooker(bench), case.rig
+        seen = Seen()
+        if self.press:
+            seen = replace(seen, presses=tuple(see_presses(rig, bench, watching, case.tell)))
+        if self.move:
+            permit()
+            with environment(bench).hand(rig, self.notice) as hand:
+                turns = read_turns(hand)
+            with environment(bench).hand(rig_for_moves(rig, turns), self.notice) as hand:
+                seen = replace(seen, moves=tuple(see_moves(hand, watching, case.tell)), turns=turns)
+        self.verdict = judge_wiring(case.on_bench.described, seen)
+        presses = sum(press.side is Side.FRONT for press in seen.presses)
+        saw = f"{presses} tips were pressed, {len(seen.moves)} joints moved"
+        return saw, self.verdict.findings
+
+    def result(self, found: Diagnosis) -> WiringOut | None:
+        """The result; where all is as it should be, that is written down beside a real rig's file."""
+        if not self.asked:
+            return None
+        confirmed = self.press and self.move and self.verdict is not None and not self.verdict.findings
+        arrays = {item.spec.name: item.description for item in found.readings.arrays}
+        uids = {
+            name: described.unique_id.hex() for name, described in arrays.items() if described is not None
+        }
+        on_bench = found.case.on_bench
+        if confirmed and isinstance(on_bench.path, Path) and not on_bench.rig.emulated:
+            now = found.readings.now.replace(microsecond=0)
+            keep_confirmed(on_bench.path, ConfirmedWiring.of(on_bench.described, uids, now, "check"))
+        return WiringOut(
+            rig=found.case.rig.name,
+            emulated=found.emulated,
+            confirmed=confirmed,
+            changes=() if self.verdict is None else self.verdict.changes,
+            problems=in_words(found.findings, Severity.WRONG),
+        )
+
+
+_NOT_ASKED = "people press tips and watch them for it only if asked to: palpate check --press --move"
+
+
 def examine_rig(
     on_bench: RigOnBench,
     seed: int,
     *,
-    move: bool,
-    onlooker: Onlooker | None,
+    wiring: WiringCheck,
     permit: Callable[[], None],
     progress: Callable[[str], None],
-    notice: Callable[[str], None],
 ) -> DoctorAnswer:
     """Examine; arguments and errors as `Rig.doctor`."""
-    if move and onlooker is None and not on_bench.rig.emulated:
-        raise InputError(f'rig "{on_bench.rig.name}" is real: give an onlooker, who says which way tips go')
-    place = endpoint_of_rig(on_bench.described, seed)
-    case = DiagnosisCase(on_bench, place, Computer(), progress)
-
-    def directions() -> Judgement:
-        bench = _bench(place, on_bench)
-        watching = onlooker or EmulatedOnlooker(bench)
-        permit()
-        with environment(bench).hand(on_bench.rig, notice) as hand:
-            return examine_directions(hand, watching)
-
-    found = diagnose(case, datetime.now(UTC), [directions_step(directions if move else None)])
-    return DoctorAnswer(doctor_out(found), on_bench)
+    case = DiagnosisCase(on_bench, endpoint_of_rig(on_bench.described, seed), Computer(), progress)
+    found = diagnose(case, datetime.now(UTC), [wiring.step(case, permit)])
+    return DoctorAnswer(doctor_out(found, wiring.result(found)), on_bench)
 
 
 def _bench(place: BusEndpoint, on_bench: RigOnBench) -> BenchRig:
     """The devices that were examined: emulated ones are those of `place`."""
-    return place.devices if isinstance(place.devices, BenchRig) else set_up(on_bench.described, None, 0)
+    found = place.devices if isinstance(place.devices, BenchRig) else set_up(on_bench.described, None, 0)
+    return replace(found, urls=place.urls)

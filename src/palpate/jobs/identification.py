@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shlex
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -29,10 +30,10 @@ from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Observer, check_accuracy
-from palpate.rig.identification.result import IdentificationJob, IdentificationRun
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
-from palpate.rig.session.recorded_session import keep_inputs
+from palpate.rig.session.recorded_session import confirmed_of, keep_inputs
 from palpate.rig.session.run import TRUTH_EVENT, run_identification
 from palpate.rig.session.signals import HeldInterrupts
 from palpate.views.recognition import contacts_json
@@ -59,6 +60,7 @@ class IdentificationRequest:
     """Request for an identification; `name`: of the objects, in messages.
 
     `run`: number of the run on this rig, from 0; later ones draw other parts for an emulated table.
+    `unconfirmed`: the wiring need not have been proven.
     """
 
     on_bench: RigOnBench
@@ -68,6 +70,16 @@ class IdentificationRequest:
     seed: int
     run: int
     strategy: Strategy
+    unconfirmed: bool
+
+    @property
+    def proof(self) -> WiringProof | None:
+        """Proof of the wiring that the run asks for."""
+        path = self.on_bench.path
+        if self.unconfirmed or self.on_bench.rig.emulated or not isinstance(path, Path):
+            return None
+        command = f"palpate check --press --move --rig {shlex.quote(str(path))}"
+        return WiringProof(self.on_bench.described, confirmed_of(path), command)
 
     def session_name(self) -> str:
         """After everything that decides an emulated session, so that it is the same again; else the time."""
@@ -138,6 +150,7 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
         request.seed,
         on_bench.calibration,
         datetime.now(UTC).replace(microsecond=0),
+        request.proof,
     )
     prepared = _PreparedRun(request, job, bench, lies_now, begin)
     if sessions is not None:
@@ -188,6 +201,7 @@ def _header(request: IdentificationRequest, job: IdentificationJob, latency_s: f
         "emulated": job.rig.emulation is not None,
         "started": job.started.isoformat(),
         "bus_latency_s": latency_s,
+        "proof": None if job.proof is None else job.proof.command,
     }
 
 

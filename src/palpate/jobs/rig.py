@@ -27,7 +27,15 @@ from palpate.jobs.calibration import (
     home_rig,
     references_from,
 )
-from palpate.jobs.check import CheckAnswer, DoctorAnswer, check_rig, examine_rig, hold_check, touch_check
+from palpate.jobs.check import (
+    CheckAnswer,
+    DoctorAnswer,
+    WiringCheck,
+    check_rig,
+    examine_rig,
+    hold_check,
+    touch_check,
+)
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
@@ -36,7 +44,7 @@ from palpate.rig.array_monitor import find_array_ports, pace_clock, select_finge
 from palpate.rig.bench import choose_placement, connect, set_up
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
-from palpate.rig.diagnostics.motion_checks import Onlooker
+from palpate.rig.diagnostics.wiring_check import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.loop import Observer
 from palpate.rig.motion.hand import Hand
@@ -112,6 +120,7 @@ class Rig:
         *,
         scene: Scene | PathLike | None = None,
         strategy: Strategy | str = Strategy.PLANNED,
+        unconfirmed: bool = False,
         sessions: PathLike | None = None,
         on_event: Observer | None = None,
         on_session: Callable[[Path], None] = lambda _: None,
@@ -125,6 +134,7 @@ class Rig:
             objects: the catalogue; None for the six shipped objects.
             scene: what lies on an emulated table; else each call draws the next part by the rig's seed.
             strategy: how grips are chosen (memo §3.2): "planned", "random" or "rotate".
+            unconfirmed: the wiring of a real rig need not have been proven, by `check` or `calibrate`.
             sessions: where a folder with log, answer, contacts and picture is made; None keeps none.
             on_event: called with every event of the run, beside the thread that drives the devices.
             on_session: called with the session's folder, if there is one, before anything moves.
@@ -146,7 +156,7 @@ class Rig:
         with unwind_on_signals():
             chosen = recognition.parse_strategy(strategy)
             request = IdentificationRequest(
-                self._on_bench, models, name_of(objects), given, self._seed, run, chosen
+                self._on_bench, models, name_of(objects), given, self._seed, run, chosen, unconfirmed
             )
             calls = Callbacks(on_event, on_session, notice, warn, progress)
             return identify_on(request, None if sessions is None else Path(sessions), calls)
@@ -166,39 +176,47 @@ class Rig:
         )
 
     @check_arguments
-    def check(
+    def check(  # noqa: PLR0913  # the command's options, all optional
         self,
         *,
         touch: bool = False,
         hold: bool = False,
+        press: bool = False,
+        move: bool = False,
         references: ReferencesFile | PathLike | None = None,
         table: TableOperator | None = None,
+        onlooker: Onlooker | None = None,
         permit: Callable[[], None] = lambda: None,
         progress: Callable[[str], None] = lambda _: None,
         notice: Callable[[str], None] = warn_operator,
     ) -> CheckAnswer:
         """Check every device, with `touch` if touches of a disc agree with the calibration, or with `hold`
-        what force the part on the table holds.
+        what force the part on the table holds; with `press` and `move` whether arrays and servos are those
+        of the rig file's fingers: `onlooker` presses tips and says which one moved; an emulated rig has one.
 
-        Only these two move fingers, only if all devices are well, and after `permit`, which may raise, was
-        called. `table` puts the disc there; an emulated rig has one, and for `hold` a part of the shipped
-        objects, drawn by the rig's seed. `notice`: as in `identify`. Raises DeviceError if the bus's port is
-        missing, InputError if nothing can be compared, no part is found, or both are asked for.
+        Only `press` moves no fingers, others only if all devices are well, and after `permit`, which may
+        raise, was called. `table` puts the disc there; an emulated rig has one, and for `hold` a part of the
+        shipped objects, drawn by the rig's seed. `notice`: as in `identify`. Raises DeviceError if the bus's
+        port is missing, InputError if nothing can be compared, no part is found, or both are asked for.
         """
-        if touch and hold:
-            raise InputError("touch and hold exclude each other: the disc that is touched must not slide")
+        if touch + hold + (press or move) > 1:
+            raise InputError("touch, hold, and press or move exclude each other: ask for one at a time")
         with unwind_on_signals():
             moving = None
             if touch:
                 moving = touch_check(self._on_bench, self._seed, references, table)
             if hold:
                 moving = hold_check(self._on_bench, self._seed, notice)
-            return check_rig(self._on_bench, self._seed, moving=moving, permit=permit, progress=progress)
+            wiring = WiringCheck(press, move, onlooker, notice)
+            return check_rig(
+                self._on_bench, self._seed, moving=moving, wiring=wiring, permit=permit, progress=progress
+            )
 
     @check_arguments
     def doctor(
         self,
         *,
+        press: bool = False,
         move: bool = False,
         onlooker: Onlooker | None = None,
         permit: Callable[[], None] = lambda: None,
@@ -207,20 +225,19 @@ class Rig:
     ) -> DoctorAnswer:
         """Examine the whole set-up step by step, in the order in which things go wrong, from ports to forces.
 
-        Nothing moves but for `move`: then, if nothing is wrong and `permit` was called, each joint moves a
-        little, and `onlooker` says which way the tip went; an emulated rig has one. An InputError of `permit`
-        skips that. `notice`: as in `identify`. Devices that are missing or fail are findings. Raises
-        InputError for `move` on a real rig without an onlooker, SafetyStop if a motion had to be stopped.
+        Nothing moves but for `move`; `press`, `move`, `onlooker`, `permit` are as in `check`, but an
+        InputError of `permit` skips that. `notice`: as in `identify`. Devices that are missing or fail are
+        findings.
+        Raises InputError for these two on a real rig without an onlooker, SafetyStop if a motion had to be
+        stopped.
         """
         with unwind_on_signals():
             return examine_rig(
                 self._on_bench,
                 self._seed,
-                move=move,
-                onlooker=onlooker,
+                wiring=WiringCheck(press, move, onlooker, notice),
                 permit=permit,
                 progress=progress,
-                notice=notice,
             )
 
     @check_arguments

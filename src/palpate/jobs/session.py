@@ -19,10 +19,10 @@ from palpate.rig.bench import choose_placement
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame
-from palpate.rig.identification.result import IdentificationJob
+from palpate.rig.identification.result import IdentificationJob, WiringProof
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
-from palpate.rig.session.recorded_session import load_kept_inputs, used_calibration
+from palpate.rig.session.recorded_session import confirmed_of, load_kept_inputs, used_calibration
 from palpate.rig.session.run import Replayed, replay
 
 
@@ -112,8 +112,11 @@ class Session:
         )
         started = None if on_bench.calibration is None else self._started()
         models = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
+        command, proof = header.get("proof"), None
+        if isinstance(command, str):
+            proof = WiringProof(on_bench.described, confirmed_of(on_bench.path), command)
         return IdentificationJob(
-            on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started
+            on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started, proof
         )
 
     def _started(self) -> datetime:

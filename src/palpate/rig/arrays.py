@@ -15,6 +15,7 @@ from palpate.drivers.emulators import EmulatedArray, SampledArray, Taxels
 from palpate.drivers.tactile import (
     ArrayDriver,
     ContactExtractor,
+    Corner,
     Description,
     Port,
     Shape,
@@ -43,10 +44,14 @@ class ArrayPlugin(Generic[ConfigT]):
     emulated: Callable[[Taxels, Callable[[float], None], ConfigT, float], SampledArray] | None = None
 
 
+def _first_of(config: ArrayConfig) -> Corner:
+    return Corner(config.first_texel or "lower-left")
+
+
 _SELF_DESCRIBING = ArrayPlugin(
     ArrayConfig,
-    lambda port, clock, finger, _config, _radius: TactileArray(port, clock, finger),
-    lambda taxels, advance, _config, _radius: EmulatedArray(taxels, advance),
+    lambda port, clock, finger, config, _radius: TactileArray(port, clock, finger, _first_of(config)),
+    lambda taxels, advance, config, _radius: EmulatedArray(taxels, advance, _first_of(config)),
 )
 
 

@@ -2,10 +2,11 @@
 
 import getpass
 import hashlib
+import math
 import platform
 import re
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,8 +19,17 @@ from rich.padding import Padding
 from rich.table import Table
 
 from palpate.base.errors import quantity
-from palpate.config import RigFile
-from palpate.config.diagnosis_results import CheckOut, DoctorOut, DoctorStepOut, FindingOut, Outcome, Severity
+from palpate.config import FingerConfig, RigFile
+from palpate.config.diagnosis_results import (
+    CheckOut,
+    DoctorOut,
+    DoctorStepOut,
+    FindingOut,
+    Outcome,
+    Severity,
+    WiringOut,
+)
+from palpate.rig.diagnostics.wiring import Side
 
 _PACKAGES = ("palpate", "numpy", "scipy", "pyserial", "dynamixel-sdk")
 _LEFT_OUT = {"name", "obstacles", "format"}
@@ -39,6 +49,49 @@ _PATTERNS: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
 
 Private = Mapping[str, str]
 """Words that must not be in a report, and what stands in their place."""
+
+
+WHERE_TO_STAND = (
+    "Stand so that +x of the rig file points to your right; +y points away from you then, as --picture shows."
+)
+"""Where somebody stands who is asked about tips: one to whom +y points has measured the frame mirrored."""
+
+_SECTORS = ("right", "far right", "far side", "far left", "left", "near left", "near side", "near right")
+
+
+def _place_words(finger: FingerConfig) -> str:
+    """Words for where a finger stands in the picture of the rig file."""
+    x, y = finger.base_mm
+    sector = _SECTORS[round(math.atan2(y, x) / (math.pi / 4)) % len(_SECTORS)]
+    return f"{finger.name} at the {sector} (base {x:.0f}, {y:.0f})"
+
+
+def press_request(finger: FingerConfig, side: Side) -> str:
+    """Request to press a tip on a side."""
+    where = {
+        Side.FRONT: "on the side that looks away from its base, near its lower end",
+        Side.LEFT: "on its left, seen from its base",
+        Side.RIGHT: "on its right, seen from its base",
+    }[side]
+    if finger.tip.kind.has_face:
+        front = side is Side.FRONT
+        where = f"{'low in the middle' if front else 'at the left end, seen from its base,'} of its face"
+    return (
+        f"The finger where the file has {_place_words(finger)}: press Enter, then hold it in one hand, and "
+        f"press on its tip with a fingertip, {where}, until told to let go (n: none stands there)."
+    )
+
+
+def moved_question(fingers: Sequence[FingerConfig]) -> str:
+    """Question which tip moved."""
+    listed = "; ".join(f"{number}: {_place_words(finger)}" for number, finger in enumerate(fingers, 1))
+    return f"Which tip moved? {listed}; 0: none; or x y of its base, in mm:"
+
+
+def change_lines(wiring: WiringOut) -> list[str]:
+    """Changes to a rig file, a line each, and why."""
+    lines = [f"{item.file_key}: {item.from_} -> {item.to}" for item in wiring.changes]
+    return [f"because {wiring.changes[0].why}:", *(f"  {line}" for line in lines)] if lines else []
 
 
 def _private_words() -> Private:

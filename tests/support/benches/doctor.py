@@ -19,12 +19,13 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.wire_faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.drivers.transport.ports import PortForbidden, PortMissing, PortTaken
-from palpate.rig.bench import BenchRig, connect, environment
+from palpate.jobs.check import WiringCheck
+from palpate.rig.bench import BenchRig, connect
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose, doctor_out
 from palpate.rig.diagnostics.host_ports import Computer
-from palpate.rig.diagnostics.motion_checks import EmulatedOnlooker, directions_step, examine_directions
 from palpate.rig.diagnostics.servo_bus import BusEndpoint
 from palpate.rig.diagnostics.steps import CHECK_LISTEN_S, DiagnosisCase
+from palpate.rig.diagnostics.wiring_check import EmulatedOnlooker
 from palpate.rig.emulated.devices import emulate, on_mock_wires
 from palpate.rig.session.calibration_drift import devices_of
 from support.benches.calibration_files import MADE, empty_calibration, full_calibration
@@ -216,14 +217,8 @@ def examined(fault: Fault, root: Path, seed: int = 3) -> DoctorOut:
     on_bench = found.on_bench()
     place = found.place(on_bench.described)
     case = DiagnosisCase(on_bench, place, Computer(root))
-
-    def directions() -> Any:
-        described = replace(found.bench, urls=place.urls)
-        with environment(described).hand(on_bench.rig, lambda _: None) as hand:
-            return examine_directions(hand, EmulatedOnlooker(found.bench))
-
-    motion = directions_step(directions if fault.move else None)
-    return doctor_out(diagnose(case, MADE + found.age, [motion]))
+    wiring = WiringCheck(press=False, move=fault.move, onlooker=EmulatedOnlooker(found.bench))
+    return doctor_out(diagnose(case, MADE + found.age, [wiring.step(case, lambda: None)]))
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ import numpy as np
 from palpate.base.geometry import Counts, Floats, Ints
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.codec import VERSION, DecodeFault, Decoder, FaultKind, encode
-from palpate.drivers.tactile.description import REALS_PER_TAXEL
+from palpate.drivers.tactile.description import REALS_PER_TAXEL, Corner
 from palpate.drivers.tactile.messages import (
     MAX_LISTED_TAXELS,
     MAX_TARE_SAMPLES,
@@ -116,6 +116,7 @@ class EmulatedArray:
     """A `Device` (see `drivers.transport.wire`) that answers commands and streams frames of its `taxels`.
 
     `advance(now)` is called before anything is answered, so that the world can bring its samples up to `now`.
+    `first`: the corner of the tip from which it counts.
     `version` is the protocol's that it speaks. `broken` is what its self-test finds beside taxels; with
     a broken converter it streams no frames. The self-test takes `self_test_s`, and what arrives
     meanwhile waits. Raises DeviceError if the surface is free and the places of its taxels are not given.
@@ -125,6 +126,7 @@ class EmulatedArray:
         self,
         taxels: Taxels,
         advance: Callable[[float], None] | None = None,
+        first: Corner = Corner.LOWER_LEFT,
         *,
         version: int = VERSION,
         broken: SelfTestResult = _NO_RESULT,
@@ -134,6 +136,7 @@ class EmulatedArray:
         self.taxels = taxels
         self.broken = broken
         self._advance = advance
+        self._first = first
         self._version = version
         self._self_test_s = self_test_s
         d = self.description
@@ -169,6 +172,8 @@ class EmulatedArray:
             return
         self._samples += 1
         d = self.description
+        if self._first is not Corner.LOWER_LEFT:
+            force_n = self._first.flip(force_n)
         counts, tared = self._zero.apply(self.taxels.counts(force_n, now))
         self._send(Frame(d.rows, d.cols, counts.tobytes()), now, FrameFlag.TARED if tared else 0)
 

@@ -78,7 +78,8 @@ class EmulatedFinger:
     `outline` is the section of what stands on the table at the finger's height, as it was put, None for
     nothing. `press` is what touches the tip now, `hardest_n` the largest force on its axis so far.
     `hardest_on_taxels_n`: the largest sum of what its taxels bear, while `weighs_taxels`, which takes time;
-    two walls press against each other.
+    two walls press against each other. `is_held`: by a hand, so that what presses on its skin does not move
+    it.
     """
 
     def __init__(
@@ -100,7 +101,7 @@ class EmulatedFinger:
         self.array = array
         self.press: SkinLoad | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
-        self.weighs_taxels = False
+        self.weighs_taxels = self.is_held = False
         self._stage = stage
         self._mechanics = truth.mechanics(*servos)
         self._free_centre = np.full(2, np.inf)
@@ -166,7 +167,7 @@ class EmulatedFinger:
         """Let servos and couplings move on by `dt_s`."""
         self._sheared = None if self.press is None else self._shear
         self._loads.clear()
-        force = None if self.press is None else self.press.force_n
+        force = None if self.press is None or self.is_held else self.press.force_n
         if force is not None and self._stage:
             force = self._stage.back(force)
         self._mechanics.step(dt_s, force)

@@ -14,7 +14,7 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, printable_text
 from palpate.drivers.tactile.codec import frame_bytes
-from palpate.drivers.tactile.description import Description, Shape
+from palpate.drivers.tactile.description import Corner, Description, Shape
 from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frames import ArrayLost, ArraySilent, TactileFrame
 from palpate.drivers.tactile.messages import (
@@ -122,7 +122,11 @@ class TactileArray(StreamedArray):
     answer, speaks another version of the protocol, or is gone.
     """
 
-    def __init__(self, port: SerialBase | Port, clock: Clock, name: str) -> None:
+    def __init__(
+        self, port: SerialBase | Port, clock: Clock, name: str, first: Corner = Corner.LOWER_LEFT
+    ) -> None:
+        """`first`: the corner from which it counts its taxels, whatever it says."""
+        self._first = first
         self._exchange = ArrayExchange(port, clock, name, self._take)
         super().__init__(self._exchange.stream, clock)
         self._check: FramePlausibility | None = None
@@ -153,7 +157,7 @@ class TactileArray(StreamedArray):
         described = replace(answer.description, firmware=printable_text(answer.description.firmware))
         if described.shape is Shape.FREE:
             described = replace(described, geometry=self._geometry(described.taxels))
-        self._description = described
+        self._description = described = described.counted_from(self._first)
         self._stream.clear()
         self._expect(0.0)
         return described
@@ -269,4 +273,5 @@ class TactileArray(StreamedArray):
             self._refuse(problem)
             return
         tared = bool(message.flags & _TARED)
-        self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))
+        counts = body.counts if self._first is Corner.LOWER_LEFT else self._first.flip(body.counts)
+        self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, counts, tared))

@@ -9,14 +9,17 @@ taxels as cells: places, sizes and sides.
 import enum
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Bools, Counts, Floats
 from palpate.base.geometry.plane import wrap_angle
+
+Matrix = TypeVar("Matrix", Counts, Floats)
 
 MAX_TAXELS = 4096
 REALS_PER_TAXEL = 6
@@ -77,6 +80,17 @@ class Description:
     def taxels(self) -> int:
         """Number of taxels."""
         return self.rows * self.cols
+
+    def counted_from(self, first: "Corner") -> "Description":
+        """The description of an array that counts from another corner than it says; a free one knows."""
+        if self.shape is Shape.FREE:
+            return self
+        columns, rows = self.columns, self.row_heights_mm
+        if first.value.endswith("right"):
+            columns = tuple(-at for at in reversed(columns))
+        if first.value.startswith("upper"):
+            rows = tuple(rows[0] + rows[-1] - at for at in reversed(rows))
+        return replace(self, columns=columns, row_heights_mm=rows)
 
     def positions_mm(self) -> Floats:
         """Taxel centres, shape (rows, cols, 3), mm, tip frame.
@@ -204,6 +218,12 @@ class Corner(enum.Enum):
     UPPER_LEFT = "upper-left"
     UPPER_RIGHT = "upper-right"
 
+    def flip(self, taxels: Matrix) -> Matrix:
+        """A matrix that begins at this corner, beginning at the lower left one, and the other way round."""
+        rows = slice(None, None, -1 if self in (Corner.UPPER_LEFT, Corner.UPPER_RIGHT) else 1)
+        cols = slice(None, None, -1 if self in (Corner.LOWER_RIGHT, Corner.UPPER_RIGHT) else 1)
+        return taxels[rows, cols]
+
 
 @dataclass(frozen=True)
 class Mounting:
@@ -221,11 +241,11 @@ class Mounting:
 
     def to_tip(self, cells: Counts) -> Counts:
         """Convert the device's matrix (its rows, its columns) to the tip's (rows, columns)."""
-        return np.ascontiguousarray(self._flip(cells.T if self.upright else cells))
+        return np.ascontiguousarray(self.first.flip(cells.T if self.upright else cells))
 
     def to_device(self, taxels: Counts) -> Counts:
         """The other way round."""
-        flipped = self._flip(taxels)
+        flipped = self.first.flip(taxels)
         return np.ascontiguousarray(flipped.T if self.upright else flipped)
 
     def pitch(self, texel_mm: tuple[float, float]) -> tuple[float, float]:
@@ -274,11 +294,6 @@ class Mounting:
         if problem is not None:
             raise ValueError(problem)
         return found
-
-    def _flip(self, taxels: Counts) -> Counts:
-        rows = slice(None, None, -1 if self.first in (Corner.UPPER_LEFT, Corner.UPPER_RIGHT) else 1)
-        cols = slice(None, None, -1 if self.first in (Corner.LOWER_RIGHT, Corner.UPPER_RIGHT) else 1)
-        return taxels[rows, cols]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ cause is not reported again by its consequences. Steps for which fingers move co
 for. `palpate check` and `palpate doctor` are two forms of the result.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -17,6 +17,7 @@ from palpate.config.diagnosis_results import (
     AdapterCheckOut,
     ArrayCheckOut,
     BusCountsOut,
+    Cause,
     CheckOut,
     DoctorOut,
     DoctorStepOut,
@@ -26,6 +27,7 @@ from palpate.config.diagnosis_results import (
     ServoCheckOut,
     SettingOut,
     Severity,
+    WiringOut,
 )
 from palpate.drivers.transport import PortForbidden, PortTaken
 from palpate.rig.diagnostics.array_examination import (
@@ -223,6 +225,7 @@ STEPS = (
 
 _NOTHING_SENT = BusCountsOut.model_validate(dict.fromkeys(BusCountsOut.model_fields, 0))
 _BLOCKED = "fingers move only once nothing else is wrong"
+_EXPLAINED = "first put right the wiring"
 _NOT_TOUCHED = "nothing was touched: first put right what is wrong"
 
 
@@ -274,13 +277,16 @@ def diagnose(case: DiagnosisCase, now: datetime, motions: Sequence[MotionStep] =
         judged: Judgement | str
         if isinstance(motion.carry_out, str):
             judged = motion.carry_out
-        elif _has_wrong(steps):
+        elif _has_wrong(steps, motion.despite):
             judged = _BLOCKED
         else:
             case.tell(motion.name)
             judged = motion.carry_out()
             moved = moved or not isinstance(judged, str)
-        steps.append(_result(motion.name, motion.looked_at, judged))
+        done = _result(motion.name, motion.looked_at, judged)
+        if _has_wrong([done]):
+            steps = [_without(item, motion.despite) for item in steps]
+        steps.append(done)
     return Diagnosis(case, readings, tuple(steps), moved)
 
 
@@ -324,11 +330,18 @@ def _result(name: str, looked_at: str, judged: Judgement | str) -> DoctorStepOut
     return DoctorStepOut(step=name, outcome=outcome, looked_at=looked_at, saw=saw, findings=tuple(findings))
 
 
-def _has_wrong(steps: Sequence[DoctorStepOut]) -> bool:
-    return any(item.outcome is Outcome.WRONG for item in steps)
+def _without(step: DoctorStepOut, causes: Collection[Cause]) -> DoctorStepOut:
+    """A step, skipped if some causes, for which there is a reason now, are among its findings."""
+    explained = any(item.cause in causes for item in step.findings)
+    return _result(step.step, step.looked_at, _EXPLAINED) if explained else step
 
 
-def doctor_out(found: Diagnosis) -> DoctorOut:
+def _has_wrong(steps: Sequence[DoctorStepOut], but: Collection[Cause] = ()) -> bool:
+    found = (item for step in steps for item in step.findings)
+    return any(item.severity is Severity.WRONG and item.cause not in but for item in found)
+
+
+def doctor_out(found: Diagnosis, wiring: WiringOut | None = None) -> DoctorOut:
     """The result of `palpate doctor`: the steps."""
     return DoctorOut(
         rig=found.case.rig.name,
@@ -336,12 +349,15 @@ def doctor_out(found: Diagnosis) -> DoctorOut:
         well=found.well,
         device_missing=any(item.cause in DEVICE_CAUSES for item in found.findings),
         moved=found.moved,
+        wiring=wiring,
         steps=found.steps,
         next=found.next,
     )
 
 
-def check_out(found: Diagnosis, measured: Retouch | HoldCheckOut | None = None) -> CheckOut:
+def check_out(
+    found: Diagnosis, measured: Retouch | HoldCheckOut | None = None, wiring: WiringOut | None = None
+) -> CheckOut:
     """The result of `palpate check`: every device, what fingers have measured, and findings in words.
 
     Raises DeviceError if the bus's port is missing or has failed: then there is no rig to check.
@@ -371,14 +387,15 @@ def check_out(found: Diagnosis, measured: Retouch | HoldCheckOut | None = None) 
         calibration=calibration,
         touch_force=readings.touch_force,
         hold=measured if isinstance(measured, HoldCheckOut) else None,
-        problems=_in_words(found.findings, Severity.WRONG),
-        warnings=_in_words(found.findings, Severity.WARNING) + ((_NOT_TOUCHED,) if blocked else ()),
+        wiring=wiring,
+        problems=in_words(found.findings, Severity.WRONG),
+        warnings=in_words(found.findings, Severity.WARNING) + ((_NOT_TOUCHED,) if blocked else ()),
         steps=found.steps,
         next=found.next,
     )
 
 
-def _in_words(findings: Sequence[FindingOut], severity: Severity, *, named: bool = True) -> tuple[str, ...]:
+def in_words(findings: Sequence[FindingOut], severity: Severity, *, named: bool = True) -> tuple[str, ...]:
     """Findings of a severity: what was seen, and what to do next."""
     return tuple(
         (f"{item.device}: " if named else "") + f"{item.saw}; {item.next.removeprefix(f'{NOTHING_TO_DO}: ')}"
@@ -394,8 +411,8 @@ def _servo_out(found: Diagnosis, servo: RigServo) -> ServoCheckOut:
         "id": servo.dxl_id,
         "owner": servo.owner,
         "model": servo.model,
-        "problems": _in_words(own, Severity.WRONG, named=False),
-        "warnings": _in_words(own, Severity.WARNING, named=False),
+        "problems": in_words(own, Severity.WRONG, named=False),
+        "warnings": in_words(own, Severity.WARNING, named=False),
     }
     if seen is None or seen.health is None:
         return ServoCheckOut.model_validate(named | {"answers": False})
@@ -424,8 +441,8 @@ def _array_out(found: Diagnosis, spec: FingerConfig) -> ArrayCheckOut:
         answers=described is not None,
         wanted_hz=found.case.rig.closing.sample_rate_hz,
         latency_timer_ms=None if timer is None else timer * 1e3,
-        problems=_in_words(own, Severity.WRONG, named=False),
-        warnings=_in_words(own, Severity.WARNING, named=False),
+        problems=in_words(own, Severity.WRONG, named=False),
+        warnings=in_words(own, Severity.WARNING, named=False),
     )
     if described is None:
         return blank

@@ -51,12 +51,14 @@ class DiagnosisCase:
 class MotionStep:
     """A step for which fingers move, once nothing else is wrong: what it does, or why it was not asked for.
 
-    What it does ends in a judgement, or in the reason why it was not done.
+    What it does ends in a judgement, or in the reason why it was not done. `despite`: causes of findings that
+    do not keep it from being done, and that it may explain.
     """
 
     name: str
     looked_at: str
     carry_out: Callable[[], Judgement | str] | str
+    despite: frozenset[Cause] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

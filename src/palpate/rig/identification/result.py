@@ -1,11 +1,11 @@
 """A run of an identification: its inputs, its results, and `palpate/identification@1`."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
 
-from palpate.base.errors import PalpateError
+from palpate.base.errors import InputError, PalpateError
 from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import Strategy
 from palpate.config import CalibrationFile, RigFile
@@ -19,6 +19,7 @@ from palpate.config.recognition_results import (
     Relation,
     TouchRecordOut,
 )
+from palpate.config.wiring_record import ConfirmedWiring
 from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
@@ -50,13 +51,38 @@ class Truth:
         }
 
 
+@dataclass(frozen=True)
+class WiringProof:
+    """Proof that a run asks for on real devices: what was confirmed, if anything, of the rig as described.
+
+    `command`: the one that proves the wiring.
+    """
+
+    described: RigFile
+    confirmed: ConfirmedWiring | None
+    command: str
+
+    def check(self, arrays: Mapping[str, str]) -> None:
+        """Raise InputError if that was not proven of these devices; `arrays`: unique ids by finger."""
+        why = "was never confirmed"
+        if self.confirmed is not None:
+            changed = self.confirmed.difference(self.described, arrays)
+            if changed is None:
+                return
+            why = f"is not as it was confirmed on {self.confirmed.made:%Y-%m-%d}: {changed}"
+        raise InputError(
+            f"the wiring of this rig {why}; a finger with another's array presses unfelt: prove it with "
+            f"`{self.command}`, or run it all the same with --unconfirmed (unconfirmed=True)"
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationJob(ShortRepr):
     """What a run starts from; `placement`, in the answer's frame, is what an emulated table is set with.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
     `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
-    the calibration.
+    the calibration. `proof`: of the wiring, asked for before torque is on; None: none is.
     """
 
     rig: RigFile
@@ -66,6 +92,7 @@ class IdentificationJob(ShortRepr):
     seed: int
     calibration: CalibrationFile | None = None
     started: datetime | None = None
+    proof: WiringProof | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

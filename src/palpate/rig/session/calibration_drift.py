@@ -69,7 +69,12 @@ def check_devices(file: CalibrationFile | None, hand: Hand) -> None:
         return
     servos = {servo.dxl_id: servo.model.name for servo in hand.servos}
     _refuse_mismatch(file, _servo_mismatch(file, servos))
-    check_arrays(file, {finger.name: finger.array.description.unique_id.hex() for finger in hand.fingers})
+    check_arrays(file, arrays_of(hand))
+
+
+def arrays_of(hand: Hand) -> dict[str, str]:
+    """Unique ids of a connected hand's arrays, in hexadecimal, by finger."""
+    return {finger.name: finger.array.description.unique_id.hex() for finger in hand.fingers}
 
 
 def check_arrays(file: CalibrationFile | None, arrays: Mapping[str, str]) -> None:

@@ -26,7 +26,8 @@ from palpate.config import (
     load_objects,
     load_scene,
 )
-from palpate.config.writers import file_text
+from palpate.config.wiring_record import ConfirmedWiring, confirmed_path, load_confirmed
+from palpate.config.writers import file_text, keep_confirmed
 from palpate.drivers.dynamixel import Model, StateTraffic, model_by_name
 from palpate.drivers.kinematics import FingerKinematics, Turn
 from palpate.drivers.tactile import ArrayDriver, TactileFrame
@@ -66,6 +67,14 @@ def keep_rig(folder: Path, on_bench: RigOnBench) -> None:
     write_text(folder / _RIG, _text(on_bench.path))
     if on_bench.calibration_path is not None:
         write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
+    if (confirmed := confirmed_of(on_bench.path)) is not None:
+        keep_confirmed(folder / _RIG, confirmed)
+
+
+def confirmed_of(rig: Path | Traversable) -> ConfirmedWiring | None:
+    """Confirmed wiring beside a rig file; None if there is none. Raises InputError if it cannot be read."""
+    beside = confirmed_path(rig) if isinstance(rig, Path) else None
+    return load_confirmed(beside) if beside is not None and beside.exists() else None
 
 
 def load_kept_inputs(

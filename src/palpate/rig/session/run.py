@@ -25,7 +25,7 @@ from palpate.rig.identification.result import IdentificationJob, IdentificationR
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.hand import Environment
 from palpate.rig.motion.press import check_slips, slides_at_stops
-from palpate.rig.session.calibration_drift import calibration_used, check_devices
+from palpate.rig.session.calibration_drift import arrays_of, calibration_used, check_devices
 from palpate.rig.session.log import SessionEvents, json_value
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.workers import BackgroundCall
@@ -97,6 +97,8 @@ def run_identification(
         environment.hand(job.rig, notice_beside) as hand,
     ):
         check_devices(job.calibration, hand)
+        if job.proof is not None and not hand.emulated:
+            job.proof.check(arrays_of(hand))
         hand.prepare()
         at_stops = slides_at_stops(hand) if job.rig.search.check_slips else {}
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
