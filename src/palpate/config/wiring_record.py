@@ -70,7 +70,7 @@ class ConfirmedFinger(FileModel):
 class ConfirmedWiring(FileModel):
     """Wiring of a rig that was proven, `palpate/confirmed@1`."""
 
-    format: Literal["palpate/confirmed@1"] = "palpate/confirmed@1"
+    format: Literal["palpate/confirmed@1"]
     rig: Name = Field(description="Name of the rig.")
     made: UtcTime = Field(description="When it was proven, in UTC.")
     by: Literal["check", "calibrate"] = Field(description="Command that did it.")
@@ -82,7 +82,7 @@ class ConfirmedWiring(FileModel):
     ) -> Self:
         """Wiring of a rig as its file has it; `arrays`: unique ids by finger, of all of them."""
         fingers = [ConfirmedFinger.of(spec, arrays[spec.name]) for spec in rig.fingers]
-        return cls(rig=rig.name, made=made, by=by, fingers=fingers)
+        return cls(format="palpate/confirmed@1", rig=rig.name, made=made, by=by, fingers=fingers)
 
     def difference(self, rig: RigFile, arrays: Mapping[str, str]) -> str | None:
         """Say what has changed since; None if nothing has."""

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,10 @@ _HEAD_COMMENT = (
 )
 
 
-def calibration_toml(file: CalibrationFile) -> str:
+def calibration_toml(file: CalibrationFile | ConfirmedWiring, comment: Sequence[str] = _HEAD_COMMENT) -> str:
     """The text of a calibration file; `load_calibration` reads the same values from it."""
     document = tomlkit.document()
-    for line in _HEAD_COMMENT:
+    for line in comment:
         document.add(tomlkit.comment(line))
     _fill(document, file)
     return tomlkit.dumps(document)
@@ -41,7 +41,10 @@ def calibration_toml(file: CalibrationFile) -> str:
 
 def keep_confirmed(rig: Path, wiring: ConfirmedWiring) -> None:
     """Write confirmed wiring beside a rig file. Raises InputError, OutputError if it cannot be written."""
-    write_text(confirmed_path(rig), file_text(wiring))
+    comment = (
+        "Written by palpate; docs/doctor.md says what it is. Prove the wiring again rather than edit it.",
+    )
+    write_text(confirmed_path(rig), calibration_toml(wiring, comment))
 
 
 def change_rig(path: Path, changes: Iterable[WiringChangeOut]) -> str:
@@ -137,8 +140,7 @@ def _contacts(value: ContactsFile) -> str:
 
 @file_text.register(RigFile)
 @file_text.register(ReferencesFile)
-@file_text.register(ConfirmedWiring)
-def _tables(value: RigFile | ReferencesFile | ConfirmedWiring) -> str:
+def _tables(value: RigFile | ReferencesFile) -> str:
     return tomlkit.dumps(value.model_dump(mode="json", exclude_unset=True, exclude_none=True))
 
 

@@ -297,16 +297,14 @@ class WiringCheck:
                 f'rig "{case.rig.name}" is real: give an onlooker, who presses tips and says which one moved'
             )
 
-        def carry_out() -> Judgement | str:
+        def carry_out() -> Judgement:
             try:
                 return self._carry_out(case, permit)
-            except InputError as error:
-                return str(error)
             except DeviceError as error:
                 means = "a motion did not end where it should, or a device failed; torque is off"
-                do = "see what holds the finger, with the supply off"
-                found = wrong(Cause.MOTION_FAILED, NamedDevice("fingers"), str(error), means, do)
-                return "a motion failed", [found]
+                do = "look at that with the supply off, then run this again"
+                found = wrong(Cause.MOTION_FAILED, NamedDevice("wiring"), str(error), means, do)
+                return "it could not be seen to the end", [found]
 
         looked = "asked which array feels a press on each tip, and which tip each joint moves"
         zeros = frozenset({Cause.ZERO_OFF})
@@ -333,7 +331,7 @@ class WiringCheck:
         """The result; where all is as it should be, that is written down beside a real rig's file."""
         if not self.asked:
             return None
-        confirmed = self.press and self.move and self.verdict is not None and not self.verdict.findings
+        confirmed = self.press and self.move and self.verdict is not None and self.verdict.is_proof
         arrays = {item.spec.name: item.description for item in found.readings.arrays}
         uids = {
             name: described.unique_id.hex() for name, described in arrays.items() if described is not None

@@ -225,11 +225,9 @@ class Rig:
     ) -> DoctorAnswer:
         """Examine the whole set-up step by step, in the order in which things go wrong, from ports to forces.
 
-        Nothing moves but for `move`; `press`, `move`, `onlooker`, `permit` are as in `check`, but an
-        InputError of `permit` skips that. `notice`: as in `identify`. Devices that are missing or fail are
-        findings.
-        Raises InputError for these two on a real rig without an onlooker, SafetyStop if a motion had to be
-        stopped.
+        Nothing moves but for `move`; `press`, `move`, `onlooker`, `permit` are as in `check`, `notice` as in
+        `identify`. Devices that are missing or fail are findings. Raises InputError for `press` and `move` on
+        a real rig without an onlooker, SafetyStop if a motion had to be stopped.
         """
         with unwind_on_signals():
             return examine_rig(

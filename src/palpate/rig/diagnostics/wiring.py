@@ -242,7 +242,7 @@ def _mirror(item: FingerWiring, frame: Frame, *, with_joints: bool) -> FingerWir
 def explain(told: Sequence[FingerWiring], seen: Seen) -> list[Candidate]:
     """The wirings with the fewest changes that explain all that was seen, one for each that acts otherwise.
 
-    None if none does with a few changes.
+    None if none does with a few changes. Without any press or without any move several do more often.
     """
     found: list[Candidate] = []
     frames = [(Frame.RIGHT, False), *product((Frame.Y_MIRRORED, Frame.X_MIRRORED), (True, False))]
@@ -300,6 +300,10 @@ def _fit(case: _Case) -> Iterator[Candidate]:
     orders = {tuple(count), *(tuple(by.get(k, -1) for k in count) for by in (by_array, by_servo))}
     for places in sorted(order for order in orders if -1 not in order):
         base = case.order(places)
+        if not case.seen.presses:  # then arrays are wherever their fingers are
+            arrays = {place: k for k, place in enumerate(places)}
+        if not case.seen.moves:
+            servos = {(place, joint): (k, joint) for k, place in enumerate(places) for joint in (0, 1)}
         moved = [_with_servos(case, servos, item, place) for item, place in zip(base, places, strict=True)]
         choices = [
             _with_array(case, case.told[arrays[place]], item, place)

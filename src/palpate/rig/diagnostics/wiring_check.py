@@ -33,6 +33,7 @@ _PERIOD_S = 0.01
 _REST_S, _LOOK_S = 0.6, 0.4
 _LOOKS = 15  # until nobody is waited for any longer
 _LET_GO_S = 0.2
+_FRAMES, _LATE_S = 10, 2.0  # frames of each array that are waited for, and how long
 _POLL_S = 0.02
 _MIN_FORCE_N = 0.2
 _NOISE_SIGMAS = 6.0
@@ -205,8 +206,10 @@ class _Arrays:
         frames: dict[str, list[TactileFrame]] = {name: [] for name in self.drivers}
         for array in self.drivers.values():
             array.frames()
-        end = self._clock.now() + seconds
-        while self._clock.now() < end:
+        begin = self._clock.now()
+        while (passed := self._clock.now() - begin) < seconds or (
+            passed < _LATE_S and min(map(len, frames.values())) < _FRAMES
+        ):
             self._clock.sleep(_POLL_S)
             for name, array in self.drivers.items():
                 frames[name] += array.frames()

@@ -1,6 +1,7 @@
 """Findings about a rig's wiring: what was seen in words, its cause, and the changes to the rig file."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,10 +31,14 @@ _TOUCHES = "a contact would count as another finger's, and fingers would press w
 
 @dataclass(frozen=True)
 class WiringVerdict:
-    """Verdict on a wiring: what is wrong, and the changes to the rig file that mend it."""
+    """Verdict on a wiring: what is wrong, and the changes to the rig file that mend it.
+
+    `is_proof`: nothing is, and each array felt two presses: one does not show whether it counts mirrored.
+    """
 
     findings: tuple[FindingOut, ...]
     changes: tuple[WiringChangeOut, ...] = ()
+    is_proof: bool = False
 
 
 def judge_wiring(rig: RigFile, seen: Seen) -> WiringVerdict:
@@ -58,7 +63,9 @@ def judge_wiring(rig: RigFile, seen: Seen) -> WiringVerdict:
     findings = tuple(
         wrong(cause, device, f"{words}: {saw}", means, _WRITE) for cause, device, words, means in causes
     )
-    return WiringVerdict(findings, tuple(wiring_changes(rig, best, seen.turns, why)))
+    felt = Counter(press.asked for press in seen.presses if press.arrays)
+    is_proof = not findings and all(felt[item.name] > 1 for item in told)
+    return WiringVerdict(findings, tuple(wiring_changes(rig, best, seen.turns, why)), is_proof)
 
 
 def _unclear(saw: str, means: str, do: str) -> FindingOut:
