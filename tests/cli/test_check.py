@@ -47,7 +47,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
     assert violations(out, json.loads(schema_text("check"))) == []
     assert list(out) == [
         *("format", "rig", "emulated", "well", "adapter", "servos", "arrays", "loop", "bus"),
-        *("calibration", "touch_force", "hold", "problems", "warnings", "steps", "next"),
+        *("calibration", "touch_force", "hold", "wiring", "problems", "warnings", "steps", "next"),
     ]
     assert out["format"] == "palpate/check@1"
     assert [servo["id"] for servo in out["servos"]] == IDS

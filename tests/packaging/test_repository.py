@@ -139,6 +139,7 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
         "jobs/monitor.py",
         "rig/diagnostics/array_examination.py",
         "rig/array_monitor.py",
+        "rig/diagnostics/wiring_check.py",
     }
     waits_for_lost_devices = (
         "rig/motion/array_guard.py"  # an adapter that is gone, an array after fingers stopped

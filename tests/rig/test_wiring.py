@@ -18,11 +18,20 @@ from palpate import open_rig, open_session
 from palpate.base.errors import InputError
 from palpate.config import RigFile, load_rig
 from palpate.config.diagnosis_results import Cause
-from palpate.config.wiring_record import ConfirmedWiring, confirmed_path, load_confirmed
+from palpate.config.wiring_record import ConfirmedWiring, load_confirmed, proof_path
 from palpate.config.writers import change_rig, file_text, keep_confirmed
 from palpate.jobs.check import CheckAnswer
 from palpate.jobs.identification import IdentificationRequest
-from palpate.rig.diagnostics.wiring import FingerWiring, Move, Press, Seen, Side, Way, standing_at, wiring_of
+from palpate.rig.diagnostics.wiring import (
+    FingerWiring,
+    Seen,
+    Side,
+    TipMove,
+    TipPress,
+    Way,
+    standing_at,
+    wiring_of,
+)
 from palpate.rig.diagnostics.wiring_findings import judge_wiring
 from palpate.rig.emulated import devices
 from palpate.rig.emulated.devices import emulate
@@ -44,25 +53,25 @@ def seen_by_people(told: Sequence[FingerWiring], true: Sequence[FingerWiring]) -
     for item in told:
         at = standing_at(bases, item.base_mm)
         presses += [
-            Press(item.name, side, stood=False) if at is None else _press(told, true[at], item.name, side)
+            TipPress(item.name, side, stood=False) if at is None else _press(told, true[at], item.name, side)
             for side in (Side.FRONT, Side.LEFT)
         ]
         for joint in (0, 1):
             own = next(other for other in true if item.ids[joint] in other.ids)
             moved = own.ids.index(item.ids[joint])
             way = Way((moved, item.signs[joint] * own.signs[moved]))
-            moves.append(Move(item.name, joint, own.base_mm, way))
+            moves.append(TipMove(item.name, joint, own.base_mm, way))
     return Seen(tuple(presses), tuple(moves))
 
 
-def _press(told: Sequence[FingerWiring], true: FingerWiring, asked: str, side: Side) -> Press:
+def _press(told: Sequence[FingerWiring], true: FingerWiring, asked: str, side: Side) -> TipPress:
     array = next(item for item in told if item.port == true.port)
     angle = math.remainder(side.value - true.array_deg, 360)
     if abs(angle) > true.coverage_deg / 2:
-        return Press(asked, side)
+        return TipPress(asked, side)
     angle = angle if array.mirrored == true.mirrored else -angle
     low = (array.inverted == true.inverted) if side is Side.FRONT else None
-    return Press(asked, side, (array.name,), angle, low)
+    return TipPress(asked, side, (array.name,), angle, low)
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -177,10 +186,10 @@ def test_what_nothing_explains_is_said_without_a_cause() -> None:
     rig = load_rig(firm_rig())
     told = wiring_of(rig)
     right = seen_by_people(told, told)
-    silent = tuple(Press(item.asked, item.side) if item.asked == "f2" else item for item in right.presses)
-    both = (Press("f1", Side.FRONT, ("f1", "f3")), *right.presses[1:])
-    still = (Move("f1", 0, None, None), *right.moves[1:])
-    twice = (*right.moves[:-1], Move("f3", 1, told[0].base_mm, Way.OUT))
+    silent = tuple(TipPress(item.asked, item.side) if item.asked == "f2" else item for item in right.presses)
+    both = (TipPress("f1", Side.FRONT, ("f1", "f3")), *right.presses[1:])
+    still = (TipMove("f1", 0, None, None), *right.moves[1:])
+    twice = (*right.moves[:-1], TipMove("f3", 1, told[0].base_mm, Way.OUT))
     for seen in (Seen(silent), Seen(both), Seen((), still), Seen(right.presses, twice)):
         verdict = judge_wiring(rig, seen)
         assert {item.cause for item in verdict.findings} == {Cause.WIRING_UNCLEAR}
@@ -270,7 +279,7 @@ def test_a_run_asks_for_proof_of_these_devices_wired_like_this(tmp_path: Path) -
     arrays = {finger.name: f"{k:032x}" for k, finger in enumerate(rig.fingers)}
     path = tmp_path / "rig.toml"
     keep_confirmed(path, ConfirmedWiring.of(rig, arrays, MADE, "check"))
-    confirmed = load_confirmed(confirmed_path(path))
+    confirmed = load_confirmed(proof_path(path))
     WiringProof(rig, confirmed, "palpate check").check(arrays)
     corrected = copy.deepcopy(tomllib.loads(firm_rig().read_text(encoding="utf-8")))
     corrected["fingers"][0]["base_mm"] = [3.0, 188.0]

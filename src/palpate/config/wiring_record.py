@@ -95,7 +95,7 @@ class ConfirmedWiring(FileModel):
         return None
 
 
-def confirmed_path(rig: Path) -> Path:
+def proof_path(rig: Path) -> Path:
     """Path of a rig file's confirmed wiring, beside it: `bench.toml` → `bench.confirmed.toml`."""
     return rig.with_name(f"{rig.stem}.confirmed.toml")
 

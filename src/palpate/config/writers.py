@@ -22,7 +22,7 @@ from palpate.config.loading import Content
 from palpate.config.objects_file import ObjectsFile
 from palpate.config.objects_tables import ObjectsFileText, objects_json, outline_text
 from palpate.config.rig_file import RigFile, load_rig
-from palpate.config.wiring_record import ConfirmedWiring, confirmed_path
+from palpate.config.wiring_record import ConfirmedWiring, proof_path
 
 _HEAD_COMMENT = (
     "Written by `palpate calibrate`; docs/calibration-file.md explains every key.",
@@ -44,7 +44,7 @@ def keep_confirmed(rig: Path, wiring: ConfirmedWiring) -> None:
     comment = (
         "Written by palpate; docs/doctor.md says what it is. Prove the wiring again rather than edit it.",
     )
-    write_text(confirmed_path(rig), calibration_toml(wiring, comment))
+    write_text(proof_path(rig), calibration_toml(wiring, comment))
 
 
 def change_rig(path: Path, changes: Iterable[WiringChangeOut]) -> str:

@@ -199,8 +199,10 @@ class Rig:
         shipped objects, drawn by the rig's seed. `notice`: as in `identify`. Raises DeviceError if the bus's
         port is missing, InputError if nothing can be compared, no part is found, or both are asked for.
         """
-        if touch + hold + (press or move) > 1:
-            raise InputError("touch, hold, and press or move exclude each other: ask for one at a time")
+        if touch and hold:
+            raise InputError("touch and hold exclude each other: the disc that is touched must not slide")
+        if (touch or hold) and (press or move):
+            raise InputError("touch and hold go without press and move: prove the wiring first")
         with unwind_on_signals():
             moving = None
             if touch:

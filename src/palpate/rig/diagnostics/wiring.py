@@ -46,7 +46,7 @@ class Way(Enum):
 
 
 @dataclass(frozen=True)
-class Press:
+class TipPress:
     """Press on the tip that stands where the rig file puts finger `asked`; `stood`: one does.
 
     `arrays`: fingers of the file whose arrays felt it. `angle_deg`: where on that array, from its middle;
@@ -62,7 +62,7 @@ class Press:
 
 
 @dataclass(frozen=True)
-class Move:
+class TipMove:
     """Move of joint `joint` (0: next to the base) of the file's `finger`, left or outward by the file.
 
     `base_mm`: about where the base of the tip is that moved, None if none did; `way`: which way it went.
@@ -78,8 +78,8 @@ class Move:
 class Seen:
     """All that was seen. `turns`: of each servo, where fingers stood, as the rig file counts them."""
 
-    presses: tuple[Press, ...] = ()
-    moves: tuple[Move, ...] = ()
+    presses: tuple[TipPress, ...] = ()
+    moves: tuple[TipMove, ...] = ()
     turns: Mapping[int, float] = field(default_factory=dict)
 
 
@@ -149,7 +149,7 @@ def standing_at(bases_mm: Sequence[tuple[float, float]], place_mm: tuple[float, 
     return index if math.dist(bases_mm[index], place_mm) < min(near_mm / 2, 100.0) else None
 
 
-def press_explains(told: FingerWiring, true: FingerWiring, press: Press) -> bool:
+def press_explains(told: FingerWiring, true: FingerWiring, press: TipPress) -> bool:
     """True if an array mounted as `true` says is felt like that by one who believes `told`."""
     expected = press.side.value - true.array_deg
     if told.mirrored != true.mirrored:
@@ -165,7 +165,7 @@ def press_explains(told: FingerWiring, true: FingerWiring, press: Press) -> bool
     return is_low and abs(math.remainder(press.angle_deg - expected, 360)) < _ANGLE_TOLERANCE_DEG
 
 
-class Frame(Enum):
+class MeasuredFrame(Enum):
     """Frame in which places and directions were measured: as it should be, or with an axis mirrored."""
 
     RIGHT = (1, 1)
@@ -185,7 +185,7 @@ class Candidate:
     told: tuple[FingerWiring, ...]
     base: tuple[FingerWiring, ...]
     true: tuple[FingerWiring, ...]
-    frame: Frame
+    frame: MeasuredFrame
     with_joints: bool
     places: tuple[int, ...]
 
@@ -210,7 +210,7 @@ class Candidate:
         groups = self.moved_places, self.differing(lambda a: a.port), self.differing(lambda a: a.ids)
         cost = sum(1 + 0.01 * len(group) for group in groups if group)
         cost += len(self.reversed_joints) + len(self.differing(mounting))
-        return cost + (0.0 if self.frame is Frame.RIGHT else 1.02)
+        return cost + (0.0 if self.frame is MeasuredFrame.RIGHT else 1.02)
 
     @property
     def function(self) -> frozenset[tuple[object, ...]]:
@@ -223,12 +223,12 @@ def mounting(item: FingerWiring) -> tuple[object, ...]:
     return round(math.remainder(item.array_deg, 360) % 360, 3), item.mirrored, item.inverted
 
 
-def _mirror(item: FingerWiring, frame: Frame, *, with_joints: bool) -> FingerWiring:
+def _mirror(item: FingerWiring, frame: MeasuredFrame, *, with_joints: bool) -> FingerWiring:
     """A finger that was described in a mirrored frame, in the right one."""
-    if frame is Frame.RIGHT:
+    if frame is MeasuredFrame.RIGHT:
         return item
     (x, y), (across, up) = item.base_mm, frame.value
-    heading = -item.heading_deg if frame is Frame.Y_MIRRORED else 180 - item.heading_deg
+    heading = -item.heading_deg if frame is MeasuredFrame.Y_MIRRORED else 180 - item.heading_deg
     signs = (-item.signs[0], item.signs[1]) if with_joints else item.signs
     return replace(
         item,
@@ -245,7 +245,10 @@ def explain(told: Sequence[FingerWiring], seen: Seen) -> list[Candidate]:
     None if none does with a few changes. Without any press or without any move several do more often.
     """
     found: list[Candidate] = []
-    frames = [(Frame.RIGHT, False), *product((Frame.Y_MIRRORED, Frame.X_MIRRORED), (True, False))]
+    frames = [
+        (MeasuredFrame.RIGHT, False),
+        *product((MeasuredFrame.Y_MIRRORED, MeasuredFrame.X_MIRRORED), (True, False)),
+    ]
     for frame, with_joints in frames:
         found += _fit(_Case(tuple(told), seen, frame, with_joints))
     found.sort(key=lambda item: item.cost)
@@ -260,7 +263,7 @@ class _Case:
 
     told: tuple[FingerWiring, ...]
     seen: Seen
-    frame: Frame
+    frame: MeasuredFrame
     with_joints: bool
 
     @property
@@ -276,7 +279,7 @@ class _Case:
         """Index of the finger that stands somewhere."""
         return standing_at([item.base_mm for item in self.in_frame], at_mm)
 
-    def presses_at(self, place: int) -> list[Press]:
+    def presses_at(self, place: int) -> list[TipPress]:
         """Presses on the tip at a place."""
         asked = ((self.told[self.index(press.asked)].base_mm, press) for press in self.seen.presses)
         return [press for at_mm, press in asked if self.place(at_mm) == place]

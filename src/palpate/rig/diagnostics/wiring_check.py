@@ -22,7 +22,7 @@ from palpate.drivers.tactile import ArrayDriver, Description, Shape, TactileFram
 from palpate.drivers.transport import open_port
 from palpate.rig.arrays import array_of
 from palpate.rig.bench import BenchRig
-from palpate.rig.diagnostics.wiring import Move, Press, Side, Way, standing_at
+from palpate.rig.diagnostics.wiring import Side, TipMove, TipPress, Way, standing_at
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.mechanisms.mechanism import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.motion.hand import Hand
@@ -138,17 +138,17 @@ def _fingertip(finger: EmulatedFinger, side: Side) -> PartSection:
 
 def see_presses(
     rig: RigFile, bench: BenchRig, onlooker: Onlooker, tell: Callable[[str], None]
-) -> list[Press]:
+) -> list[TipPress]:
     """Have every tip pressed in two places, or three where only one of them was felt. Nothing moves.
 
     Raises DeviceError if an array fails.
     """
-    found: list[Press] = []
+    found: list[TipPress] = []
     with ExitStack() as ways_out:
         arrays = _Arrays(rig, bench, ways_out)
         for spec in rig.fingers:
             tell(f"a press on finger {spec.name}")
-            own: list[Press] = []
+            own: list[TipPress] = []
             for side in Side:
                 felt_once = len({bool(press.arrays) for press in own}) == 2
                 if side is not Side.RIGHT or (felt_once and not spec.tip.kind.has_face):
@@ -159,10 +159,10 @@ def see_presses(
     return found
 
 
-def _see_press(finger: FingerConfig, side: Side, arrays: "_Arrays", onlooker: Onlooker) -> Press:
+def _see_press(finger: FingerConfig, side: Side, arrays: "_Arrays", onlooker: Onlooker) -> TipPress:
     """One press, held until it was looked at."""
     if not onlooker.press(finger, side):
-        return Press(finger.name, side, stood=False)
+        return TipPress(finger.name, side, stood=False)
     for _ in range(_LOOKS):
         if max(float(force.sum()) for force in arrays.forces_n().values()) >= _MIN_FORCE_N:
             break
@@ -172,12 +172,12 @@ def _see_press(finger: FingerConfig, side: Side, arrays: "_Arrays", onlooker: On
     least = max(_MIN_FORCE_N, _OTHERS_SHARE * max(float(force.sum()) for force in forces.values()))
     felt = [name for name, force in forces.items() if float(force.sum()) >= least]
     if len(felt) != 1:
-        return Press(finger.name, side, tuple(felt))
+        return TipPress(finger.name, side, tuple(felt))
     force, described = forces[felt[0]], arrays.drivers[felt[0]].description
     height = float(np.average(np.linspace(0, 1, described.rows), weights=force.sum(axis=1)))
     low = None if described.rows < 2 or 0.4 <= height <= 0.6 else height < 0.5
     angle_deg = _angle_deg(described, force)
-    return Press(finger.name, side, tuple(felt), angle_deg, low if side is Side.FRONT else None)
+    return TipPress(finger.name, side, tuple(felt), angle_deg, low if side is Side.FRONT else None)
 
 
 _Statistics = tuple[Floats, Floats, int]
@@ -249,10 +249,10 @@ def _angle_deg(described: Description, force: Floats) -> float:
     return math.degrees(math.atan2(y, x))
 
 
-def see_moves(hand: Hand, onlooker: Onlooker, tell: Callable[[str], None]) -> list[Move]:
+def see_moves(hand: Hand, onlooker: Onlooker, tell: Callable[[str], None]) -> list[TipMove]:
     """Move each joint of each finger from where it stands, and back. Raises what motion raises."""
     hand.prepare(home=HomingPolicy.NONE)  # which way slides go is not known yet
-    found: list[Move] = []
+    found: list[TipMove] = []
     for finger in hand.fingers:
         tell(f"moving finger {finger.name}")
         at = hand.servos_of([finger])[finger]
@@ -260,7 +260,7 @@ def see_moves(hand: Hand, onlooker: Onlooker, tell: Callable[[str], None]) -> li
         for joint, (servo, move) in enumerate(zip(finger.drive.servos, moves, strict=True)):
             seen = _see_move(hand, servo, move.goal_rad, onlooker)
             found.append(
-                Move(finger.name, joint, *((None, None) if seen is None else (seen.base_mm, seen.way)))
+                TipMove(finger.name, joint, *((None, None) if seen is None else (seen.base_mm, seen.way)))
             )
     return found
 

@@ -13,7 +13,7 @@ from palpate.rig.diagnostics.steps import NamedDevice, join_words, name_servo, n
 from palpate.rig.diagnostics.wiring import (
     Candidate,
     FingerWiring,
-    Frame,
+    MeasuredFrame,
     Seen,
     Side,
     explain,
@@ -131,8 +131,8 @@ def _words(rig: RigFile, found: Candidate) -> str:
 def _causes(rig: RigFile, found: Candidate) -> Iterator[_Cause]:
     """Each change with its cause, its device, what is wrong in words, and what that means."""
     file = NamedDevice("the rig file")
-    if found.frame is not Frame.RIGHT:
-        axis = "y" if found.frame is Frame.Y_MIRRORED else "x"
+    if found.frame is not MeasuredFrame.RIGHT:
+        axis = "y" if found.frame is MeasuredFrame.Y_MIRRORED else "x"
         words = f"the frame was measured mirrored, with its {axis} axis the other way round"
         yield Cause.FRAME_MIRRORED, file, words, "every pose would be found mirrored"
     if found.moved_places:
@@ -145,7 +145,7 @@ def _causes(rig: RigFile, found: Candidate) -> Iterator[_Cause]:
         yield Cause.ARRAYS_SWAPPED, device, words, _TOUCHES
     exchanged = found.differing(lambda item: item.ids)
     if exchanged:
-        ids = [(name, dxl_id) for name in exchanged for dxl_id in _told(found, name).ids]
+        ids = [(name, dxl_id) for name in exchanged for dxl_id in _by_file(found, name).ids]
         device = name_together(join_words([str(i) for _, i in ids]), [name_servo(n, i) for n, i in ids])
         words = f"servos of {join_words(exchanged)} have each other's ids"
         yield (
@@ -156,7 +156,7 @@ def _causes(rig: RigFile, found: Candidate) -> Iterator[_Cause]:
         )
     for name, joint in found.reversed_joints:
         table, servo = tuple(_spec(rig, name).servos.items())[joint]
-        device = name_servo(f"{name} {table}", _true(found, name).ids[joint])
+        device = name_servo(f"{name} {table}", _as_found(found, name).ids[joint])
         words = f"{table}.{servo.ratio_key} of finger {name} has the other sign"
         yield (
             Cause.DIRECTION_WRONG,
@@ -174,11 +174,11 @@ def _causes(rig: RigFile, found: Candidate) -> Iterator[_Cause]:
         )
 
 
-def _told(found: Candidate, name: str) -> FingerWiring:
+def _by_file(found: Candidate, name: str) -> FingerWiring:
     return next(item for item in found.base if item.name == name)
 
 
-def _true(found: Candidate, name: str) -> FingerWiring:
+def _as_found(found: Candidate, name: str) -> FingerWiring:
     return next(item for item in found.true if item.name == name)
 
 
@@ -206,7 +206,7 @@ def _places_in_words(found: Candidate) -> str:
 
 
 def _mounting_in_words(found: Candidate, name: str) -> str:
-    told, true = _told(found, name), _true(found, name)
+    told, true = _by_file(found, name), _as_found(found, name)
     turn = round(math.remainder(true.array_deg - told.array_deg, 360))
     mirrored, inverted = told.mirrored != true.mirrored, told.inverted != true.inverted
     parts = [f"is turned by {turn:+d}° about the tip"] if turn else []
@@ -221,7 +221,7 @@ def wiring_changes(
     rig: RigFile, found: Candidate, turns: Mapping[int, float], why: str
 ) -> Iterator[WiringChangeOut]:
     """Changes that make the rig file say what was found. `turns`: where servos stood, as the file counts."""
-    mirrored = found.frame is not Frame.RIGHT and found.with_joints
+    mirrored = found.frame is not MeasuredFrame.RIGHT and found.with_joints
     for k, (told, true) in enumerate(zip(found.told, found.true, strict=True)):
         spec = rig.fingers[k]
         for path, value in _finger_changes(rig, spec, told, true, mirrored=mirrored):
@@ -264,9 +264,11 @@ def _finger_changes(
         yield f"{table}.{servo.ratio_key}", servo.ratio * (-1 if reversed_ else 1)
 
 
-def _frame_changes(rig: RigFile, frame: Frame, why: str, *, turns_too: bool) -> Iterator[WiringChangeOut]:
+def _frame_changes(
+    rig: RigFile, frame: MeasuredFrame, why: str, *, turns_too: bool
+) -> Iterator[WiringChangeOut]:
     """Changes of what stands in a mirrored frame besides fingers: the stage, obstacles."""
-    if frame is Frame.RIGHT:
+    if frame is MeasuredFrame.RIGHT:
         return
     across, up = frame.value
 

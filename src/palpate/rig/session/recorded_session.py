@@ -26,7 +26,7 @@ from palpate.config import (
     load_objects,
     load_scene,
 )
-from palpate.config.wiring_record import ConfirmedWiring, confirmed_path, load_confirmed
+from palpate.config.wiring_record import ConfirmedWiring, load_confirmed, proof_path
 from palpate.config.writers import file_text, keep_confirmed
 from palpate.drivers.dynamixel import Model, StateTraffic, model_by_name
 from palpate.drivers.kinematics import FingerKinematics, Turn
@@ -73,7 +73,7 @@ def keep_rig(folder: Path, on_bench: RigOnBench) -> None:
 
 def confirmed_of(rig: Path | Traversable) -> ConfirmedWiring | None:
     """Confirmed wiring beside a rig file; None if there is none. Raises InputError if it cannot be read."""
-    beside = confirmed_path(rig) if isinstance(rig, Path) else None
+    beside = proof_path(rig) if isinstance(rig, Path) else None
     return load_confirmed(beside) if beside is not None and beside.exists() else None
 
 
