@@ -210,7 +210,7 @@ def main() -> int:
     parser.add_argument("--right", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--rigs", default=",".join(rigs()))
-    parser.add_argument("--mistakes", default=",".join(MISTAKES[1:]))
+    parser.add_argument("--mistakes", default=",".join(MISTAKES))
     parser.add_argument("--commands", default="doctor,identify")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path)

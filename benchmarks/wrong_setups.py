@@ -425,6 +425,18 @@ def _limits(rig: File, _: np.random.Generator) -> tuple[str, tuple[bytes, ...]]:
     return "PWM Limit 30", tuple(_write(i, 36, 2, 30) for i in ids)
 
 
+def _encoders(rig: File, rng: np.random.Generator, within: float) -> tuple[File, File, str]:
+    """What is true and told of encoders that are off by `within` of what is declared."""
+    off = float(rng.uniform(0.6, 1.2))
+    true, told = copy.deepcopy(rig), copy.deepcopy(rig)
+    true["emulation"]["encoder_error_deg"] = off * min(within, 1.0) * rng.uniform(0.5, 1.0)
+    if within > 1.0:
+        true["emulation"]["encoder_error_deg"] = off
+    for finger in told["fingers"]:
+        finger["bounds"]["encoder_deg"] = 0.0 if within > 1.0 else off
+    return true, told, f"{true['emulation']['encoder_error_deg']:.2f} deg"
+
+
 def _silent(rig: File, rng: np.random.Generator) -> tuple[str, tuple[bytes, ...]]:
     level, dxl_id = int(rng.choice([0, 1])), int(rng.choice(_far_ids(rig)))
     return f"Status Return Level {level} in {dxl_id}", (_write(dxl_id, 68, 1, level),)
@@ -438,7 +450,12 @@ SERVOS: Mapping[str, Callable[[File, np.random.Generator], tuple[str, tuple[byte
     "status return level": _silent,
 }
 
-MISTAKES = ("right", *TOLD, *SENSORS, *SERVOS)
+ENCODERS = {"encoders off": 2.0, "encoders as declared": 1.0}
+
+WITHIN = ("encoders as declared",)
+"""Not mistakes: drawn up to what the file declares."""
+
+MISTAKES = (*TOLD, *SENSORS, *SERVOS, "encoders off")
 
 
 def draw(rig: str, mistake: str, seed: int) -> SetUp:
@@ -454,6 +471,9 @@ def draw(rig: str, mistake: str, seed: int) -> SetUp:
     if mistake in SERVOS:
         detail, written = SERVOS[mistake](true, rng)
         return SetUp(rig, mistake, true, told, written=written, detail=detail)
+    if mistake in ENCODERS:
+        true, told, detail = _encoders(true, rng, ENCODERS[mistake])
+        return SetUp(rig, mistake, true, told, detail=detail)
     return SetUp(rig, "right", true, told)
 
 
