@@ -115,10 +115,32 @@ def _calibrate(rig: palpate.Rig) -> dict[str, Any]:
     return {"ended": "calibrated"}
 
 
+def _wiring(rig: palpate.Rig) -> dict[str, Any]:
+    """Press and move; then the change is written, and the file that is left is proven again."""
+    answer = rig.check(press=True, move=True, notice=lambda _: None)
+    found = json.loads(answer.to_json())
+    findings = [item for step in found["steps"] for item in step.get("findings", [])]
+    wiring = found["wiring"] or {}
+    row = {
+        "wrong": [f"{item['cause']}: {item['saw']}" for item in findings if item["severity"] == "wrong"],
+        "next": [item["next"] for item in findings if item["severity"] == "wrong"],
+        "confirmed": wiring.get("confirmed"),
+        "changes": wiring.get("changes", []),
+        "mended": None,
+    }
+    if wiring.get("changes"):
+        answer.apply()
+        with palpate.open_rig(rig.path, seed=1, calibration=False) as mended:
+            again = json.loads(mended.check(press=True, move=True, notice=lambda _: None).to_json())
+        row["mended"] = (again["wiring"] or {}).get("confirmed")
+    return row
+
+
 COMMANDS: dict[str, Callable[[palpate.Rig], dict[str, Any]]] = {
     "doctor": _doctor,
     "identify": _identify,
     "calibrate": _calibrate,
+    "wiring": _wiring,
 }
 
 
@@ -157,7 +179,8 @@ def drawn(count: int, seed: int, names: list[str], mistakes: list[str]) -> list[
 
 def outcome(row: dict[str, Any]) -> str:
     """How a run ended, beside the truth."""
-    found = row["identify"]
+    if (found := row.get("identify")) is None:
+        return "not run"
     if "ended" in found:
         return str(found["ended"])
     if found["verdict"] != "identified":
@@ -172,10 +195,10 @@ def tell(rows: list[dict[str, Any]]) -> None:
     most: dict[str, float] = defaultdict(float)
     for row in rows:
         if row["mistake"] == "right":
-            most[row["rig"]] = max(most[row["rig"]], row["identify"].get("hardest_n", 0.0))
+            most[row["rig"]] = max(most[row["rig"]], row.get("identify", {}).get("hardest_n", 0.0))
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     for row in rows:
-        found = row["identify"]
+        found = row.get("identify", {})
         how = outcome(row)
         counts[row["mistake"]][how] += 1
         harder = found.get("hardest_n", 0.0) - most.get(row["rig"], np.inf)
@@ -197,6 +220,9 @@ def tell(rows: list[dict[str, Any]]) -> None:
 def _lines(found: dict[str, Any]) -> list[str]:
     lines = [f"{found['ended']}: {found.get('text', '')[:400]}"] if "ended" in found else []
     lines += [f"WRONG {item[:240]}" for item in found.get("wrong", [])]
+    if "confirmed" in found:
+        mended = "" if found["mended"] is None else f", mended {found['mended']}"
+        lines.append(f"confirmed {found['confirmed']}{mended}; {'; '.join(found['next'])[:300]}")
     lines += [f"warns {item[:240]}" for item in found.get("warnings", [])]
     lines += [f"says {item[:240]}" for item in found.get("said", [])]
     lines += [f"hint {json.dumps(item)[:240]}" for item in found.get("hints", [])]

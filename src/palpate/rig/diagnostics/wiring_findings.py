@@ -242,13 +242,19 @@ def wiring_changes(
 def _finger_changes(
     rig: RigFile, spec: FingerConfig, told: FingerWiring, true: FingerWiring, *, mirrored: bool
 ) -> Iterator[tuple[str, object]]:
-    """Places in a finger's table and their values, also such as stay as they are."""
-    yield "base_mm", tuple(round(value, 6) for value in true.base_mm)
-    yield "heading_deg", round(true.heading_deg, 6)
+    """Places in a finger's table and their values, also such as stay as they are.
+
+    Angles and lengths that stay are left out: what is written is rounded.
+    """
+    if told.base_mm != true.base_mm:
+        yield "base_mm", tuple(round(value, 6) for value in true.base_mm)
+    if told.heading_deg != true.heading_deg:
+        yield "heading_deg", round(true.heading_deg, 6)
     owner = next(item for item in rig.fingers if item.array.port == true.port)
     yield "array.port", true.port
     yield "array.baudrate_bps", owner.array.baudrate_bps
-    yield "array.heading_deg", round(math.remainder(true.array_deg, 360), 6)
+    if math.remainder(told.array_deg - true.array_deg, 360):
+        yield "array.heading_deg", round(math.remainder(true.array_deg, 360), 6)
     if mounting(told)[1:] != mounting(true)[1:]:
         corner = f"{'upper' if true.inverted else 'lower'}-{'right' if true.mirrored else 'left'}"
         yield "array.first_texel", corner
