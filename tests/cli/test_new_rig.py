@@ -172,6 +172,20 @@ def test_two_servos_are_refused_then_one_is_taken(bench: Callable[[list[Emulated
     assert out["servos"][0]["problem"] is None
 
 
+def test_one_that_has_its_id_is_mended_among_others(bench: Callable[[list[EmulatedServo]], Bench]) -> None:
+    """What another program left in a servo of a rig that is together: no plug is pulled for it."""
+    b = bench([EmulatedServo(dxl_id) for dxl_id in IDS])
+    servo = b.servos[1]
+    left = {"Homing Offset": 40, "PWM Limit": 100, "Startup Configuration": 1, "Max Voltage Limit": 115}
+    for item, value in left.items():
+        servo._unit.table.set(item, value)
+    code, out = b.run([(b.plug(*range(6)), ""), (None, "y")], 12)
+    assert code == 0, b.err
+    assert {change["item"] for change in out["servos"][0]["written"]} >= left.keys()
+    usual = {"Homing Offset": 0, "PWM Limit": 885, "Startup Configuration": 0, "Max Voltage Limit": 160}
+    assert remembers(servo, *left) == usual
+
+
 def test_the_wrong_model_is_refused(bench: Callable[[list[EmulatedServo]], Bench]) -> None:
     b = bench([EmulatedServo(1, model="XL330-M288", baud_rate_code=FACTORY_CODE)])
     code, out = b.run([(b.plug(0), ""), (None, "q")], 11)

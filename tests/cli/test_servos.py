@@ -13,6 +13,7 @@ from rich.console import Console
 
 from palpate.cli.setup import parse_ids
 from palpate.config import load_rig, shipped_rig
+from palpate.config.commissioning_results import RebootOut
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, scan
@@ -21,7 +22,7 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock, VirtualClock
 from palpate.drivers.transport.ports import PortTaken, SerialPort, open_port, serial_ports
 from palpate.rig.diagnostics.host_ports import find_unplugged, ports_out
-from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, scan_result, stop_all
+from palpate.rig.diagnostics.servo_bus import BusEndpoint, endpoint_of_rig, reboot_all, scan_result, stop_all
 from palpate.testing import served
 from palpate.views.tables import show_unplugged
 from support.benches.rigs import firm_rig
@@ -30,6 +31,18 @@ from support.devices.servo_wire import MotorWire, served_servos
 
 # ----------------------------------------------------------------------------------------------------
 # `palpate scan`: what is found on an emulated bus, and what is said about it.
+
+
+RIG = load_rig(shipped_rig())
+
+
+def torque(servo: EmulatedServo) -> bool:
+    return bool(servo._unit.table.get("Torque Enable"))
+
+
+def all_on(servos: list[EmulatedServo]) -> None:
+    for servo in servos:
+        servo._unit.set_torque(on=True)
 
 
 BENCH_IDS = [11, 12, 21, 22, 31, 32]
@@ -47,7 +60,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "format": "palpate/scan@1",
         "port": "mock://bus",
         "emulated": True,
-        "baudrates_bps": [9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000],
+        "baudrates_bps": [9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000, 4500000],
         "ids": [11, 12],
         "servos": [
             {
@@ -71,7 +84,7 @@ def test_the_shipped_rig_as_a_table(here: Here) -> None:
     assert done.err == ""
     lines = done.out.splitlines()
     assert [int(line.split()[1]) for line in lines[1:-1]] == BENCH_IDS
-    assert missing(lines[-1], "6 servos", "mock://bus", "emulated", "7 baud rates", "0 to 252") == []
+    assert missing(lines[-1], "6 servos", "mock://bus", "emulated", "8 baud rates", "0 to 252") == []
 
 
 def test_nothing_at_the_only_rate_that_is_tried(here: Here) -> None:
@@ -303,18 +316,62 @@ def test_on_a_terminal_it_asks(typed: str, code: int, said: str) -> None:
 
 
 # ----------------------------------------------------------------------------------------------------
+# `palpate reboot`: what was latched, and whether servos are back.
+
+
+def rebooting(*poked: tuple[str, int], bits: int = 0) -> tuple[EmulatedServo, RebootOut]:
+    """A servo of the rig with torque on and items poked, and what its reboot says."""
+    servo = EmulatedServo(12)
+    wire = MotorWire([servo])
+    all_on([servo])
+    servo._unit.motion.shaft_rad += 20.0
+    for item, value in poked:
+        servo._unit.table.set(item, value)
+    servo.report_hardware_error(bits)
+    return servo, reboot_all(wire.place(RIG), RIG, [12])
+
+
+def test_a_latched_error_is_gone_after_a_reboot_and_so_are_the_turns() -> None:
+    servo, out = rebooting(bits=0x21)
+    assert out.well
+    assert out.servos[0].latched == ("input voltage", "overload")
+    assert out.servos[0].again == ()
+    assert not torque(servo)
+    assert servo._unit.drive.present_tick() < 4096
+
+
+def test_an_error_whose_cause_stays_is_said_to_be_back() -> None:
+    _, out = rebooting(("Temperature Limit", 25), bits=0x04)
+    assert not out.well
+    assert out.servos[0].again == ("overheating",)
+
+
+@pytest.mark.parametrize("poked", [("Startup Configuration", 1), ("Status Return Level", 0)])
+def test_torque_is_off_after_a_reboot_whatever_the_servo_is_set_to(poked: tuple[str, int]) -> None:
+    servo, out = rebooting(poked)
+    assert out.well
+    assert not torque(servo)
+
+
+def test_a_servo_that_is_not_there_is_not_back() -> None:
+    out = reboot_all(MotorWire([EmulatedServo(12)]).place(RIG), RIG, [12, 21])
+    assert [servo.problem is None for servo in out.servos] == [True, False]
+    assert not out.well
+
+
+def test_reboot_asks_and_tells(here: Here) -> None:
+    Path("bench.toml").write_text(firm_rig().read_text(encoding="utf-8"))
+    assert here("reboot", "--rig", "bench.toml").code == 2
+    assert here("reboot", "--rig", "bench.toml", "--id", "7", "--yes").code == 2
+    done = here("reboot", "--rig", "bench.toml", "--id", "11", "--id", "32", "--yes", "--json")
+    assert done.code == 0
+    assert violations(done.json, json.loads(schema_text("reboot"))) == []
+    assert [servo["id"] for servo in done.json["servos"]] == [11, 32]
+    assert "turns are forgotten" in done.err
+
+
+# ----------------------------------------------------------------------------------------------------
 # `palpate stop`: what is confirmed, what is not, and beside a run that is using the port.
-
-RIG = load_rig(shipped_rig())
-
-
-def torque(servo: EmulatedServo) -> bool:
-    return bool(servo._unit.table.get("Torque Enable"))
-
-
-def all_on(servos: list[EmulatedServo]) -> None:
-    for servo in servos:
-        servo._unit.set_torque(on=True)
 
 
 def test_a_rig_as_json(here: Here) -> None:

@@ -97,7 +97,7 @@ class Bench:
 
     def torque_on(self, mode: OperatingMode = OperatingMode.POSITION) -> None:
         for servo in self.servos:
-            servo.prepare(mode, current_limit_a=1.0, velocity_limit_rad_s=5.0)
+            servo.prepare(mode, current_limit_a=1.0)
             servo.set_profile(2.0, 20.0)
             servo.enable_torque()
 
@@ -130,13 +130,13 @@ def test_ping_and_check(bench: Bench) -> None:
 
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
     servo = bench.servos[0]
-    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
+    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0)
     assert bench.bus.read(11, ct.ITEMS["Operating Mode"]) == 5
     assert bench.bus.read(11, ct.ITEMS["Current Limit"]) == 371  # 1 A in units of 2.69 mA, rounded down
     assert bench.bus.read(11, ct.RETURN_DELAY_TIME) == 0
     servo.enable_torque()
     bench.bus.write(11, ct.ITEMS["Profile Velocity"], 33)
-    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
+    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0)
     assert bench.bus.read(11, ct.TORQUE_ENABLE) == 0
     assert bench.bus.read(11, ct.ITEMS["Profile Velocity"]) == 33  # a rewritten mode would have reset it
     with pytest.raises(ValueError, match="servo 11"):

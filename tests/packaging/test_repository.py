@@ -140,6 +140,8 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
         "rig/diagnostics/array_examination.py",
         "rig/array_monitor.py",
         "rig/diagnostics/wiring_check.py",
+        "rig/diagnostics/servo_bus.py",  # a servo that restarts
+        "rig/motion/servo_causes.py",  # one that has restarted, with torque off
     }
     waits_for_lost_devices = (
         "rig/motion/array_guard.py"  # an adapter that is gone, an array after fingers stopped

@@ -26,7 +26,7 @@ from palpate.cli.check import check, doctor
 from palpate.cli.identify import identify, plan, recognize, study
 from palpate.cli.objects import check_objects, import_objects, merge, remove, rename, show_objects
 from palpate.cli.sessions import export, info, list_sessions, prune, replay, report
-from palpate.cli.setup import emulate, find_port, init, scan, schema, setup_motors, stop
+from palpate.cli.setup import emulate, find_port, init, reboot, scan, schema, setup_motors, stop
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view, watch
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
@@ -113,6 +113,7 @@ app.command(rich_help_panel=_SETTING_UP)(doctor)
 app.command(rich_help_panel=_SETTING_UP)(home)
 app.command(rich_help_panel=_SETTING_UP)(calibrate)
 app.command(rich_help_panel=_SETTING_UP)(watch)
+app.command(rich_help_panel=_SETTING_UP)(reboot)
 app.command(rich_help_panel=_SETTING_UP)(stop)
 objects.command("import")(import_objects)
 objects.command("show")(show_objects)

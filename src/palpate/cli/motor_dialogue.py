@@ -70,7 +70,8 @@ class _ConsoleOperator:
             self._say(f"\n[bold]{escape(title)}[/]  ({self._number} of {self._count})")
         try:
             text = typer.prompt(
-                "connect only this servo, then press Enter (s skips it, q ends)",
+                f"connect {'' if motor.among_others else 'only '}this servo, then press Enter "
+                "(s skips it, q ends)",
                 default="",
                 show_default=False,
                 err=True,

@@ -142,6 +142,36 @@ def stop(
     return 0 if out.confirmed else 3
 
 
+@note_on_interruption("servos may have restarted; torque is off in those")
+def reboot(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file (TOML).", show_default=False)],
+    dxl_id: Annotated[
+        list[int] | None, typer.Option("--id", help="Only this servo of the rig file; may be repeated.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Restart them without asking.")] = False,
+    json: JsonOption = False,
+) -> int:
+    """Restart servos, which clears latched hardware errors. Torque goes off, and turn counts are lost.
+
+    Exit code 3: a servo is not back, or reports an error again.
+    """
+    from palpate.cli.terminal import Terminal, check_can_ask
+    from palpate.config.fields import to_json
+    from palpate.jobs import bus
+    from palpate.views.tables import show_reboot
+
+    if not yes:
+        check_can_ask("servos are going to restart", "say --yes if they may")
+        which = "all servos" if not dxl_id else f"servo {', '.join(map(str, dxl_id))}"
+        if not typer.confirm(f"restart {which}? torque goes off, and what they hold up falls", err=True):
+            raise InputError("nothing was restarted: the question was not answered with yes")
+    out = bus.reboot(rig=rig, ids=dxl_id or ())
+    if json:
+        typer.echo(to_json(out))
+    show_reboot(out, Terminal(stderr=json, soft_wrap=True))
+    return 0 if out.well else 3
+
+
 _LOOPBACK = "127.0.0.1"
 _SERVED_LATENCY_MS = 100  # two processes share the computer: the devices' may have to wait for its turn
 

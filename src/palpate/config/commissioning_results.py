@@ -132,6 +132,30 @@ class StopOut(Out):
     servos: tuple[StoppedServoOut, ...]
 
 
+class RebootedServoOut(Out):
+    """A servo that was told to restart, and the hardware errors that it had latched, and has again.
+
+    `problem`: why it is not known to be back with torque off, null if it is.
+    """
+
+    id: int
+    owner: str
+    latched: tuple[str, ...] = ()
+    again: tuple[str, ...] = ()
+    problem: str | None = None
+
+
+class RebootOut(Out):
+    """Servos that were restarted. `well`: all are back, with torque off and without hardware errors."""
+
+    format: Literal["palpate/reboot@1"] = "palpate/reboot@1"
+    port: str
+    emulated: bool
+    baudrate_bps: int
+    well: bool
+    servos: tuple[RebootedServoOut, ...]
+
+
 class HomedSlideOut(Out):
     """A slide whose turn is known now: servo `dxl_id` counts `turns` ahead of the rig file's angles."""
 

@@ -9,7 +9,7 @@ from palpate.config.fields import Interval, Out, Rounded
 
 
 class SettingOut(Out):
-    """An item of a servo's EEPROM that is not as the rig wants it; runs and `setup-motors` write it."""
+    """An item of a servo's EEPROM that is not as the rig wants it; `setup-motors` writes it, some runs do."""
 
     item: str
     found: int
@@ -214,6 +214,8 @@ class Cause(StrEnum):
     HOMING_OFFSET = "homing-offset"
     SHADOW_ID = "shadow-id"
     PROTECTION_OFF = "protection-off"
+    FOREIGN_SETTING = "foreign-setting"
+    FOREIGN_SERVO = "foreign-servo"
     BUS_LOSSY = "bus-lossy"
     BUS_SLOW = "bus-slow"
     COMPUTER_BUSY = "computer-busy"

@@ -90,6 +90,14 @@ class ServoConfig(FileModel):
 
     dxl_id: DxlId = Field(description="ID on the bus.")
     model: ServoModel = Field(description="Model as printed on the servo.")
+    homing_offset: Annotated[int, Field(strict=True, ge=-1024, le=1024)] = Field(
+        default=0, description="Homing Offset in the servo's EEPROM when its zero was measured, in steps."
+    )
+
+    @property
+    def _offset_turns(self) -> float:
+        """Turns that the servo counts ahead of its encoder, which knows its angle within one turn."""
+        return self.homing_offset / 4096
 
     @property
     def ratio(self) -> float:
@@ -125,8 +133,9 @@ class RotaryConfig(ServoConfig):
     zero_deg: Number = Field(description="Servo angle at angle 0, from its Goal Position 0.")
 
     def _turns(self) -> list[float]:
-        """Servo turns at both ends of the range."""
-        return [(self.zero_deg + self.gear_ratio * angle) / 360 for angle in self.range_deg]
+        """Servo turns at both ends of the range, as its encoder counts."""
+        counted = (self.zero_deg + self.gear_ratio * angle for angle in self.range_deg)
+        return [angle / 360 - self._offset_turns for angle in counted]
 
     def _check_one_turn(self) -> None:
         """Refuse a range that leaves the one turn within which a servo knows its angle at power-up."""
@@ -248,7 +257,7 @@ class SlideConfig(ServoConfig):
         return self.zero_bound_mm + self.mm_per_turn_spread * abs(distance_mm - self.zero_mm)
 
     def _turn(self, distance_mm: float) -> float:
-        return (distance_mm - self.zero_mm) / self.mm_per_turn
+        return (distance_mm - self.zero_mm) / self.mm_per_turn - self._offset_turns
 
     def _check_stops(self, back_mm: float, front_mm: float) -> None:
         """Refuse soft limits that may lie on or beyond the stops, and a back stop outside the first turn."""

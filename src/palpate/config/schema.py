@@ -17,6 +17,7 @@ from palpate.config.catalogue_results import ImportOut, ObjectsCheckOut, Objects
 from palpate.config.commissioning_results import (
     CalibrateOut,
     HomeOut,
+    RebootOut,
     ScanOut,
     SerialPortsOut,
     SetupOut,
@@ -46,6 +47,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "objects": ObjectsFileText,
     "objects-check": ObjectsCheckOut,
     "objects-listing": ObjectsListingOut,
+    "reboot": RebootOut,
     "recognition": RecognitionOut,
     "references": ReferencesFile,
     "replay": ReplayOut,

@@ -1,4 +1,4 @@
-"""Servo buses from Python: which servos answer, and torque off for all of them.
+"""Servo buses from Python: which servos answer, their restart, and torque off for all of them.
 
 By itself, so that `palpate stop` loads nothing that it does not need.
 """
@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate.base.errors import InputError
-from palpate.config.commissioning_results import ScanOut, StopOut
+from palpate.config.commissioning_results import RebootOut, ScanOut, StopOut
 from palpate.drivers.dynamixel import ALL_IDS
 from palpate.jobs.files import PathLike, check_arguments
-from palpate.rig.diagnostics.servo_bus import find_endpoint, scan_bus, stop_all
+from palpate.rig.diagnostics.servo_bus import check_dxl_ids, find_endpoint, reboot_all, scan_bus, stop_all
 
 _USUAL_BAUDRATE = 1_000_000
 
@@ -30,6 +30,19 @@ def scan(
     `progress` is called with a baud rate (bit/s) and an id. Raises DeviceError if the port cannot be opened.
     """
     return scan_bus(find_endpoint(None if rig is None else Path(rig), port), baudrates, ids, progress)
+
+
+@check_arguments
+def reboot(*, rig: PathLike, ids: Sequence[int] = ()) -> RebootOut:
+    """Restart servos of a rig, all or those of the `ids`: torque goes off, latched errors and turns are lost.
+
+    `well` in the result says whether all are back without an error. Raises InputError for an id that is not
+    the rig file's, DeviceError if the port cannot be opened, as while another program uses it.
+    """
+    endpoint = find_endpoint(Path(rig), None)
+    assert endpoint.rig is not None
+    check_dxl_ids(endpoint.rig, ids)
+    return reboot_all(endpoint, endpoint.rig, ids)
 
 
 @check_arguments

@@ -13,6 +13,7 @@ from typing import Self
 
 from palpate.base.errors import InputError
 from palpate.config import ClosingConfig, FingerConfig, RigFile
+from palpate.config.rig_servos import ServoConfig
 from palpate.drivers.dynamixel import Bus, OperatingMode, Servo, ServoState
 from palpate.drivers.kinematics import TICK_RAD, FingerKinematics, Line, Turn
 from palpate.drivers.tactile import ArrayDriver, ContactExtractor
@@ -63,10 +64,21 @@ class HostFinger:
         return self.spec.name
 
 
+def _servo(bus: Bus, spec: ServoConfig, ends: Sequence[float]) -> Servo:
+    """Servo of a rig file, limited to what lies between both ends (rad)."""
+    return Servo(
+        bus,
+        spec.dxl_id,
+        spec.model,
+        range_rad=(min(ends), max(ends)),
+        homing_offset=spec.homing_offset,
+    )
+
+
 def drive_of(mechanism: Mechanism, rig: RigFile, bus: Bus) -> Drive:
     """Drive of a finger by its servos on a bus, limited to its ranges."""
     near, far = (
-        Servo(bus, servo.dxl_id, servo.model, range_rad=(min(ends), max(ends)))
+        _servo(bus, servo, ends)
         for servo, ends in zip(mechanism.spec.servos.values(), mechanism.ranges_rad, strict=True)
     )
     return mechanism.drive((near, far), rig)
@@ -145,7 +157,7 @@ class HostStage:
         if rig.stage is None:
             return cls(stage, ())
         ends = [stage.servo_rad(angle) for angle in stage.range_rad]
-        return cls(stage, (Servo(bus, rig.stage.dxl_id, rig.stage.model, range_rad=(min(ends), max(ends))),))
+        return cls(stage, (_servo(bus, rig.stage, ends),))
 
     def limits(self) -> dict[Servo, ServoLimits]:
         """Limits of its servo."""

@@ -302,7 +302,7 @@ class ServoConformance:
     def test_moves_to_a_goal_and_holds_it_against_a_load(self, bench: ServoBench) -> None:
         bench.servo.check()
         largest_a = bench.servo.model.largest_current_a
-        bench.servo.prepare(OperatingMode.POSITION, largest_a, velocity_limit_rad_s=3.0)
+        bench.servo.prepare(OperatingMode.POSITION, largest_a)
         bench.servo.set_profile(2.0, 20.0)
         bench.servo.enable_torque()
         bench.servo.write("Goal Position", bench.servo.model.zero_tick + 1024)

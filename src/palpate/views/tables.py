@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from palpate.base.errors import quantity
-from palpate.config.commissioning_results import ScanOut, StopOut
+from palpate.config.commissioning_results import RebootOut, ScanOut, StopOut
 from palpate.drivers.transport import SerialPort
 from palpate.rig.diagnostics.host_ports import Computer, is_timer_long, usb_id
 
@@ -86,6 +86,24 @@ def show_stop(out: StopOut, console: Console) -> None:
         say(f"NOT confirmed: no servo answers {where}; is it the right port and baud rate?", "bold red")
     if not out.confirmed:
         say("if anything may still move, cut the servos' power", "bold red")
+
+
+def show_reboot(out: RebootOut, console: Console) -> None:
+    """Say of each servo what it had latched and whether it is back, and what its restart has cost."""
+    for servo in out.servos:
+        had = f"had latched {' and '.join(servo.latched)}" if servo.latched else "had latched no error"
+        end, style = "has restarted, torque off", "green"
+        if servo.problem is not None:
+            end, style = f"NOT confirmed that it is back with torque off: {servo.problem}", "bold red"
+        elif servo.again:
+            end, style = f"reports {' and '.join(servo.again)} again: remove the cause first", "bold red"
+        text = f"servo {servo.id} ({servo.owner}): {had}; {end}"
+        console.print(text, style=style, highlight=False, markup=False)
+    console.print(
+        "turns are forgotten: the next run, or palpate home, homes slides with stops_mm; push others "
+        "back by hand until they are retracted",
+        highlight=False,
+    )
 
 
 def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:

@@ -281,6 +281,11 @@ def _old_firmware(servo: EmulatedServo) -> None:
     servo._inner = EmulatedServo(servo.dxl_id, firmware=37, start_rad=servo.shaft_rad)._inner
 
 
+def _one_more(found: SetUp) -> None:
+    wire = found.wires["mock://bus"]
+    wire._device._servos.append(EmulatedServo(90))  # type: ignore[attr-defined]
+
+
 def _both_off(found: SetUp) -> None:
     for dxl_id in (31, 32):
         found.servo(dxl_id).power_off()
@@ -458,6 +463,20 @@ FAULTS = (
         "a secondary id that is another servo's", Cause.SHADOW_ID, "11", _poke(11, "Secondary(Shadow) ID", 21)
     ),
     Fault("protection switched off", Cause.PROTECTION_OFF, "12", _poke(12, "Shutdown", 0)),
+    Fault("a velocity limit of another program", Cause.LIMITS_NOT_SET, "12", _poke(12, "Velocity Limit", 5)),
+    Fault("torque on at power-up", Cause.LIMITS_NOT_SET, "12", _poke(12, "Startup Configuration", 1)),
+    Fault("a weak servo", Cause.FOREIGN_SETTING, "11", _poke(11, "PWM Limit", 100)),
+    Fault(
+        "a voltage limit below the supply", Cause.FOREIGN_SETTING, "21", _poke(21, "Max Voltage Limit", 115)
+    ),
+    Fault(
+        "a low temperature limit",
+        Cause.FOREIGN_SETTING,
+        "22",
+        _poke(22, "Temperature Limit", 25),
+    ),
+    Fault("a servo at 4.5 Mbps", Cause.BAUD_RATE, "31", _poke(31, "Baud Rate", 7)),
+    Fault("a servo that no file knows", Cause.FOREIGN_SERVO, "servo 90", _one_more),
     Fault("bits flip on the bus", Cause.BUS_LOSSY, "bus", _bus_wire(FaultRates(flipped=0.001))),
     Fault("packets get lost on the bus", Cause.BUS_LOSSY, "bus", _bus_wire(FaultRates(lost=0.02))),
     Fault("a slide's zero is off", Cause.ZERO_OFF, "f2", _off_zero),

@@ -4,7 +4,6 @@ from palpate.drivers.dynamixel.bus import TORQUE_OFF_PACKET, Bus, GroupRead, Pin
 from palpate.drivers.dynamixel.bus_scan import (
     ALL_IDS,
     FoundServo,
-    ItemChange,
     Scan,
     ServoPort,
     apply_changes,
@@ -40,6 +39,8 @@ from palpate.drivers.dynamixel.errors import (
     StatusError,
     WatchdogTripped,
     WrongLength,
+    error_causes,
+    error_names,
 )
 from palpate.drivers.dynamixel.exchanges import UNKNOWN_LATENCY_S, latency_with_timer_s
 from palpate.drivers.dynamixel.guarded_motion import (
@@ -84,6 +85,18 @@ from palpate.drivers.dynamixel.servo_state import (
     mark_value,
     turns_of_mark,
 )
+from palpate.drivers.dynamixel.settings import (
+    HOMING_OFFSET,
+    SECONDARY_ID,
+    SETTINGS,
+    SHUTDOWN,
+    ItemChange,
+    Owner,
+    compared_items,
+    differences,
+    foreign_settings,
+    refuse_foreign_settings,
+)
 from palpate.drivers.dynamixel.transceiver import BusCounts
 from palpate.drivers.dynamixel.x_series import table_of
 
@@ -92,12 +105,16 @@ __all__ = [
     "BAUD_RATE",
     "BAUD_RATES",
     "COMMON_ITEMS",
+    "HOMING_OFFSET",
     "ITEMS",
     "MAX_ID",
     "MAX_TURNS",
     "NO_MARK",
     "RAD_PER_TICK",
     "RETURN_DELAY_UNIT_S",
+    "SECONDARY_ID",
+    "SETTINGS",
+    "SHUTDOWN",
     "SPECIFICATIONS",
     "TORQUE_OFF_PACKET",
     "UNKNOWN_LATENCY_S",
@@ -123,6 +140,7 @@ __all__ = [
     "NotAnswering",
     "NotConfirmed",
     "OperatingMode",
+    "Owner",
     "Ping",
     "PortFailed",
     "Restarted",
@@ -142,9 +160,14 @@ __all__ = [
     "WrongLength",
     "apply_changes",
     "broadcast_torque_off",
+    "compared_items",
     "confirm_torque_off",
+    "differences",
     "disable_torque",
+    "error_causes",
+    "error_names",
     "find_changes",
+    "foreign_settings",
     "guarded_loop",
     "guarded_move",
     "hold",
@@ -157,6 +180,7 @@ __all__ = [
     "model_name",
     "only_servo",
     "read_health",
+    "refuse_foreign_settings",
     "scan",
     "setup_items",
     "specification",

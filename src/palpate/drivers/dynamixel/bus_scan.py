@@ -20,10 +20,17 @@ from palpate.base.errors import DeviceError, InputError
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import BAUD_RATES, Item
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed, StatusError
+from palpate.drivers.dynamixel.errors import (
+    DamagedAnswer,
+    NotAnswering,
+    NotConfirmed,
+    StatusError,
+    raise_first,
+)
 from palpate.drivers.dynamixel.models import Model, model_by_number
 from palpate.drivers.dynamixel.packet import MAX_ID
-from palpate.drivers.dynamixel.servo import Servo, read_items
+from palpate.drivers.dynamixel.servo import Servo, disable_torque, read_items
+from palpate.drivers.dynamixel.settings import ItemChange, compared_items, differences
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.ports import PORT_ERRORS, PortTaken
 
@@ -166,15 +173,6 @@ _MAX_WRITES = 3
 _SETTLE_S = 0.1  # a servo that has changed id or rate listens again by then
 
 
-@dataclass(frozen=True, slots=True)
-class ItemChange:
-    """An item that is not as it should be."""
-
-    item: str
-    found: int
-    wanted: int
-
-
 @dataclass(frozen=True, eq=False)
 class ServoPort:
     """Way to open the port that leads to the servo."""
@@ -188,19 +186,25 @@ class ServoPort:
         return Bus(self.open_port(baudrate), self.clock, baudrate, latency_s=self.latency_s)
 
 
-def setup_items(dxl_id: int, baudrate: int, eeprom: Mapping[str, int]) -> dict[str, int]:
+def setup_items(servo: Servo, baudrate: int, eeprom: Mapping[str, int]) -> dict[str, int]:
     """All items that a servo should hold, in the order in which they are written."""
     return {
         "Status Return Level": ct.ANSWERS_ALL,  # lives in RAM: looked at, and written on every start
         **eeprom,
-        ct.ID.name: dxl_id,
+        **compared_items(servo),
+        ct.ID.name: servo.dxl_id,
         ct.BAUD_RATE.name: BAUD_RATES.index(baudrate),
     }
 
 
-def only_servo(found: Scan, model: Model, port: str) -> FoundServo:
-    """The one servo that was found, of the right model. Raises DeviceError if it is not so."""
+def only_servo(found: Scan, model: Model, port: str, dxl_id: int | None = None) -> FoundServo:
+    """The one servo that was found, of the right model. Raises DeviceError if it is not so.
+
+    `dxl_id`: others may answer beside it, if it already has this id.
+    """
     servos = found.found
+    own = tuple(item for item in servos if item.dxl_id == dxl_id)
+    servos = own if len(own) == 1 else servos
     if not servos:
         raise DeviceError(f"no servo answers on {port}; check its power and its cable")
     if len(servos) > 1 or servos[0].crowded:
@@ -226,7 +230,7 @@ def find_changes(
         servo = Servo(bus, at.dxl_id, model.name)
         servo.check()
         found = read_items(bus, servo, wanted)
-    return [ItemChange(name, found[name], value) for name, value in wanted.items() if found[name] != value]
+    return differences(found, wanted)
 
 
 def apply_changes(
@@ -247,7 +251,7 @@ def apply_changes(
     with closing(wire.bus(at.baudrate)) as bus:
         servo = Servo(bus, at.dxl_id, model.name)
         servo.check()
-        servo.disable_torque()
+        raise_first(disable_torque(bus, [servo]))
         for change in plain:
             servo.ensure(change.item, change.wanted)
             written(change)

@@ -181,6 +181,12 @@ ITEMS: dict[str, Item] = {
 }
 """Items of the X series by name, in order of address; some models lack PWM Slope or LED."""
 
+GAINS = (
+    *("Velocity I Gain", "Velocity P Gain", "Position D Gain", "Position I Gain", "Position P Gain"),
+    *("Feedforward 2nd Gain", "Feedforward 1st Gain"),
+)
+"""Gains, which a change of Operating Mode resets."""
+
 ID = ITEMS["ID"]
 BAUD_RATE = ITEMS["Baud Rate"]
 RETURN_DELAY_TIME = ITEMS["Return Delay Time"]

@@ -6,6 +6,24 @@ from palpate.base.errors import DeviceError, SafetyStop
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 
+_ERROR_CAUSES = {
+    HardwareError.INPUT_VOLTAGE: "its supply left its limits, as a weak one does when motors pull",
+    HardwareError.OVERHEATING: "it has been too hot",
+    HardwareError.MOTOR_ENCODER: "its encoder or motor does not work",
+    HardwareError.ELECTRICAL_SHOCK: "its electronics were shocked, or its motor has too little power",
+    HardwareError.OVERLOAD: "it pushed for long against something that did not give way",
+}
+
+
+def error_names(errors: HardwareError) -> tuple[str, ...]:
+    """The bits in words."""
+    return tuple(str(flag.name).replace("_", " ").lower() for flag in errors)
+
+
+def error_causes(errors: HardwareError) -> str:
+    """What sets these bits, in words."""
+    return " and ".join(cause for flag, cause in _ERROR_CAUSES.items() if flag & errors)
+
 
 class PortFailed(DeviceError):
     """The port itself broke during a transfer."""
@@ -137,14 +155,13 @@ class HardwareAlert(ServoError):
         if cause is None:
             words = "whose cause could not be read"
         else:
-            words = (
-                " and ".join(str(flag.name).replace("_", " ").lower() for flag in cause) or "since cleared"
-            )
+            words = " and ".join(error_names(cause)) or "since cleared"
+        because = f": {error_causes(cause)}" if cause else ""
         super().__init__(
             [dxl_id],
             port,
-            f"servo {dxl_id} on {port} reports a hardware error ({words}); "
-            "remove the cause, then reboot the servo",
+            f"servo {dxl_id} on {port} reports a hardware error ({words}){because}; remove the cause, then "
+            f"palpate reboot --rig FILE --id {dxl_id}",
         )
         self.cause = cause
         self.carried_out = carried_out

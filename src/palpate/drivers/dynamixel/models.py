@@ -313,6 +313,8 @@ def model_by_number(number: int, firmware: int | None = None) -> Model:
     known = SPECIFICATIONS.get(name)
     table = None if known is None else _table(known, firmware)
     items = {row[2]: _item(row[2], int(row[0]), int(row[1]), table) for row in sections["control table"]}
+    for item in (table or {}).values():  # the vendor's tables lack some, such as Startup Configuration
+        items.setdefault(item.name, _item(item.name, item.address, item.size, table))
     return Model(
         name=name,
         number=number,

@@ -32,6 +32,7 @@ from palpate.drivers.dynamixel.errors import (
 from palpate.drivers.dynamixel.models import Model, model_by_name, model_by_number
 from palpate.drivers.transport.clock import Clock
 
+_GAINS = ct.GAINS[:5], ct.GAINS[5:]  # each without a gap between addresses
 _MAX_GOAL_WRITES = 5  # how often goals are written before they count as refused by the wire
 
 
@@ -45,14 +46,17 @@ class Servo:
         model: str = "XM430-W350",
         *,
         range_rad: tuple[float, float] = (-math.pi, math.pi - ct.RAD_PER_TICK),
+        homing_offset: int = 0,
     ) -> None:
         """`range_rad`: the angles (lowest, highest) that may be commanded.
 
-        The default is the turn of Position Control Mode. Raises InputError for an unknown model.
+        The default is the turn of Position Control Mode. `homing_offset`: Homing Offset that angles are meant
+        with. Raises InputError for an unknown model.
         """
         self.dxl_id = dxl_id
         self.model: Model = model_by_name(model)
         self.range_rad = range_rad
+        self.homing_offset = homing_offset
         self.turns = 0
         """Whole turns that Present Position is ahead of `range_rad`'s angles; homing finds them."""
         self._bus = bus
@@ -84,6 +88,7 @@ class Servo:
             )
         self.model = model_by_name(self.model.name, answer.firmware)
         level = self.item("Status Return Level")
+        self._bus.sync_write(level, {self.dxl_id: ct.ANSWERS_ALL})  # unasked: it may answer pings alone
         try:
             quiet = self._bus.read(self.dxl_id, level, alert=False) < ct.ANSWERS_ALL
         except NotAnswering:
@@ -109,13 +114,15 @@ class Servo:
     def ensure(self, name: str, value: int) -> bool:
         """See to it that an item has a value, and read it back; True if it had to be written.
 
-        Writes EEPROM only if it differs: it wears out. Raises DeviceError if the item does not stay written.
+        A Velocity Limit above it is left; a hardware error does not keep it from being written. Writes EEPROM
+        only if it differs: it wears out. Raises DeviceError if the item does not stay written.
         """
-        if self.read(name) == value:
+        before = self._bus.read(self.dxl_id, self.item(name), alert=False)
+        if before == value or (name == "Velocity Limit" and before > value):
             return False
-        with contextlib.suppress(NotConfirmed):  # what it holds instead says more
+        with contextlib.suppress(NotConfirmed, HardwareAlert):  # what it holds then says more
             self.write(name, value)
-        found = self.read(name)
+        found = self._bus.read(self.dxl_id, self.item(name), alert=False)
         if found != value:
             raise ServoError(
                 [self.dxl_id],
@@ -125,26 +132,37 @@ class Servo:
             )
         return True
 
-    def prepare(
-        self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
-    ) -> None:
+    def prepare(self, mode: OperatingMode, current_limit_a: float) -> None:
         """Torque off, then `eeprom` written and read back; items that are right are not written.
 
-        Raises ValueError for limits that the model cannot keep, DeviceError if an item does not stay written.
+        Gains and Goal PWM that are not the e-Manual's are reset: by a change of Operating Mode, because only
+        the firmware knows the gains of Current-based Position Control Mode. Raises ValueError for limits that
+        the model cannot keep, DeviceError if an item does not stay written.
         """
-        wanted = self.eeprom(mode, current_limit_a, velocity_limit_rad_s)
+        wanted = self.eeprom(mode, current_limit_a)
         self.disable_torque()
+        if self.read("Operating Mode") == mode and not self._has_usual_gains():
+            other = OperatingMode.EXTENDED_POSITION  # it keeps the turns
+            self.write("Operating Mode", other if mode is not other else OperatingMode.CURRENT_BASED_POSITION)
         for name, value in wanted.items():
             self.ensure(name, value)
 
-    def eeprom(
-        self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
-    ) -> dict[str, int]:
+    def _has_usual_gains(self) -> bool:
+        table = self.model.table or {}
+        for names in _GAINS:
+            items = {name: table[name].default for name in names if name in table}
+            block = _block_of([self.item(name) for name in items])
+            if not _holds_values(self, items, block, self._bus.read(self.dxl_id, block)):
+                return False
+        return self.read("Goal PWM") == self.read("PWM Limit")
+
+    def eeprom(self, mode: OperatingMode, current_limit_a: float) -> dict[str, int]:
         """Values that `prepare` writes, by item.
 
-        Operating Mode, Current Limit, Velocity Limit (rounded down; None leaves it), Position Limits
-        in Position Control Mode (to `range_rad`), Drive Mode 0 (normal direction, velocity-based profile)
-        and Return Delay Time 0. Raises ValueError for limits that the model cannot keep.
+        Operating Mode, Current Limit (rounded down), Velocity Limit where it is below the model's, Position
+        Limits in Position Control Mode (to `range_rad`), Drive Mode 0 (normal direction, velocity-based
+        profile), Return Delay Time 0 and Startup Configuration 0 (torque stays off, RAM is not restored).
+        Raises ValueError for limits that the model cannot keep.
         """
         wanted: dict[str, int] = {
             "Return Delay Time": 0,
@@ -158,10 +176,9 @@ class Servo:
                 round(angle / self.model.rad_per_tick) + self.model.zero_tick for angle in self.range_rad
             )
             wanted |= {"Min Position Limit": low, "Max Position Limit": high}
-        if velocity_limit_rad_s is not None:
-            wanted["Velocity Limit"] = _round_down(
-                velocity_limit_rad_s, self.model.velocity_unit_rad_s, "velocity limit"
-            )
+        for name in ("Velocity Limit", "Startup Configuration"):
+            if self.model.table is not None and name in self.model.table:
+                wanted[name] = self.model.table[name].default
         return wanted
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
@@ -346,6 +363,14 @@ class Health:
     torque_on: bool
     settings: Mapping[str, int]
 
+    @property
+    def outside_limits(self) -> HardwareError:
+        """Errors whose cause is there now: a voltage or a temperature outside the servo's own limits."""
+        low, high = self.voltage_limits_v
+        hot = self.temperature_c >= self.temperature_limit_c
+        found = HardwareError.OVERHEATING if hot else HardwareError(0)
+        return found if low <= self.voltage_v <= high else found | HardwareError.INPUT_VOLTAGE
+
 
 def read_health(bus: Bus, servo: Servo, items: Iterable[str] = ()) -> Health:
     """Ask a servo whose firmware is known already (`Servo.check`). Raises what the bus raises."""
@@ -404,7 +429,10 @@ def confirm_torque_off(bus: Bus, dxl_ids: Iterable[int]) -> dict[int, DeviceErro
 
     Each by itself, whatever happens to the others; one that does not answer is asked again last.
     """
-    found = {dxl_id: _read_off(bus, dxl_id) for dxl_id in dxl_ids}
+    asked = list(dxl_ids)
+    with contextlib.suppress(DeviceError):  # one that is set to answer pings alone confirms nothing
+        bus.sync_write(ct.ITEMS["Status Return Level"], dict.fromkeys(asked, ct.ANSWERS_ALL))
+    found = {dxl_id: _read_off(bus, dxl_id) for dxl_id in asked}
     for _ in range(_TORQUE_OFF_ROUNDS - 1):
         for dxl_id, problem in found.items():
             if problem is not None and not isinstance(problem, PortFailed):

@@ -160,9 +160,11 @@ class EmulatedServo:
         start_rad: float = 0.0,
         baud_rate_code: int = 3,
         constants: MotorConstants | None = None,
+        homing_offset: int = 0,
     ) -> None:
         """Power up at shaft angle `start_rad` with torque off.
 
+        `homing_offset`: Homing Offset with which it reads 2048 at shaft angle 0.
         `firmware`: Firmware Version, None for the model's usual one. `baud_rate_code`: item Baud Rate, 3 is
         1 Mbps. `constants` replace the model's motor. Raises InputError for an unknown model.
         """
@@ -176,6 +178,8 @@ class EmulatedServo:
         self._held_by: Callable[[float, float], float] | None = None
         self._unit.table.set("ID", dxl_id)
         self._unit.table.set("Baud Rate", baud_rate_code)
+        self._unit.table.set("Homing Offset", homing_offset)
+        self._inner.drive.zero_tick -= homing_offset
         self._powered = True
         self._inner.start()
 

@@ -8,7 +8,7 @@ other way.
 import math
 from enum import IntEnum
 
-from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.control_table import GAINS, OperatingMode
 from palpate.drivers.emulators.servo_motion import (
     LOOP_PERIOD_S,
     Law,
@@ -48,16 +48,6 @@ _INVERSE_ROUNDS = 4  # errors of a few degrees are below a tick's hundredth then
 _IN_POSITION_TICKS = 5  # the manual says "a predefined value"
 _SINGLE_TURN_OFFSET = 1024  # largest Homing Offset that counts in Position Control Mode
 
-GAINS = (
-    "Velocity I Gain",
-    "Velocity P Gain",
-    "Position D Gain",
-    "Position I Gain",
-    "Position P Gain",
-    "Feedforward 2nd Gain",
-    "Feedforward 1st Gain",
-)
-
 
 class _ProfileType(IntEnum):
     """Profile Type, bits 4 and 5 of Moving Status."""
@@ -79,8 +69,10 @@ class ServoDrive:
         self._sign = 1
         self._profile = _ProfileType.NONE
         self._velocity = VelocityLaw(0.0, 0.0)
-        self._extras = PositionTerms(0.0, 0.0)
+        self._extras = PositionTerms(0.0, 0.0, 0.0)
         self._reported: tuple[float, ...] = ()
+        self.zero_tick = _ZERO_TICK
+        """What the encoder counts at shaft angle 0."""
         self._encoder_waves: tuple[tuple[float, float], ...] = ()
 
     def set_encoder(self, *waves: tuple[float, float]) -> None:
@@ -203,7 +195,7 @@ class ServoDrive:
         if seen == self._reported:
             return
         following = self._velocity.reference_rad_s if motion.law is self._velocity else motion.reference_rad_s
-        shift = _ZERO_TICK - self._turn_ticks + self._homing_offset()
+        shift = self.zero_tick - self._turn_ticks + self._homing_offset()
         table.show(
             {
                 "Moving": int(self.moving),
@@ -265,16 +257,18 @@ class ServoDrive:
     def _position_extras(self) -> PositionTerms | None:
         table, per_rad = self._table, 1.0 / _FULL_DUTY / _RAD_PER_TICK
         i, d = table.get("Position I Gain"), table.get("Position D Gain")
-        if i == 0 and d == 0:
+        forward = table.get("Feedforward 1st Gain")
+        if i == d == forward == 0:
             return None
-        wanted = i / 65536 / LOOP_PERIOD_S * per_rad, d / 16 * LOOP_PERIOD_S * per_rad
-        if (self._extras.i, self._extras.d) != wanted:
+        per_rate = LOOP_PERIOD_S * per_rad
+        wanted = i / 65536 / LOOP_PERIOD_S * per_rad, d / 16 * per_rate, forward / 4 * per_rate
+        if (self._extras.i, self._extras.d, self._extras.forward) != wanted:
             self._extras = PositionTerms(*wanted)
         return self._extras
 
     def _move_to(self, tick: int) -> None:
         absolute = tick - self._homing_offset() + self._turn_ticks
-        goal = self._shaft_rad((absolute - _ZERO_TICK) * _RAD_PER_TICK * self._sign)
+        goal = self._shaft_rad((absolute - self.zero_tick) * _RAD_PER_TICK * self._sign)
         distance = abs(goal - self._motion.reference_rad)
         velocity, acceleration = self._rates()
         if self._drive_mode() & TIME_BASED:
@@ -309,7 +303,7 @@ class ServoDrive:
         return offset
 
     def _encoder(self) -> int:
-        return round(self._sign * self._read_rad(self._motion.shaft_rad) / _RAD_PER_TICK) + _ZERO_TICK
+        return round(self._sign * self._read_rad(self._motion.shaft_rad) / _RAD_PER_TICK) + self.zero_tick
 
     def _read_rad(self, shaft_rad: float) -> float:
         """Angle that the encoder says of the shaft."""

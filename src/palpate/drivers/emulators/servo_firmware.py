@@ -10,11 +10,10 @@ Those are estimates.
 from collections.abc import Sequence
 from itertools import chain, repeat
 
-from palpate.drivers.dynamixel.control_table import Access, Area, OperatingMode, TableItem
+from palpate.drivers.dynamixel.control_table import GAINS, Access, Area, OperatingMode, TableItem
 from palpate.drivers.dynamixel.models import ServoSpecification
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.drivers.emulators.servo_drive import (
-    GAINS,
     GOAL_OF_MODE,
     REVERSE,
     TORQUE_ON_BY_GOAL,
@@ -142,6 +141,7 @@ _DRIVE_SETTINGS = _GOALS | {
     "Position D Gain",
     "Position I Gain",
     "Position P Gain",
+    "Feedforward 1st Gain",
     "Velocity I Gain",
     "Velocity P Gain",
     "PWM Limit",

@@ -73,11 +73,12 @@ class VelocityLaw:
 
 
 class PositionTerms:
-    """Terms that I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
+    """Terms that I, D and Feedforward 1st gains add to the position loop: duty per rad s, and per rad/s."""
 
-    def __init__(self, i: float, d: float) -> None:
+    def __init__(self, i: float, d: float, forward: float) -> None:
         self.i = i
         self.d = d
+        self.forward = forward
         self._integral = 0.0
 
     def duty(self, dt: float, error: float, error_rate: float, limit: float) -> float:
@@ -348,8 +349,9 @@ class ShaftMotion:
             if self.law is None:
                 error = self.reference_rad - self.shaft_rad
                 duty = error * self._gain_per_rad
-                if self._extras is not None:
-                    duty += self._extras.duty(dt, error, self.reference_rad_s - velocity, limit)
+                if (extras := self._extras) is not None:
+                    duty += extras.duty(dt, error, self.reference_rad_s - velocity, limit)
+                    duty += extras.forward * self.reference_rad_s
                 duty = limit if duty > limit else -limit if duty < -limit else duty
             else:
                 back_emf = velocity * self._a_per_rad_s / self._drive_a

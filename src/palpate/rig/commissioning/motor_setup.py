@@ -11,8 +11,8 @@ from typing import Protocol
 from palpate.base.errors import DeviceError
 from palpate.config import RigFile
 from palpate.config.commissioning_results import FoundServoOut, SettingChangeOut, SetupOutcome, SetupServoOut
-from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.drivers.dynamixel import (
+    BAUD_RATES,
     Bus,
     FoundServo,
     ItemChange,
@@ -61,7 +61,10 @@ class Operator(Protocol):
 
 @dataclass(eq=False)
 class MotorSetup:
-    """A servo of the rig file, what it should hold, and how far its setting up has come."""
+    """A servo of the rig file, what it should hold, and how far its setting up has come.
+
+    `among_others`: others may be connected, if it already has its id.
+    """
 
     owner: str
     dxl_id: int
@@ -71,6 +74,7 @@ class MotorSetup:
     found: FoundServo | None = None
     written: list[ItemChange] = field(default_factory=list)
     problem: str | None = None
+    among_others: bool = False
 
     def out(self) -> SetupServoOut:
         """State of the set-up, for the result."""
@@ -96,7 +100,8 @@ def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[Mot
             item.owner,
             item.servo.dxl_id,
             item.servo.model,
-            setup_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
+            setup_items(item.servo, rig.bus.baudrate_bps, item.eeprom()),
+            among_others=bool(dxl_ids),
         )
         for item in servo_settings(rig, bus)
         if not dxl_ids or item.servo.dxl_id in dxl_ids
@@ -126,11 +131,11 @@ def _set_up(motor: MotorSetup, wire: ServoPort, port: str, asking: Operator) -> 
     found = scan(
         wire.open_port,
         wire.clock,
-        BUS_BAUDRATES,
+        BAUD_RATES,
         latency_s=wire.latency_s,
         tell=lambda rate, _: asking.doing(f"looking at {rate} baud"),
     )
-    at = only_servo(found, motor.model, port)
+    at = only_servo(found, motor.model, port, motor.dxl_id if motor.among_others else None)
     motor.found = motor.found or at
     changes = find_changes(wire, at, motor.model, motor.wanted)
     if not changes:

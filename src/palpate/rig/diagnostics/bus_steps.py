@@ -26,6 +26,7 @@ from palpate.rig.diagnostics.steps import (
     name_servo,
     name_together,
     port_failed,
+    warning,
     wrong,
 )
 
@@ -43,7 +44,7 @@ def scan_rig_bus(case: DiagnosisCase) -> AnsweringServos:
 
     here = look([rate])
     unheard = [servo.dxl_id for servo in owned if servo.dxl_id not in {item.dxl_id for item in here}]
-    here += _ping_again(case, unheard) if here else ()
+    here += _ping_again(case, unheard)
     missing = set(unheard) - {item.dxl_id for item in here}
     others = [other for other in baudrates_to_try(place) if other != rate] if missing else []
     return AnsweringServos(owned, here, look(others) if others else ())
@@ -114,6 +115,8 @@ def judge_ids(case: DiagnosisCase, readings: Readings) -> Judgement:
     findings = [_id_clash(case, item, seen.owned, missing) for item in crowded]
     if missing and not crowded:
         findings.append(_other_ids(case, missing, strangers) if strangers else _silent(missing))
+    elif not missing:
+        findings += [_stranger(case, item) for item in strangers]
     ids = sorted(item.dxl_id for item in seen.here)
     return f"ids {join_words([str(i) for i in ids], 16)} answer", findings
 
@@ -154,6 +157,17 @@ def _other_ids(
         f"file does not have, {'does' if len(there) == 1 else 'do'}",
         "a servo has another id than the rig file says; new ones have id 1 at 57600 baud",
         case.command(f"palpate setup-motors --rig RIG --id {missing[0].dxl_id}"),
+    )
+
+
+def _stranger(case: DiagnosisCase, item: FoundServo) -> FindingOut:
+    name = f"servo {item.dxl_id} ({model_name(item.ping) or 'unknown model'})"
+    return warning(
+        Cause.FOREIGN_SERVO,
+        NamedDevice(name, (item.dxl_id,)),
+        f"it answers at {item.baudrate} baud, and the rig file does not have it",
+        "no run limits or guards it; only its torque is switched off with that of all others",
+        f"unplug it, or describe it in {case.on_bench.path.name}",
     )
 
 

@@ -424,8 +424,8 @@ def _servo_out(found: Diagnosis, servo: RigServo) -> ServoCheckOut:
         hardware_error=tuple(name_flag(flag) for flag in seen.health.hardware_error),
         return_delay_us=round(seen.return_delay_s * 1e6),
         settings=tuple(
-            SettingOut(item=item, found=found, wanted=wanted)
-            for item, (found, wanted) in seen.differing.items()
+            SettingOut(item=change.item, found=change.found, wanted=change.wanted)
+            for change in (*seen.differing, *seen.foreign)
         ),
     )
 

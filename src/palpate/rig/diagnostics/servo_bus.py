@@ -14,15 +14,26 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, InputError
 from palpate.config import RigFile, RigServo, load_rig, shipped_rig
-from palpate.config.commissioning_results import ScannedServoOut, ScanOut, StopOut, StoppedServoOut
-from palpate.config.rig_tables import BUS_BAUDRATES
+from palpate.config.commissioning_results import (
+    RebootedServoOut,
+    RebootOut,
+    ScannedServoOut,
+    ScanOut,
+    StopOut,
+    StoppedServoOut,
+)
 from palpate.drivers.dynamixel import (
     ALL_IDS,
+    BAUD_RATES,
     Bus,
     FoundServo,
+    HardwareError,
     Scan,
+    Servo,
     broadcast_torque_off,
     confirm_torque_off,
+    disable_torque,
+    error_names,
     known_models,
     model_name,
     scan,
@@ -123,7 +134,7 @@ def scan_bus(
 
 def baudrates_to_try(place: BusEndpoint) -> Sequence[int]:
     """Baud rates to try on a bus: one where the port has none of its own, and all would find the same."""
-    return BUS_BAUDRATES if has_baudrate(place.port) else [place.baudrate or _USUAL_BAUDRATE_BPS]
+    return BAUD_RATES if has_baudrate(place.port) else [place.baudrate or _USUAL_BAUDRATE_BPS]
 
 
 def scan_result(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequence[int]) -> ScanOut:
@@ -237,6 +248,42 @@ def stop_all(place: BusEndpoint, baudrate: int) -> StopOut:
             return _stop_result(
                 place, baudrate, told, confirm_torque_off(bus, sorted({*owned, *bus.broadcast_ping()}))
             )
+
+
+_BOOT_S = 1.0  # a servo answers again by then
+
+
+def reboot_all(place: BusEndpoint, rig: RigFile, dxl_ids: Sequence[int] = ()) -> RebootOut:
+    """Restart servos of a rig, all or some, torque off; DeviceError if the port cannot be opened."""
+    rate = rig.bus.baudrate_bps
+    with closing(_bus(place, rate, shared=False)) as bus:
+        chosen = [servo for servo in rig.servos if not dxl_ids or servo.dxl_id in dxl_ids]
+        servos = tuple(_reboot(bus, place.clock, servo) for servo in chosen)
+    well = all(servo.problem is None and not servo.again for servo in servos)
+    return RebootOut.of(place, baudrate_bps=rate, well=well, servos=servos)
+
+
+def _reboot(bus: Bus, clock: Clock, spec: RigServo) -> RebootedServoOut:
+    latched = again = HardwareError(0)
+    problem: str | None = None
+    servo = Servo(bus, spec.dxl_id, spec.model)
+    try:
+        servo.check()
+        latched = bus.hardware_error(spec.dxl_id)
+        bus.reboot(spec.dxl_id)
+        clock.sleep(_BOOT_S)
+        again = bus.hardware_error(spec.dxl_id)
+    except DeviceError as error:
+        problem = str(error)
+    # one that switches torque on as it starts is stopped here
+    problem = next((str(error) for error in disable_torque(bus, [servo])), problem)
+    return RebootedServoOut(
+        id=spec.dxl_id,
+        owner=spec.owner,
+        latched=error_names(latched),
+        again=error_names(again),
+        problem=problem,
+    )
 
 
 def _bus(place: BusEndpoint, baudrate: int, *, shared: bool) -> Bus:

@@ -5,7 +5,7 @@ Torque stays as it is found, and nothing is written to EEPROM.
 
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,12 +15,15 @@ from palpate.drivers.dynamixel import (
     RETURN_DELAY_UNIT_S,
     Bus,
     Health,
+    ItemChange,
     Model,
     PortFailed,
     Servo,
     ServoState,
     StateReader,
     StatusError,
+    compared_items,
+    differences,
     read_health,
 )
 from palpate.drivers.transport import Clock
@@ -66,13 +69,10 @@ def rate_in_run_hz(loop: BusLoopOut, return_delays_s: Sequence[float]) -> float:
     return 1 / max(1 / loop.rate_hz - delay_s, 1e-6)
 
 
-_EXTRA_ITEMS = ("Homing Offset", "Secondary(Shadow) ID", "Shutdown")
-"""Items that runs do not write, and that can spoil them."""
-
-
 @dataclass(frozen=True, eq=False)
 class ExaminedServo:
-    """A servo: its health with its settings beside those that are wanted.
+    """A servo: its health with its settings beside those that are wanted, and those of a person's beside what
+    is expected.
 
     `health` is None if it could not be read, and `failure` says why: `old` firmware without some item, a
     model `unable` to keep the rig file's limits, or lost answers.
@@ -82,6 +82,7 @@ class ExaminedServo:
     dxl_id: int
     model: Model
     wanted: Mapping[str, int]
+    expected: Mapping[str, int] = field(default_factory=dict)
     firmware: int | None = None
     health: Health | None = None
     failure: str | None = None
@@ -94,12 +95,14 @@ class ExaminedServo:
         return name_servo(self.owner, self.dxl_id)
 
     @property
-    def differing(self) -> dict[str, tuple[int, int]]:
-        """Items that are not as they are wanted: found and wanted."""
-        if self.health is None:
-            return {}
-        found = self.health.settings
-        return {name: (found[name], value) for name, value in self.wanted.items() if found[name] != value}
+    def differing(self) -> list[ItemChange]:
+        """Items that the next run writes."""
+        return [] if self.health is None else differences(self.health.settings, self.wanted)
+
+    @property
+    def foreign(self) -> list[ItemChange]:
+        """Items that are not as expected, and that no run writes."""
+        return [] if self.health is None else differences(self.health.settings, self.expected)
 
     def setting(self, item: str) -> int | None:
         """An item's value, None if it was not read or the model has none."""
@@ -192,15 +195,12 @@ def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:
     except DeviceError as error:
         return replace(seen, failure=str(error))
     try:
-        return replace(seen, wanted=wanted, health=_health(bus, servo, wanted))
+        expected = compared_items(servo)
+        health = read_health(bus, servo, [*wanted, *expected])
+        return replace(seen, wanted=wanted, expected=expected, health=health)
     except PortFailed:
         raise
     except (InputError, StatusError) as error:  # of an item that it does not have yet
         return replace(seen, failure=str(error), old=True)
     except DeviceError as error:
         return replace(seen, failure=str(error))
-
-
-def _health(bus: Bus, servo: Servo, wanted: Mapping[str, int]) -> Health:
-    there = [name for name in _EXTRA_ITEMS if name in servo.model.items]
-    return read_health(bus, servo, [*wanted, *there])

@@ -1,10 +1,21 @@
 """Servo steps of a diagnosis: firmware, supply, errors, settings, traffic and zeros."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from palpate.base.errors import quantity
 from palpate.config.diagnosis_results import Cause, FindingOut
-from palpate.drivers.dynamixel import SPECIFICATIONS, HardwareError, Health, supply_warnings
+from palpate.drivers.dynamixel import (
+    HOMING_OFFSET,
+    SECONDARY_ID,
+    SETTINGS,
+    SHUTDOWN,
+    SPECIFICATIONS,
+    Health,
+    ItemChange,
+    error_causes,
+    supply_warnings,
+)
 from palpate.rig.diagnostics.host_ports import is_timer_long
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.servo_examination import ExaminedServo, ExaminedServos, rate_in_run_hz
@@ -26,19 +37,15 @@ _WEAK_SUPPLY_SHARE = 0.85  # of the recommended voltage
 _MAX_SUPPLY_DROP_V = 1.0  # between servos of one supply whose motors are off
 _MAX_LOST_SHARE = 0.001  # share of answers
 _MIN_LOST_ANSWERS = 3
-_NO_SECONDARY_ID = 253  # ids from here on mean none
-_PROTECTION_BITS = 0x24  # overload and overheating
 _REVERSE_MODE_BIT = 0x01
 _MAX_ITEMS_NAMED = 4
 _WARM_MARGIN_C = 10  # below the limit
 _BUSY_FACTOR = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
 
-_ERROR_CAUSES = {
-    HardwareError.INPUT_VOLTAGE: "its supply left its limits, as a weak one does when motors pull",
-    HardwareError.OVERHEATING: "it has been too hot",
-    HardwareError.MOTOR_ENCODER: "its encoder or motor does not work",
-    HardwareError.ELECTRICAL_SHOCK: "its electronics were shocked, or its motor has too little power",
-    HardwareError.OVERLOAD: "it pushed for long against something that did not give way",
+_SETTING_CAUSES = {
+    HOMING_OFFSET: Cause.HOMING_OFFSET,
+    SECONDARY_ID: Cause.SHADOW_ID,
+    SHUTDOWN: Cause.PROTECTION_OFF,
 }
 
 
@@ -70,8 +77,8 @@ def judge_supply(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Voltages beside servos' limits, what they are made for, and each other."""
     there = _read_servos(readings)
     volts = [health.voltage_v for _, health in there]
-    low = [item for item, health in there if health.voltage_v < health.voltage_limits_v[0]]
-    high = [item for item, health in there if health.voltage_v > health.voltage_limits_v[1]]
+    low = [item for item, health in there if health.voltage_v < _made_limits_v(item)[0]]
+    high = [item for item, health in there if health.voltage_v > _made_limits_v(item)[1]]
     weak = [
         item
         for item, health in there
@@ -148,11 +155,13 @@ def _high(items: Sequence[ExaminedServo]) -> FindingOut:
     )
 
 
-def judge_hardware(_case: DiagnosisCase, readings: Readings) -> Judgement:
+def judge_hardware(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Servos that are hot or warm, or report an error that supply and heat do not explain."""
     there = _read_servos(readings)
     findings = [
-        found for item, health in there for found in (*_heat(item, health), *_latched_error(item, health))
+        found
+        for item, health in there
+        for found in (*_heat(item, health), *_latched_error(case, item, health))
     ]
     errors = sum(bool(health.hardware_error) for _, health in there)
     reported = f"{quantity(errors, 'servo reports', 'servos report')} an error" if errors else "none reported"
@@ -160,7 +169,7 @@ def judge_hardware(_case: DiagnosisCase, readings: Readings) -> Judgement:
 
 
 def _heat(item: ExaminedServo, health: Health) -> list[FindingOut]:
-    found, limit = health.temperature_c, health.temperature_limit_c
+    found, limit = health.temperature_c, item.expected.get("Temperature Limit", health.temperature_limit_c)
     if found >= limit:
         saw, means = f"{found} °C, its limit is {limit} °C", "it has worked hard for long, or its joint binds"
         return [wrong(Cause.TOO_HOT, item.device, saw, means, "switch its supply off and let it cool down")]
@@ -170,19 +179,15 @@ def _heat(item: ExaminedServo, health: Health) -> list[FindingOut]:
     return []
 
 
-def _latched_error(item: ExaminedServo, health: Health) -> list[FindingOut]:
-    low, high = health.voltage_limits_v
-    hot = health.temperature_c >= health.temperature_limit_c
-    explained = HardwareError.OVERHEATING if hot else HardwareError(0)
-    explained |= HardwareError(0) if low <= health.voltage_v <= high else HardwareError.INPUT_VOLTAGE
-    errors = health.hardware_error & ~explained
+def _latched_error(case: DiagnosisCase, item: ExaminedServo, health: Health) -> list[FindingOut]:
+    errors = health.hardware_error & ~health.outside_limits
+    for change in item.foreign:
+        errors &= ~SETTINGS[change.item].limits
     if not errors:
         return []
-    names = join_words([name_flag(flag) for flag in errors])
-    causes = join_words([_ERROR_CAUSES[flag] for flag in errors])
-    saw = f"it has latched a hardware error: {names}"
-    means = f"{causes}; it refuses torque until it is restarted"
-    do = "remove the cause, then switch the servos' supply off and on"
+    saw = f"it has latched a hardware error: {join_words([name_flag(flag) for flag in errors])}"
+    means = f"{error_causes(errors)}; it refuses torque until it is restarted"
+    do = case.command(f"remove the cause, then palpate reboot --rig RIG --id {item.dxl_id}")
     return [wrong(Cause.HARDWARE_ERROR, item.device, saw, means, do)]
 
 
@@ -205,8 +210,8 @@ def judge_settings(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Limits, modes and directions in EEPROM, beside what a run wants."""
     there = [item for item, _ in _read_servos(readings)]
     findings = [_unable(item) for item in readings.examined if item.unable]
-    findings += [finding for item in there for finding in _special(case, item, there)]
-    unset = {item: pairs for item in there if (pairs := _unset(item))}
+    findings += [finding for item in there for finding in _foreign(case, item, there)]
+    unset = {item: changes for item in there if (changes := _unset(item))}
     if unset:
         findings.append(_limits_not_set(unset))
     return (
@@ -215,23 +220,23 @@ def judge_settings(case: DiagnosisCase, readings: Readings) -> Judgement:
     )
 
 
-def _unset(item: ExaminedServo) -> dict[str, tuple[int, int]]:
-    """Items that the next run writes: found and wanted."""
+def _unset(item: ExaminedServo) -> list[ItemChange]:
+    """Items that the next run writes."""
     left_out = "Drive Mode" if _is_reversed(item) else None
-    return {name: pair for name, pair in item.differing.items() if name != left_out}
+    return [change for change in item.differing if change.item != left_out]
 
 
-def _limits_not_set(unset: Mapping[ExaminedServo, Mapping[str, tuple[int, int]]]) -> FindingOut:
-    first, pairs = next(iter(unset.items()))
+def _limits_not_set(unset: Mapping[ExaminedServo, Sequence[ItemChange]]) -> FindingOut:
+    first, changes = next(iter(unset.items()))
     shown = join_words(
-        [f"{name} {found} instead of {value}" for name, (found, value) in pairs.items()], _MAX_ITEMS_NAMED
+        [f"{item.item} {item.found} instead of {item.wanted}" for item in changes], _MAX_ITEMS_NAMED
     )
     return warning(
         Cause.LIMITS_NOT_SET,
         _together(list(unset)),
         f"{quantity(sum(map(len, unset.values())), 'item', 'items')} of EEPROM not as runs want them "
         f"(servo {first.dxl_id}: {shown})",
-        "limits of current and position are not in the servos yet; runs write them first",
+        "limits, modes and speeds are not in the servos yet; runs write them first",
         f"{NOTHING_TO_DO}: the first run writes them, palpate setup-motors at once",
     )
 
@@ -242,10 +247,9 @@ def _unable(item: ExaminedServo) -> FindingOut:
     return wrong(Cause.LIMITS_IMPOSSIBLE, item.device, saw, why, do)
 
 
-def _special(case: DiagnosisCase, item: ExaminedServo, there: Sequence[ExaminedServo]) -> list[FindingOut]:
-    """Settings that spoil more than a limit."""
+def _foreign(case: DiagnosisCase, item: ExaminedServo, there: Sequence[ExaminedServo]) -> list[FindingOut]:
+    """Settings that another program has left, and that no run writes."""
     findings = []
-    again = case.command(f"palpate setup-motors --rig RIG --id {item.dxl_id}")
     if _is_reversed(item):
         findings.append(
             wrong(
@@ -253,44 +257,25 @@ def _special(case: DiagnosisCase, item: ExaminedServo, there: Sequence[ExaminedS
                 item.device,
                 f"its Drive Mode is {item.setting('Drive Mode')}: it counts angles in the reverse direction",
                 "a run writes normal direction; signs and zeros measured as it is now are wrong then",
-                again,
+                case.command(f"palpate setup-motors --rig RIG --id {item.dxl_id}"),
             )
         )
-    offset = item.setting("Homing Offset")
-    if offset:
-        findings.append(
-            warning(
-                Cause.HOMING_OFFSET,
-                item.device,
-                f"its Homing Offset is {offset} steps ({offset / 4096 * 360:.1f}°)",
-                "its angles are shifted by that much, which the rig file's zero must contain",
-                "write 0 to it with DYNAMIXEL Wizard 2.0, unless the zero was measured with it",
-            )
-        )
-    shadow = item.setting("Secondary(Shadow) ID")
-    twin = next((other for other in there if other.dxl_id == shadow and other is not item), None)
-    if shadow is not None and shadow < _NO_SECONDARY_ID and twin is not None:
-        findings.append(
-            wrong(
-                Cause.SHADOW_ID,
-                item.device,
-                f"its Secondary ID is {shadow}, the id of {twin.device.name}",
-                f"it does silently whatever servo {shadow} is told to do",
-                "write 255 to its Secondary ID with DYNAMIXEL Wizard 2.0",
-            )
-        )
-    shutdown = item.setting("Shutdown")
-    if shutdown is not None and shutdown & _PROTECTION_BITS != _PROTECTION_BITS:
-        findings.append(
-            warning(
-                Cause.PROTECTION_OFF,
-                item.device,
-                f"its Shutdown is {shutdown:#04x}: it stays on when overloaded or too hot",
-                "somebody has switched its protection off",
-                "write its default (52) to Shutdown with DYNAMIXEL Wizard 2.0",
-            )
-        )
+    for change in item.foreign:
+        make = wrong if _stops_runs(item, change, there) else warning
+        cause = _SETTING_CAUSES.get(change.item, Cause.FOREIGN_SETTING)
+        remedy = change.remedy(item.dxl_id, "RIG")
+        if item.health is not None and SETTINGS[change.item].limits & item.health.hardware_error:
+            remedy += f"; then palpate reboot --rig RIG --id {item.dxl_id}"
+        findings.append(make(cause, item.device, f"its {change}", change.effect, case.command(remedy)))
     return findings
+
+
+def _stops_runs(item: ExaminedServo, change: ItemChange, there: Sequence[ExaminedServo]) -> bool:
+    """True if a run refuses the servo as it is, or ends by what it reports."""
+    if change.item == SECONDARY_ID:
+        return any(other.dxl_id == change.found for other in there)
+    reported = 0 if item.health is None else item.health.hardware_error | item.health.outside_limits
+    return change.item == HOMING_OFFSET or bool(SETTINGS[change.item].limits & reported)
 
 
 def judge_traffic(case: DiagnosisCase, readings: Readings) -> Judgement:
@@ -419,5 +404,12 @@ def _volts(items: Sequence[ExaminedServo]) -> str:
 
 
 def _limits(item: ExaminedServo) -> str:
-    assert item.health is not None
-    return "{:.1f} to {:.1f} V".format(*item.health.voltage_limits_v)
+    return "{:.1f} to {:.1f} V".format(*_made_limits_v(item))
+
+
+def _made_limits_v(item: ExaminedServo) -> tuple[float, float]:
+    """Least and largest supply that its model is made for: its own limits may be another program's."""
+    table = item.model.table or {}
+    if "Min Voltage Limit" not in table:
+        return (0.0, math.inf) if item.health is None else item.health.voltage_limits_v
+    return table["Min Voltage Limit"].default / 10, table["Max Voltage Limit"].default / 10

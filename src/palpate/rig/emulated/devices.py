@@ -15,6 +15,7 @@ from palpate.base.errors import InputError
 from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
 from palpate.config.emulation import AdapterConfig
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
+from palpate.config.rig_servos import ServoConfig
 from palpate.drivers.dynamixel import BAUD_RATES
 from palpate.drivers.emulators import (
     AdapterTruth,
@@ -182,7 +183,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         truth = draws_of(finger, rig.emulation).with_cables(truth, np.random.default_rng([seed, 12, index]))
         description = description_of(finger, seed)
         near, far = (
-            _servo(rig, servo.dxl_id, servo.model, start)
+            _servo(rig, servo, start)
             for servo, start in zip(finger.servos.values(), postures[index], strict=True)
         )
         taxels = Taxels(
@@ -255,13 +256,18 @@ def _stage(rig: RigFile, start_rad: float, seed: int) -> EmulatedStage | None:
     bearing = rng.uniform(0, 2 * math.pi)
     x, y = spec.centre_mm
     centre = x + away * math.cos(bearing), y + away * math.sin(bearing)
-    return EmulatedStage(centre, joint, _servo(rig, spec.dxl_id, spec.model, start))
+    return EmulatedStage(centre, joint, _servo(rig, spec, start))
 
 
-def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedServo:
-    """A servo that is set to the bus's baud rate."""
-    code = BAUD_RATES.index(rig.bus.baudrate_bps)
-    return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
+def _servo(rig: RigFile, spec: ServoConfig, start_rad: float) -> EmulatedServo:
+    """A servo that is set to the bus's baud rate and the Homing Offset of the rig file."""
+    return EmulatedServo(
+        spec.dxl_id,
+        model=spec.model,
+        start_rad=start_rad,
+        baud_rate_code=BAUD_RATES.index(rig.bus.baudrate_bps),
+        homing_offset=spec.homing_offset,
+    )
 
 
 def _reset_s(rig: RigFile, seed: int) -> Mapping[str, float]:

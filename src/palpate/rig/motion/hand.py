@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -23,8 +24,10 @@ from palpate.drivers.dynamixel import (
     Bus,
     MoveEnd,
     Mover,
+    NotAnswering,
     Restarted,
     Servo,
+    ServoError,
     ServoGoals,
     ServoMover,
     ServoState,
@@ -32,6 +35,7 @@ from palpate.drivers.dynamixel import (
     WatchdogTripped,
     guarded_loop,
     hold,
+    refuse_foreign_settings,
 )
 from palpate.drivers.kinematics import Servos, Turn
 from palpate.drivers.tactile import ArrayDriver, ArrayLost, TactileFrame
@@ -60,6 +64,7 @@ from palpate.rig.motion.homing import (
     recall_turn,
 )
 from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.servo_causes import explain_servo_error, explain_silence, weakness
 from palpate.rig.motion.standby import come_to_standby, stage_problem
 from palpate.rig.workers import ProgramEnd
 
@@ -115,8 +120,12 @@ class Hand:
             self._connect(open_port)
         except BaseException as error:
             note_what_is_on(error, self.close())
+            bus = rig.bus
+            if not isinstance(error, NotAnswering) or not explain_silence(
+                error, partial(open_port, bus.port), bus.baudrate_bps, clock, latency_s
+            ):
+                note_other_causes(error)
             name_owners(error, rig)
-            note_other_causes(error)
             raise
 
     def __repr__(self) -> str:
@@ -129,11 +138,10 @@ class Hand:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         before = self.bus.port_name
-        failed = self.close()
+        failed = self.close(error)
         if error is not None:
             note_what_is_on(error, failed)
             name_owners(error, self.rig)
-            note_other_causes(error)
             if self.bus.port_name != before:
                 error.add_note(describe_renaming(before, self.bus.port_name))
             if not isinstance(error, Exception) and not failed:
@@ -142,11 +150,17 @@ class Hand:
             note_what_is_on(failed[0], failed)
             raise failed[0]
 
-    def close(self) -> list[DeviceError]:
-        """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
+    def close(self, error: BaseException | None = None) -> list[DeviceError]:
+        """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off.
+
+        `error`: why; what its cause turns out to be is put into its words.
+        """
         self._driven = False
         try:
-            return despite_interruptions(self._switch_off)
+            failed = despite_interruptions(self._switch_off)
+            if error is not None and not self._explain(error):
+                note_other_causes(error)
+            return failed
         finally:
             for port in self._ports:
                 with suppress(Exception):  # torque is what matters, and the next port
@@ -158,6 +172,13 @@ class Hand:
             self._servos, self._ports = [], []
             gc.unfreeze()
             self._program_end.finish()
+
+    def _explain(self, error: BaseException) -> bool:
+        with suppress(DeviceError):
+            return isinstance(error, ServoError) and explain_servo_error(
+                error, self._reader, self._servos, self.clock
+            )
+        return False
 
     def _switch_off(self) -> list[DeviceError]:
         failed = switch_off(self.bus, self._servos, self.clock, self.notice) if self._servos else []
@@ -184,6 +205,7 @@ class Hand:
         self._driven = False
         # Garbage collections pass over what is there now: one takes up to 0.1 s, and nobody looks at arrays.
         gc.freeze()
+        refuse_foreign_settings(self.bus, self._servos)
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
         self.stage.prepare()
@@ -304,10 +326,11 @@ class Hand:
                 if servo in closing
                 else "its friction is more than its position loop overcomes: loosen what it turns"
             )
+            weak = weakness(self.bus, servo)
             raise DeviceError(
                 f"servo {servo.dxl_id} on {self.bus.port_name} ({self._owner(servo)}) did not reach its goal "
-                f"in free space: its Present Position stays at {position}; check what holds it; if nothing "
-                f"does, {remedy}"
+                f"in free space: its Present Position stays at {position}; "
+                + (weak or f"check what holds it; if nothing does, {remedy}")
             )
 
     def _owner(self, servo: Servo) -> str:

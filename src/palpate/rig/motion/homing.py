@@ -49,6 +49,7 @@ _MOTION_THRESHOLD_MM = 0.03
 _STALL_S = 0.4
 _FREE_STALL_S = 1.0
 _AIM_SLACK_DEG = 2.0
+_REVERSED = 0x01  # bit of Drive Mode: set or cleared, turns are forgotten
 _RAM_RESTORE = 0x02  # bit of Startup Configuration: RAM, and with it the mark, would outlive the turns
 
 
@@ -258,6 +259,8 @@ def _marked_turns(bus: Bus, slide: Servo) -> int | None:
     """Turns that the servo is marked with; None if they may have been lost since, or never were known."""
     item = mark_item(slide.model)
     if item is None or slide.read("Operating Mode") != OperatingMode.CURRENT_BASED_POSITION:
+        return None
+    if slide.read("Drive Mode") & _REVERSED:
         return None
     restores = "Startup Configuration" in slide.model.items and slide.read("Startup Configuration")
     if restores and restores & _RAM_RESTORE:
