@@ -14,6 +14,7 @@ from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, ServoState
 from palpate.rig.fingers import HostFinger
 from palpate.rig.mechanisms.swept_volume import is_apart
 from palpate.rig.motion.array_guard import ArrayReading
+from palpate.rig.motion.array_proof import SearchWatch
 from palpate.rig.motion.touch import ApproachState
 from palpate.rig.motion.touch_timing import touch_speed_mm_s
 
@@ -271,10 +272,12 @@ class SearchMover(TipMover):
         hand: SensingHand,
         run: ApproachState,
         others: Sequence[ApproachState],
+        watch: SearchWatch,
         *,
         may_stay: bool = False,
     ) -> None:
-        self._may_stay = may_stay
+        """`watch`: over all arrays while any of `others` searches."""
+        self._may_stay, self._watch = may_stay, watch
         closing, approach = hand.rig.closing, run.approach
         self._fast_mm_s = closing.approach_speed_mm_s
         self._search_mm_s = touch_speed_mm_s(approach, closing.search_mm_s)
@@ -290,9 +293,19 @@ class SearchMover(TipMover):
         return max(super().longest_s(), _DEADLINE_FACTOR * self.limit_mm / self._search_mm_s)
 
     def sense(self, now: float) -> MoveEnd | None:
-        """A contact turns it, or ends its way; on its way back it still feels the part."""
-        if self.is_back or super().sense(now) is None:
+        """A contact turns it, or ends its way; on its way back it still feels the part.
+
+        It ends, too, where the contact of another finger, or its own, is to be proven.
+        """
+        if self.is_back:
             return None
+        suspect = self._watch.look()
+        if suspect is not None and suspect is not self.finger:
+            return MoveEnd.ENOUGH
+        if super().sense(now) is None:
+            return None
+        if suspect is not None:
+            return MoveEnd.CONTACT
         if self._may_stay and not any(other.searching for other in self._others):
             return MoveEnd.CONTACT
         self.is_back = self._turns = True

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
+from functools import partial
 
 from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, WatchdogTripped
 from palpate.drivers.kinematics import TICK_RAD, Line, Turn
@@ -17,6 +18,7 @@ from palpate.drivers.tactile import ArrayLost, ContactPatch
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.fingers import HostFinger, Stage
 from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD
+from palpate.rig.motion.array_proof import SearchWatch
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import BUS_KEEPALIVE_S, Hand
 from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, TouchStage
@@ -241,13 +243,29 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, Mov
 def _search_contacts(hand: Hand, runs: Sequence[ApproachState], *, stay: bool) -> dict[ApproachState, float]:
     """Send every finger towards its limit; those that touch something back off at once, by themselves.
 
-    The last one may `stay`. Returns where (mm of their ways) fingers go back to.
+    The last one may `stay`. At the first contacts of a run all are stopped, until it is proven whose they
+    are. Returns where (mm of their ways) fingers go back to.
     """
     for run in runs:
         run.touched, run.searching = False, True
-    movers = [SearchMover(hand, run, runs, may_stay=stay) for run in runs]
-    move_tips(hand, movers)
-    return {mover.run: mover.limit_mm for mover in movers if mover.is_back}
+    backed: dict[ApproachState, float] = {}
+    left = list(runs)
+    while left:
+        watch = SearchWatch(hand, runs)
+        movers = [SearchMover(hand, run, runs, watch, may_stay=stay) for run in left]
+        ends = move_tips(hand, movers)
+        backed |= {mover.run: mover.limit_mm for mover in movers if mover.is_back}
+        if watch.suspect is None:
+            break
+        moved = [run for run, end in ends.items() if end is MoveEnd.ENOUGH or run.finger is watch.suspect]
+        own = watch.prove(moved, partial(move_along_lines, hand))
+        if own is not None:
+            backed[own] = own.travel_mm
+        left = [run for run in moved if run is not own]
+        for run in left:
+            if run.meter is not None:
+                run.meter.resume(hand.clock.now())
+    return backed
 
 
 def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:

@@ -114,6 +114,7 @@ class Hand:
         self._arrays = HandArrays(clock)
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
+        self.proven: set[HostFinger] = set()
         self.emulated = False
         self._driven = False
         try:

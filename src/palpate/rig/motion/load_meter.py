@@ -202,6 +202,11 @@ class LoadMeter:
         """
         self._begun.append((now, stage, free_mm, free_within_mm))
 
+    def resume(self, now: float) -> None:
+        """Go on with a stage after the finger was stopped on its way."""
+        _, stage, free_mm, free_within_mm = self._begun[-1]
+        self.begin(stage, now, free_mm, free_within_mm)
+
     def quiet_mean(self, readings: Floats, force_n: float) -> tuple[Floats, int] | None:
         """Mean readings (n,) of the newest frames without a force, and how many; None at a frame with one.
 

@@ -78,6 +78,11 @@ class ApproachState:
         return cls(finger, approach, turn.line_back(line_of(approach)))
 
     @property
+    def name(self) -> str:
+        """Name of the finger."""
+        return self.finger.name
+
+    @property
     def centre_mm(self) -> tuple[float, float]:
         """Place of the tip's centre when it was seen last."""
         return self._centre_mm
