@@ -30,7 +30,15 @@ from palpate.drivers.dynamixel import (
     WatchdogTripped,
     disable_torque,
 )
-from palpate.drivers.tactile import ArrayDriver, ArrayLost, ArraySilent, Description, TactileFrame
+from palpate.drivers.tactile import (
+    ArrayDriver,
+    ArrayLost,
+    ArraySilent,
+    Description,
+    TactileFrame,
+    count_repeats,
+    is_new,
+)
 from palpate.drivers.transport import Clock, ReopenedPort, describe_renaming
 from palpate.rig.arrays import array_of
 from palpate.rig.fingers import HostFinger
@@ -99,6 +107,56 @@ class _SlidingMinimum:
         return self._left[0][1]
 
 
+_LEAST_RATE_SHARE = 0.9  # of the samples that were asked for
+_MIN_STUCK_REPEATS = 3  # readings in a row as the one before; fewer are the beat of two clocks
+_STUCK_CHANCE = 1e-12  # of as many repeats in a row at any frame, by the tare's noise and repeats
+
+
+class _Repeats:
+    """Readings of one array that are as the one before, against those of its tare.
+
+    `age_s`: by how much a reading was older than its frame, at most so far.
+    """
+
+    def __init__(self, finger: HostFinger, frames: Sequence[TactileFrame], asked_hz: float) -> None:
+        """`frames`: of the tare. Raises DeviceError for an array that hangs or samples too slowly."""
+        taxels, where = finger.spec.array.taxels, f"array {finger.name} on {finger.spec.array.port}"
+        seen = count_repeats(frames, 0.0 if taxels is None else taxels.noise_counts)
+        if seen.repeated == seen.frames and (seen.certain or not finger.extractor.baseline.usable.any()):
+            raise DeviceError(
+                f"{where} has sent one and the same reading {len(frames)} times: its sensor hangs; power it "
+                "off and on"
+            )
+        if seen.certain and seen.rate_hz < _LEAST_RATE_SHARE * asked_hz:
+            raise DeviceError(
+                f"{where} repeats its readings: only {seen.rate_hz:.0f} of {asked_hz:g} a second are new; "
+                f"let its firmware sample as fast as it sends, or lower sample_rate_hz to "
+                f"{max(math.floor(_LEAST_RATE_SHARE * seen.rate_hz), 1)}"
+            )
+        self._where, self._seen, self._max_count = where, seen, finger.array.description.max_count
+        chance = max(seen.chance, seen.repeated / seen.frames, 1e-300)
+        most = math.inf if chance >= 1 else math.log(_STUCK_CHANCE) / math.log(chance)
+        self._most_in_a_row = max(most, _MIN_STUCK_REPEATS)
+        self._last, self._new_s, self._in_a_row = frames[-1], frames[-1].device_time_s, 0
+        self.age_s = 0.0
+
+    def follow(self, frames: Sequence[TactileFrame]) -> None:
+        """Look at frames that come next; raises DeviceError once more repeat than chance lets them."""
+        for frame, new in zip(frames, is_new(frames, self._last), strict=True):
+            if new or frame.counts.max() >= self._max_count:  # what is at its end does not move
+                self._in_a_row, self._new_s = 0, frame.device_time_s
+                continue
+            self._in_a_row += 1
+            if self._in_a_row >= self._most_in_a_row:
+                raise DeviceError(
+                    f"{self._where} repeats one reading: its sensor hangs; fingers were stopped; power it "
+                    "off and on"
+                )
+            if self._seen.are_stuck(self._in_a_row):
+                self.age_s = max(self.age_s, frame.device_time_s - self._new_s)
+        self._last = frames[-1]
+
+
 _MAX_SILENCE_S = 0.15
 _MAX_SILENCE_FRAMES = 3  # that long at least, for slow arrays
 
@@ -123,6 +181,7 @@ class ArrayGuard:
         self._heard_s: dict[HostFinger, float] = {}
         self._readings: dict[HostFinger, ArrayReading] = {}
         self._times: dict[HostFinger, SampleTimes] = {}
+        self._repeats: dict[HostFinger, _Repeats] = {}
 
     def start(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays stream; from now on their silence counts."""
@@ -134,10 +193,15 @@ class ArrayGuard:
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; unread frames are dropped."""
-        self._heard_s, self._readings, self.meters, self._times = {}, {}, {}, {}
+        self._heard_s, self._readings, self.meters, self._times, self._repeats = {}, {}, {}, {}, {}
         for finger in fingers:
             finger.array.stop()
             finger.array.frames()
+
+    def tare(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
+        """Take frames as those of an untouched tip. Raises DeviceError for readings that repeat."""
+        finger.extractor.tare(frames)
+        self._repeats[finger] = _Repeats(finger, frames, self._closing.sample_rate_hz)
 
     def note_heard(self, fingers: Sequence[HostFinger]) -> None:
         """Note that these have sent something just now."""
@@ -186,14 +250,19 @@ class ArrayGuard:
 
     def sampled_s(self, finger: HostFinger) -> float:
         """Instant up to which, at least, all has been read that a finger's array has sampled."""
-        return self._times[finger].sampled_s
+        return self._times[finger].sampled_s - self._age_s(finger)
+
+    def _age_s(self, finger: HostFinger) -> float:
+        return self._repeats[finger].age_s if finger in self._repeats else 0.0
 
     def feel(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> float:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
         meter, extractor, times, force = self.meters.get(finger), finger.extractor, self._times[finger], 0.0
         latest = times.latest_s(frames)
+        if finger in self._repeats:
+            self._repeats[finger].follow(frames)
         if meter is not None:
-            meter.late_by(times.spread_s)
+            meter.late_by(times.spread_s + self._age_s(finger))
         for frame, at in zip(frames, latest, strict=True):
             force, readings = extractor.sense(frame)
             if meter is not None:

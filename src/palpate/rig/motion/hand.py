@@ -343,7 +343,7 @@ class Hand:
         """Start every array and take its baseline; nothing may touch the tips."""
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
-            finger.extractor.tare(frames)
+            self._array_guard.tare(finger, frames)
             if (wrong := threshold_problem(finger.extractor, self.rig.closing, finger.spec.tip)) is not None:
                 raise DeviceError(f"tactile array {finger.name}: {wrong}")
 
