@@ -280,7 +280,8 @@ class ArrayGuard:
         if force_n > hard:
             raise SafetyStop(
                 f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were "
-                "stopped; lower approach_speed_mm_s or clear its way"
+                "stopped; look at what presses on its tip: if nothing, palpate check --press shows whose "
+                "array it is; a part met at speed needs a lower approach_speed_mm_s"
             )
 
     def _check_heard(self, finger: HostFinger, now: float) -> None:

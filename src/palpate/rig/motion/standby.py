@@ -248,9 +248,9 @@ class _WayMover(FreeMover):
         return _WAY_TIMEOUT_S
 
     def sense(self, _now: float) -> MoveEnd | None:
-        """A contact that the array feels."""
-        reading = self._hand.reading(self.finger)
-        if not self._feels or reading.force_n <= self._hand.rig.closing.contact_force_n:
+        """A contact that the array feels, or that of another finger, against which it may push the part."""
+        reading, contact_n = self._hand.reading(self.finger), self._hand.rig.closing.contact_force_n
+        if not self._feels or all(self._hand.reading(f).force_n <= contact_n for f in self._hand.fingers):
             return None
         patch = self.finger.extractor.extract(reading.frames)
         self._patch_rad = None if patch is None else patch.angle_rad
