@@ -12,7 +12,15 @@ from scipy.stats import chi2
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotation_matrix
-from palpate.calibration.arm_model import ELBOW_PLAY, ELBOW_ZERO, FORE, SHOULDER_PLAY, UPPER, ArmModel
+from palpate.calibration.arm_model import (
+    ELBOW_PLAY,
+    ELBOW_ZERO,
+    ENCODERS,
+    FORE,
+    SHOULDER_PLAY,
+    UPPER,
+    ArmModel,
+)
 from palpate.calibration.finger_fit import (
     FingerFit,
     ReferencePlacement,
@@ -28,7 +36,7 @@ from palpate.calibration.rig_models import KnownFingers, nominal_models
 from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
 from palpate.config import RigFile, StageConfig, load_rig
 from palpate.config.calibration_file import StageCalibration
-from palpate.drivers.kinematics import TICK_RAD
+from palpate.drivers.kinematics import TICK_RAD, Encoder
 from support.benches.rigs import STAGE
 from support.benches.touched_references import FRESH, PRIOR_SIGMA, SPECS, laid, met, models, servos_rad
 from support.commands.repository import EXAMPLES
@@ -54,8 +62,9 @@ ARM_SIGMA_MM = 0.02
 TOUCHES = 8  # of each finger at each placing
 
 
-def arm_models() -> list[ArmModel]:
-    found = nominal_models(ARMS.fingers)
+def arm_models(encoder_deg: float = 0.0) -> list[ArmModel]:
+    bounds = {"encoder_deg": encoder_deg}
+    found = nominal_models([finger.replace_in_tables(bounds=bounds) for finger in ARMS.fingers])
     arms = [model for model in found if isinstance(model, ArmModel)]
     assert len(arms) == 3
     return arms
@@ -63,17 +72,17 @@ def arm_models() -> list[ArmModel]:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """True values (3, 9), true poses (6, 3), and touches of them."""
+    """True values (3, 17), true poses (6, 3), and touches of them."""
 
     values: Floats
     poses: Floats
     touches: TouchArrays
+    encoder_deg: float
 
     def fit(self) -> FingerFit:
         begin = self.poses + np.array([0.4, -0.3, 0.0])
-        return fit_fingers(
-            arm_models(), PLACINGS, self.touches, (np.array([m.prior for m in arm_models()]), begin)
-        )
+        known = arm_models(self.encoder_deg)
+        return fit_fingers(known, PLACINGS, self.touches, (np.array([m.prior for m in known]), begin))
 
 
 def servos_of(model: ArmModel, own: Floats, centre: Floats, ways: Floats) -> Floats:
@@ -83,15 +92,20 @@ def servos_of(model: ArmModel, own: Floats, centre: Floats, ways: Floats) -> Flo
     first = math.atan2(y, x) - math.atan2(own[FORE] * math.sin(bend), own[UPPER] + own[FORE] * math.cos(bend))
     shoulder = math.remainder(first - own[HEADING], 2 * math.pi) + ways[0] * own[SHOULDER_PLAY]
     elbow = bend - own[ELBOW_ZERO] + ways[1] * own[ELBOW_PLAY]
-    result: Floats = model.zero_rad + model.gear_ratio * np.array([shoulder, elbow])
-    return result
+    angles = model.zero_rad + model.gear_ratio * np.array([shoulder, elbow])
+    encoders = (Encoder(tuple(waves)) for waves in own[model.encoders].reshape(2, 4).tolist())
+    return np.array([encoder.read_rad(angle) for encoder, angle in zip(encoders, angles, strict=True)])
 
 
-def touched_arms(seed: int) -> Touched:
+def touched_arms(seed: int, encoder_deg: float = 0.0) -> Touched:
     """Truth as likely as the priors say, touched on the side that faces each finger."""
-    rng, known = np.random.default_rng(seed), arm_models()
-    values = np.array([rng.multivariate_normal(m.prior, m.covariance) for m in known])
-    values[:, SHOULDER_PLAY:] = rng.uniform(0.3, 1.0, (3, 2)) * math.radians(0.02)
+    rng, known = np.random.default_rng(seed), arm_models(encoder_deg)
+    own, encoders = slice(0, ENCODERS.start), rng.spawn(1)[0]
+    values = np.array([m.prior for m in known])
+    for row, m in zip(values, known, strict=True):
+        row[own] = rng.multivariate_normal(m.prior[own], m.covariance[own, own])
+        row[ENCODERS] = encoders.normal(0.0, np.sqrt(np.diag(m.covariance)[ENCODERS]))
+    values[:, SHOULDER_PLAY : SHOULDER_PLAY + 2] = rng.uniform(0.3, 1.0, (3, 2)) * math.radians(0.02)
     poses = np.array([[*p.about_mm, 0.0] for p in PLACINGS]) + rng.uniform(-4, 4, (6, 3)) * [1, 1, 0.1]
     poses[:3, 2] = 0.0
     rows = []
@@ -119,7 +133,7 @@ def touched_arms(seed: int) -> Touched:
         np.full(count, ARM_SIGMA_MM),
         np.ones(count, dtype=bool),
     )
-    return Touched(values, poses, given)
+    return Touched(values, poses, given, encoder_deg)
 
 
 def on_plate(pose: Floats, wanted: Floats, along_mm: float) -> tuple[Floats, Floats]:
@@ -131,7 +145,7 @@ def on_plate(pose: Floats, wanted: Floats, along_mm: float) -> tuple[Floats, Flo
 
 
 def test_derivatives_of_arms_are_those_of_the_residuals() -> None:
-    given = touched_arms(1)
+    given = touched_arms(1, 1.5)
     own, there = given.values, given.poses
     _, _, _, rows = predict_residuals(arm_models(), PLACINGS, given.touches, own, there)
     step = 1e-6
@@ -148,16 +162,17 @@ def test_derivatives_of_arms_are_those_of_the_residuals() -> None:
 
 
 def test_true_values_leave_nothing_but_noise() -> None:
-    given = touched_arms(2)
+    given = touched_arms(2, 1.5)
     residual = predict_residuals(arm_models(), PLACINGS, given.touches, given.values, given.poses)[0]
     assert residual.std() == pytest.approx(ARM_SIGMA_MM, rel=0.2)
 
 
-def test_errors_of_arms_are_those_that_deviations_state() -> None:
+@pytest.mark.parametrize(("encoder_deg", "most_mm"), [(0.0, 0.2), (1.5, 0.5)])
+def test_errors_of_arms_are_those_that_deviations_state(encoder_deg: float, most_mm: float) -> None:
     """Base, heading, radius, links and elbow in the hand frame, over several rigs: a chi-square test."""
     squares, largest = [], 0.0
     for seed in range(6):
-        given = touched_arms(seed)
+        given = touched_arms(seed, encoder_deg)
         hand = align_fit(ARMS.fingers, given.fit())
         drawn = nominal_poses(ARMS.fingers)
         frame = align_to_nominal(drawn, [BasePose((v[0], v[1]), v[HEADING]) for v in given.values.tolist()])
@@ -172,7 +187,7 @@ def test_errors_of_arms_are_those_that_deviations_state() -> None:
             largest = max(largest, math.hypot(off[0], off[1]))
     freedom = 7 * len(squares)
     assert 0.005 < chi2.sf(sum(squares), freedom) < 0.995
-    assert largest < 0.2
+    assert largest < most_mm
 
 
 # ----------------------------------------------------------------------------------------------------

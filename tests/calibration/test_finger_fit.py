@@ -28,6 +28,7 @@ from palpate.calibration.slide_model import SlideModel, slide_in_contact, zero_i
 from support.benches.touched_references import (
     COLUMNS,
     HEADING,
+    PRIOR_SIGMA,
     RADIUS,
     SCALE,
     SIGMA_MM,
@@ -56,15 +57,16 @@ class Simulated:
     values: Floats
     touches: TouchArrays
     start: tuple[Floats, Floats]
+    encoder_sigma_rad: float = PRIOR_SIGMA[-1]
 
     def fit(self, given: TouchArrays | None = None) -> FingerFit:
-        return fit_fingers(models(), placings(), given or self.touches, self.start)
+        return fit_fingers(models(self.encoder_sigma_rad), placings(), given or self.touches, self.start)
 
 
-def simulated(seed: int, sigma_mm: float = SIGMA_MM) -> Simulated:
+def simulated(seed: int, sigma_mm: float = SIGMA_MM, encoder_sigma_rad: float = PRIOR_SIGMA[-1]) -> Simulated:
     rng = np.random.default_rng(seed)
-    values, where = drawn(rng), some_places(rng)
-    return Simulated(values, touches(values, where, rng, sigma_mm=sigma_mm), nearly(where))
+    values, where = drawn(rng, encoder_sigma_rad), some_places(rng)
+    return Simulated(values, touches(values, where, rng, sigma_mm=sigma_mm), nearly(where), encoder_sigma_rad)
 
 
 def seen_from_the_hand(values: Floats) -> Floats:
@@ -90,11 +92,13 @@ def test_touches_without_noise_show_the_truth() -> None:
     assert np.abs(off[:, RADIUS]).max() < 0.1
 
 
-def test_errors_are_as_large_as_the_fit_says() -> None:
+@pytest.mark.parametrize(("encoder_deg", "problems"), [(0.0, 16), (1.5, 8)])
+def test_errors_are_as_large_as_the_fit_says(encoder_deg: float, problems: int) -> None:
     """Errors in the hand frame over many rigs, weighed by the stated covariance: chi-square."""
-    squares, touched, freedom, problems = 0.0, 0.0, 0, 16
+    squares, touched, freedom = 0.0, 0.0, 0
+    encoder_sigma_rad = max(math.radians(encoder_deg) / math.sqrt(6), PRIOR_SIGMA[-1])
     for seed in range(problems):
-        rig = simulated(seed)
+        rig = simulated(seed, encoder_sigma_rad=encoder_sigma_rad)
         fit = rig.fit()
         hand = align_fit(SPECS, fit)
         off = (hand.values - seen_from_the_hand(rig.values)).ravel()
@@ -233,7 +237,7 @@ def test_a_measured_play_counts_before_the_described_one() -> None:
 def test_a_model_says_what_the_rig_file_says() -> None:
     slide = slide_in_contact(SPEC, Backlash(0.06, 0.004))
     model = SlideModel.with_slide(SPEC, slide)
-    x, y, heading, radius, zero, play, scale = model.prior
+    x, y, heading, radius, zero, play, scale = model.prior[:7]
     assert (x, y) == SPEC.base_mm
     assert heading == pytest.approx(math.radians(270.0))
     assert (radius, zero, scale) == (5.0, slide.zero_mm, 0.0)

@@ -36,6 +36,7 @@ from support.benches.rigs import firm_rig
 from support.benches.simulated_rig import SimulatedProber, SimulatedRig
 from support.benches.touched_references import (
     DISC,
+    ENCODERS,
     FRESH,
     SIGMA_MM,
     SPECS,
@@ -58,7 +59,7 @@ def within_bounds(rng: np.random.Generator) -> Floats:
     found = []
     for model in models():
         sigma = np.sqrt(np.diag(model.covariance))
-        found.append(model.prior + sigma * rng.uniform(-1.0, 1.0, len(sigma)))
+        found.append(model.prior + sigma * np.append(rng.uniform(-1.0, 1.0, ENCODERS.start), np.zeros(8)))
     return np.array(found)
 
 
@@ -446,7 +447,7 @@ def test_plates_that_are_not_convex_are_refused(corners: list[list[float]]) -> N
 
 def test_references_are_put_inside_the_workspace_and_apart() -> None:
     disc, plate = ReferenceDisc("disc", 25.0), ReferencePlate("plate", regular(4, 40 * math.sqrt(2)))
-    placings = plan_placements(disc, plate, 125.0)
+    placings = plan_placements(disc, plate, FRESH)
     assert [item.reference.name for item in placings] == ["disc"] * 3 + ["plate"] * 3
     for placing in placings:
         assert math.hypot(*placing.about_mm) + placing.reference.radius_mm <= 125.0

@@ -144,7 +144,8 @@ def described(gain_spread: float = 0.4) -> SlideFingerConfig:
         update={"heading_deg": 0.0, "heading_bound_deg": 5.0, "gain_spread": gain_spread}
     )
     tip = SPECS[0].tip.model_copy(update={"radius_mm": 5.0})
-    return SPECS[0].model_copy(update={"slide": slide, "array": array, "tip": tip})
+    bounds = SPECS[0].bounds.model_copy(update={"encoder_deg": 0.0})
+    return SPECS[0].model_copy(update={"slide": slide, "array": array, "tip": tip, "bounds": bounds})
 
 
 SPEC = described()
@@ -401,7 +402,7 @@ def loaded_rig(**finger: Any) -> RigFile:
     for spec in data["fingers"]:
         spec["tip"] |= {"max_friction": 0.6}
         spec["aim"] |= {"backlash_holds_n": 0.0} | finger
-        spec["bounds"] |= {"deflection_mm_per_n": 0.1, "deflection_deg_per_n": 0.03}
+        spec["bounds"] |= {"deflection_mm_per_n": 0.1, "deflection_deg_per_n": 0.03, "encoder_deg": 0.0}
     return RigFile.model_validate(data)
 
 

@@ -59,7 +59,7 @@ def test_a_servo_whose_magnet_is_off_goes_and_reads_by_its_encoder(data: st.Data
     within = (drive.present_tick() - turn - 2048) * TICK_RAD
     assert math.remainder(within - start - off, math.tau) == pytest.approx(0.0, abs=TICK_RAD)
     goal = data.draw(st.floats(-9.0, 9.0))
-    assert drive._read_rad(drive._shaft_rad(goal)) == pytest.approx(goal, abs=1e-3 * TICK_RAD)
+    assert drive.read_rad(drive.angle_rad(goal)) == pytest.approx(goal, abs=1e-3 * TICK_RAD)
 
 
 @pytest.mark.parametrize("path", [firm_rig(), ARMS], ids=["slide", "arm"])

@@ -16,11 +16,14 @@ from palpate.calibration.finger_model import (
     RADIUS,
     REPEAT_SIGMA_MM,
     REPEAT_SIGMAS,
+    WAVES,
     ActuatorMeasurements,
     FingerModel,
     JointBounds,
     SlowTouch,
     describe_stand,
+    encoder_sigma_rad,
+    encoder_slopes,
     known_play,
     left_normals,
     unit_vectors,
@@ -31,11 +34,11 @@ from palpate.config import ArmFingerConfig, JointConfig, RotaryCalibration
 from palpate.config.calibration_finger import ArmActuatorsCalibration, ArmPlaceCalibration
 from palpate.drivers.kinematics import TICK_RAD
 
-UPPER, FORE, ELBOW_ZERO, SHOULDER_PLAY, ELBOW_PLAY = 4, 5, 6, 7, 8
-"""Columns of an arm: lengths of its links (mm), elbow angle at its 0, plays of both joints (rad)."""
+UPPER, FORE, ELBOW_ZERO, SHOULDER_PLAY, ELBOW_PLAY, ENCODERS = 4, 5, 6, 7, 8, slice(9, 17)
+"""Columns of an arm: lengths of its links (mm), elbow angle at its 0, plays of joints (rad), encoders."""
 
 _STEP_SHARE = 0.15  # of a joint's encoder step: it is measured on the move, over a few of them
-_MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 0.002, 1e-5, 1e-5, 1e-5])
+_MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 0.002, 1e-5, 1e-5, 1e-5, *[1e-5] * 2 * WAVES])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""
 
 
@@ -51,11 +54,13 @@ class ArmModel(FingerModel):
     zero_rad: Floats
     gives_all_round = True
     place_columns = (0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO)
+    encoders = ENCODERS
 
     @property
     def facing_sigma_deg(self) -> float:
-        """Deviation by the elbow's zero."""
-        return self.spec.elbow.zero_bound_deg / math.sqrt(3)
+        """Deviation by the elbow's zero and both encoders."""
+        encoders = self.spec.bounds.encoder_deg / self.gear_ratio
+        return math.hypot(self.spec.elbow.zero_bound_deg, *encoders) / math.sqrt(3)
 
     @property
     def plays_rad(self) -> Floats:
@@ -91,11 +96,13 @@ class ArmModel(FingerModel):
                 links.bound_mm / math.sqrt(3),
                 math.radians(spec.elbow.zero_bound_deg) / math.sqrt(3),
                 *(play / math.sqrt(12) for play in plays),
+                *[encoder_sigma_rad(spec)] * 2 * WAVES,
             ]
         )
+        harmonics = [*spec.shoulder.encoder_harmonics_deg, *spec.elbow.encoder_harmonics_deg]
         return cls(
             spec,
-            np.array([*prior, 0.0, *(play / 2 for play in plays)]),
+            np.array([*prior, 0.0, *(play / 2 for play in plays), *np.radians(harmonics)]),
             np.diag(np.maximum(sigma, _MIN_SIGMAS) ** 2),
             gear_ratio=np.array([spec.shoulder.gear_ratio, spec.elbow.gear_ratio]),
             zero_rad=np.array([_zero_rad(spec.shoulder), _zero_rad(spec.elbow)]),
@@ -119,6 +126,8 @@ class ArmModel(FingerModel):
         result[:, :, ELBOW_ZERO] = end
         result[:, :, SHOULDER_PLAY] = -ways[:, :1] * whole
         result[:, :, ELBOW_PLAY] = -ways[:, 1:] * end
+        turns = np.stack([whole, end], axis=1) / self.gear_ratio[:, None]
+        result[:, :, ENCODERS] = encoder_slopes(turns, servos_rad)
         return result
 
     def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
@@ -151,7 +160,7 @@ class ArmModel(FingerModel):
 
     def _angles(self, values: Floats, servos_rad: Floats, ways: Floats) -> tuple[Floats, Floats]:
         """Directions (n,) of both links."""
-        joints = (servos_rad - self.zero_rad) / self.gear_ratio
+        joints = (self.angles_rad(values, servos_rad) - self.zero_rad) / self.gear_ratio
         first = values[:, HEADING] + joints[:, 0] - ways[:, 0] * values[:, SHOULDER_PLAY]
         bend = joints[:, 1] + values[:, ELBOW_ZERO] - ways[:, 1] * values[:, ELBOW_PLAY]
         return first, first + bend
@@ -175,7 +184,7 @@ class ArmModel(FingerModel):
         """Place with the lengths of the links and the elbow's zero."""
         sigma = np.sqrt(np.diag(covariance))
         return ArmPlaceCalibration(
-            **describe_stand(values, covariance, heading),
+            **describe_stand(self, values, covariance, heading),
             upper_mm=float(values[UPPER]),
             upper_sigma_mm=float(sigma[UPPER]),
             fore_mm=float(values[FORE]),
@@ -207,14 +216,12 @@ class ArmModel(FingerModel):
         columns = [SHOULDER_PLAY, ELBOW_PLAY]
         plays = np.abs(values[columns]) + sigmas * np.sqrt(np.diag(covariance)[columns])
         steps = TICK_RAD / 2 / np.abs(self.gear_ratio)
-        faced = covariance[np.ix_([HEADING, ELBOW_ZERO], [HEADING, ELBOW_ZERO])]
         return JointBounds(
             quantisation_mm=float(levers_mm @ steps),
             play_mm=float(levers_mm @ plays),
             overshoot_mm=0.0,
             quantisation_rad=float(steps.sum()),
             play_rad=float(plays.sum()),
-            turned_sigma_rad=math.sqrt(max(float(faced.sum()), 0.0)),
         )
 
 

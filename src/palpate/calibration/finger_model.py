@@ -52,6 +52,8 @@ class FingerModel(ABC):
     """True if a force moves the tip in whatever direction it has; else only across its path."""
     place_columns: ClassVar[tuple[int, ...]]
     """Columns of the values whose covariance a calibration file has."""
+    encoders: ClassVar[slice]
+    """Columns of what corrects both encoders (rad), as `waves` has them, the servo next to the base first."""
 
     @property
     def name(self) -> str:
@@ -118,6 +120,13 @@ class FingerModel(ABC):
     def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Directions (n,) from which the array's heading counts."""
         ...
+
+    def angles_rad(self, values: Floats, servos_rad: Floats) -> Floats:
+        """Angles (n, 2) of the servos for what their encoders say."""
+        result: Floats = servos_rad + np.einsum(
+            "nsw,nsw->ns", values[:, self.encoders].reshape(-1, 2, WAVES), waves(servos_rad)
+        )
+        return result
 
     @abstractmethod
     def travel_per_turn(self, values: Floats, servos_rad: Floats) -> Floats:
@@ -191,23 +200,57 @@ class SlowTouch:
 
 @dataclass(frozen=True)
 class JointBounds:
-    """Share of servos, plays and stops in the bound on contacts: mm of the place, rad of the turn.
-
-    `turned_sigma_rad`: deviation of where it faces.
-    """
+    """Share of servos, plays and stops in the bound on contacts: mm of the place, rad of the turn."""
 
     quantisation_mm: float
     play_mm: float
     overshoot_mm: float
     quantisation_rad: float
     play_rad: float
-    turned_sigma_rad: float
 
 
-def describe_stand(values: Floats, covariance: Floats, heading: tuple[float, float]) -> dict[str, Any]:
+WAVES = 4
+"""Waves of an encoder's error: cosine and sine of its angle, and of twice that."""
+
+
+def waves(servos_rad: Floats) -> Floats:
+    """Waves (…, 4) of encoders' errors at angles (…)."""
+    turns = (np.cos(servos_rad), np.sin(servos_rad), np.cos(2 * servos_rad), np.sin(2 * servos_rad))
+    return np.stack(turns, axis=-1)
+
+
+def encoder_sigma_rad(spec: FingerConfig) -> float:
+    """Deviation of each wave if both together are uniform within what the rig file declares."""
+    return math.radians(spec.bounds.encoder_deg) / math.sqrt(6)
+
+
+def encoder_rate_sigma(spec: FingerConfig) -> float:
+    """Deviation of small turns of a servo, as a share of them: the derivative of its waves."""
+    return encoder_sigma_rad(spec) * math.sqrt(1 + 2**2)
+
+
+def encoder_slopes(per_rad: Floats, servos_rad: Floats) -> Floats:
+    """Derivatives (n, 2, 8) of centres by what corrects the encoders; `per_rad` (n, 2, 2): by both servos."""
+    slopes: Floats = np.einsum("nsx,nsw->nxsw", per_rad, waves(servos_rad))
+    return slopes.reshape(len(servos_rad), 2, 2 * WAVES)
+
+
+def describe_encoders(model: FingerModel, values: Floats, covariance: Floats) -> dict[str, Any]:
+    """Keys of a place that say what corrects the encoders, and what may be left then, anywhere in a turn."""
+    near, far = np.degrees(values[model.encoders]).reshape(2, WAVES).tolist()
+    at = waves(np.linspace(0, 2 * math.pi, 72, endpoint=False))
+    own = covariance[model.encoders, model.encoders]
+    variance = [np.einsum("pi,ij,pj->p", at, own[joint, joint], at) for joint in (slice(0, 4), slice(4, 8))]
+    left_rad = BOUND_SIGMAS * math.sqrt(max(float(np.max(variance)), 0.0))
+    return {"encoder_harmonics_deg": (near, far), "encoder_bound_deg": math.degrees(left_rad)}
+
+
+def describe_stand(
+    model: FingerModel, values: Floats, covariance: Floats, heading: tuple[float, float]
+) -> dict[str, Any]:
     """Keys of a place that fingers of every kind have."""
     sigma = np.sqrt(np.diag(covariance))
-    return {
+    return describe_encoders(model, values, covariance) | {
         "base_mm": (float(values[0]), float(values[1])),
         "base_sigma_mm": (float(sigma[0]), float(sigma[1])),
         "heading_deg": math.degrees(values[HEADING]),

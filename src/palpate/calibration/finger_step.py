@@ -38,7 +38,7 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.finger_model import RADIUS, FingerModel
 from palpate.calibration.idle_statistics import COVERAGE_SIGMAS
 from palpate.calibration.measurements import Probe, Prober, Reference, ReferenceDisc, TouchMeasurement
-from palpate.calibration.rig_models import KnownFingers, certain_models
+from palpate.calibration.rig_models import KnownFingers, certain_models, nominal_model
 from palpate.calibration.stage_fit import CENTRE, PLAY, StageFit, fit_stage, stage_touches
 from palpate.config import FingerConfig, RigFile, StageConfig
 from palpate.config.calibration_file import StageCalibration
@@ -51,18 +51,32 @@ _MIN_VARIANCE_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains
 _CREEP_BOUND_MM = 0.005  # a tip creeps 1 mm in a second, and its measured force is a few milliseconds old
 _TYPICAL_SIGMA_MM = 0.012
 _GRIPS_PER_PLACING = 6
-_REFERENCE_RADIUS_SHARE = 0.4  # of the workspace's radius: where references lie
+_NEAR_SHARE, _PLATE_SHARE, _FAR_SHARE = 0.4, 0.45, 0.65
+"""Of the workspace's radius: where references lie, far out, so that encoders are seen at many angles."""
+_REACH_ROOM_MM = 5.0
 
 
-def plan_placements(disc: Reference, plate: Reference, radius_mm: float) -> list[ReferencePlacement]:
+def plan_placements(disc: Reference, plate: Reference, rig: RigFile) -> list[ReferencePlacement]:
     """Plan where references lie: the disc on three sides of the middle, then the plate between these."""
-    away = min(_REFERENCE_RADIUS_SHARE * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
-    found = []
-    for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):
+    radius_mm, found = rig.workspace.radius_mm, []
+    far = _reached_share(rig, disc)
+    for reference, first, share in ((disc, math.pi / 2, far), (plate, -math.pi / 2, min(far, _PLATE_SHARE))):
+        away = min(share * radius_mm, radius_mm - reference.radius_mm - 10.0)
         for k in range(3):
             angle = first + 2 * math.pi / 3 * k
             found.append(ReferencePlacement(reference, (away * math.cos(angle), away * math.sin(angle))))
     return found
+
+
+def _reached_share(rig: RigFile, disc: Reference) -> float:
+    """Share of the radius at which every slide reaches a disc across the middle; arms do not reach so far."""
+    slides = [(finger, nominal_model(finger).slide) for finger in rig.fingers]
+    across = [
+        -math.inf if slide is None else slide.range_mm[1] - math.hypot(*finger.base_mm)
+        for finger, slide in slides
+    ]
+    share = (min(across) + disc.radius_mm - _REACH_ROOM_MM) / rig.workspace.radius_mm
+    return min(max(share, _NEAR_SHARE), _FAR_SHARE)
 
 
 def touch_placing(

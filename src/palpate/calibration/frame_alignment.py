@@ -220,7 +220,7 @@ def bound_contacts(
         play=parts.play_mm,
         overshoot=parts.overshoot_mm,
     )
-    turned = math.hypot(parts.turned_sigma_rad, heading[1])
+    turned = math.hypot(_facing_sigma_rad(model, rows, covariance, servos), heading[1])
     apart = abs(math.remainder(heading[0] - math.radians(slow.phase_deg), 2 * math.pi))
     direction = DirectionParts(
         fit=math.degrees(sigmas * turned),
@@ -238,6 +238,16 @@ def bound_contacts(
 
 def _sum(parts: dict[str, float]) -> float:
     return math.fsum(parts.values()) * (1 + 1e-9)
+
+
+def _facing_sigma_rad(model: FingerModel, values: Floats, covariance: Floats, servos_rad: Floats) -> float:
+    """The largest deviation of where a finger faces that the fit leaves; it is linear in all values."""
+    still = np.zeros_like(servos_rad)
+    here = model.facing_rad(values, servos_rad, still)
+    steps = np.eye(values.shape[1])
+    rows = np.stack([model.facing_rad(values + step, servos_rad, still) - here for step in steps], axis=1)
+    variance = np.einsum("pi,ij,pj->p", rows, covariance, rows)
+    return math.sqrt(max(float(variance.max()), 0.0))
 
 
 def _fit_mm(model: FingerModel, values: Floats, covariance: Floats, servos_rad: Floats) -> float:

@@ -28,6 +28,7 @@ from scipy.optimize import least_squares
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
+from palpate.calibration.finger_model import encoder_rate_sigma
 from palpate.calibration.idle_statistics import LEVELS, PressAtBearing, PressLevels
 from palpate.calibration.rig_models import nominal_model
 from palpate.config import FingerConfig
@@ -241,7 +242,7 @@ class _Model:
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
         self._gives_all_round = nominal_model(spec).gives_all_round
         own = self._softness / math.sqrt(3) if self._gives_all_round else 0.0
-        self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own)
+        self._stretch_sigma = math.hypot(_STRETCH_SIGMA, own, encoder_rate_sigma(spec))
         self._load_sigma = np.maximum(
             np.array([self._friction, self._softness]) / math.sqrt(3), _CERTAIN_SIGMA
         )

@@ -6,7 +6,7 @@ fitted zero belongs to that side.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -30,14 +30,18 @@ from palpate.calibration.finger_model import (
     RADIUS,
     REPEAT_SIGMA_MM,
     REPEAT_SIGMAS,
+    WAVES,
     ActuatorMeasurements,
     FingerModel,
     JointBounds,
     SlowTouch,
     describe_stand,
+    encoder_sigma_rad,
+    encoder_slopes,
     known_play,
     left_normals,
     unit_vectors,
+    waves,
     with_play,
 )
 from palpate.calibration.measurements import TouchMeasurement
@@ -46,14 +50,14 @@ from palpate.config.calibration_finger import PlaceCalibration
 from palpate.config.rig_servos import AimConfig, SlideConfig
 from palpate.drivers.kinematics import TICK_RAD
 
-ZERO, AIM_PLAY, SCALE = 4, 5, 6
-"""Columns of a slide: zero (mm), play of the aim (rad), error of its travel per turn (a share)."""
+ZERO, AIM_PLAY, SCALE, ENCODERS = 4, 5, 6, slice(7, 15)
+"""Columns of a slide: zero (mm), play of the aim (rad), error of its travel per turn (a share), encoders."""
 
 _FRAME_LAG_SAMPLES = (
     0.5  # samples by which frames, averaged since the last look, are older than the servo's state
 )
 _STEP_SHARE = 0.1  # of the slide's encoder step: it is measured on the move, over several of them
-_MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
+_MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6, *[1e-5] * 2 * WAVES])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""
 
 
@@ -61,7 +65,7 @@ _MIN_SIGMAS = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
 class SlideModel(FingerModel):
     """An aim and a slide: aim = (servo − aim_zero_rad) / gear_ratio.
 
-    distance = zero + mm_per_rad · (1 + scale) · servo.
+    distance = zero + mm_per_rad · (1 + scale) · servo, with servos' angles as their encoders are corrected.
     """
 
     spec: SlideFingerConfig
@@ -70,6 +74,7 @@ class SlideModel(FingerModel):
     mm_per_rad: float
     gives_all_round = False
     place_columns = (0, 1, HEADING, RADIUS, ZERO)
+    encoders = ENCODERS
 
     @property
     def slide(self) -> SlideConfig:
@@ -94,7 +99,13 @@ class SlideModel(FingerModel):
     @classmethod
     def from_actuators(cls, spec: SlideFingerConfig, actuators: ActuatorsCalibration) -> Self:
         """Prior with the slide as it was measured."""
-        return cls.with_slide(spec, SlideInContact.from_calibration(actuators.slide))
+        model = cls.with_slide(spec, SlideInContact.from_calibration(actuators.slide))
+        if not actuators.slide.homed:
+            return model
+        shift, own = stops_by_encoder(spec), slice(ENCODERS.start + WAVES, ENCODERS.stop)
+        carry = np.eye(len(model.prior))
+        carry[[ZERO, SCALE], own] = shift
+        return replace(model, prior=carry @ model.prior, covariance=carry @ model.covariance @ carry.T)
 
     @classmethod
     def certain(cls, spec: SlideFingerConfig) -> Self:
@@ -118,12 +129,15 @@ class SlideModel(FingerModel):
         result[:, :, HEADING] = across
         result[:, :, ZERO] = along
         result[:, :, AIM_PLAY] = -ways[:, :1] * across
-        result[:, :, SCALE] = along * (self.mm_per_rad * servos_rad[:, 1:])
+        result[:, :, SCALE] = along * (self.mm_per_rad * self.angles_rad(values, servos_rad)[:, 1:])
+        per_rad = self.mm_per_rad * (1 + values[:, SCALE, None])
+        turns = np.stack([across / self.gear_ratio, along * per_rad], axis=1)
+        result[:, :, ENCODERS] = encoder_slopes(turns, servos_rad)
         return result
 
     def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Direction of the slide."""
-        aim = (servos_rad[:, 0] - self.aim_zero_rad) / self.gear_ratio
+        aim = (self.angles_rad(values, servos_rad)[:, 0] - self.aim_zero_rad) / self.gear_ratio
         result: Floats = values[:, HEADING] - ways[:, 0] * values[:, AIM_PLAY] + aim
         return result
 
@@ -153,7 +167,7 @@ class SlideModel(FingerModel):
         return off, limit + turned * distance * MAX_OBLIQUE_TANGENT
 
     def _distance(self, values: Floats, servos_rad: Floats) -> Floats:
-        reach = self.mm_per_rad * servos_rad[:, 1]
+        reach = self.mm_per_rad * self.angles_rad(values, servos_rad)[:, 1]
         result: Floats = values[:, ZERO] + (1 + values[:, SCALE]) * reach
         return result
 
@@ -169,6 +183,8 @@ class SlideModel(FingerModel):
                 slide.zero_mm,
                 aim_play / 2,
                 0.0,
+                *np.radians(spec.aim.encoder_harmonics_deg),
+                *np.radians(spec.slide.encoder_harmonics_deg),
             ]
         )
         sigma = np.array(
@@ -180,6 +196,7 @@ class SlideModel(FingerModel):
                 0.0,
                 aim_play / math.sqrt(12),
                 0.0,
+                *[encoder_sigma_rad(spec)] * 2 * WAVES,
             ]
         )
         covariance = np.zeros((len(prior), len(prior)))
@@ -203,6 +220,8 @@ class SlideModel(FingerModel):
         friction = estimate_friction(presses)
         home = _described_homing(spec.slide) if stalls is None else fit_homing(spec, stalls, backlash)
         seen = slide_in_contact(spec, backlash, stalls)
+        if stalls is not None:
+            home = _homing_by_encoder(spec, home)
         slide = SlideCalibration(
             direction_confirmed=friction.direction > 0,
             mm_per_turn=2 * math.pi * home.mm_per_rad,
@@ -232,7 +251,7 @@ class SlideModel(FingerModel):
         """Place with the zero and the travel per turn that belong to it."""
         per_rad = self.mm_per_rad * (1 + float(values[SCALE]))
         return PlaceCalibration(
-            **describe_stand(values, covariance, heading),
+            **describe_stand(self, values, covariance, heading),
             zero_mm=zero_in_file_mm(float(values[ZERO]), per_rad),
             mm_per_turn=2 * math.pi * per_rad,
             covariance=covariance[np.ix_(self.place_columns, self.place_columns)].tolist(),
@@ -263,8 +282,30 @@ class SlideModel(FingerModel):
             overshoot_mm=min(2 * slide.backlash_mm, slow.speed_mm_s * slide.settle_s),
             quantisation_rad=step,
             play_rad=play,
-            turned_sigma_rad=math.sqrt(covariance[HEADING, HEADING]),
         )
+
+
+def stops_by_encoder(spec: SlideFingerConfig) -> Floats:
+    """Derivatives (2, 4) of zero (mm) and error of the travel, as stalls at both stops say, by the encoder.
+
+    The stops' angles as the rig file has them are near enough.
+    """
+    slide = spec.slide
+    assert slide.stops_mm is not None
+    per_rad = slide.mm_per_rad
+    servos = (np.array(slide.stops_mm) - slide.zero_mm) / per_rad - math.pi
+    back, front = waves(servos)
+    share = -(front - back) / (servos[1] - servos[0])
+    return np.stack([-per_rad * (back + servos[0] * share), share])
+
+
+def _homing_by_encoder(spec: SlideFingerConfig, home: Homing) -> Homing:
+    """The same, as uncertain as an encoder that is off makes it."""
+    shift = encoder_sigma_rad(spec) * stops_by_encoder(spec)
+    in_file = shift[0] - math.pi * home.mm_per_rad * shift[1]
+    travel = math.hypot(home.mm_per_rad_sigma, home.mm_per_rad * float(np.linalg.norm(shift[1])))
+    # What both have in common is in the latter: the sum of their squares is no less than the truth.
+    return replace(home, mm_per_rad_sigma=travel, zero_sigma_mm=math.hypot(home.zero_sigma_mm, *in_file))
 
 
 def _described_homing(slide: SlideConfig) -> Homing:

@@ -22,7 +22,7 @@ from palpate.base.geometry import Bools, Floats
 from palpate.calibration.actuator_estimators import StopStalls, fit_stops
 from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
 from palpate.calibration.finger_fit import ReferencePlacement
-from palpate.calibration.finger_model import ActuatorMeasurements, FingerModel
+from palpate.calibration.finger_model import ActuatorMeasurements, FingerModel, encoder_rate_sigma
 from palpate.calibration.idle_statistics import (
     COVERAGE_SIGMAS,
     IdleFit,
@@ -197,7 +197,9 @@ def fit_gains(
         crosstalk=min(max(found.crosstalk, 0.0), _MAX_CROSSTALK),
         crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
         stiffness_n_per_mm=found.stiffness_n_per_mm,
-        stiffness_bound=math.expm1(COVERAGE_SIGMAS * found.stiffness_log_sigma),
+        stiffness_bound=math.expm1(
+            COVERAGE_SIGMAS * math.hypot(found.stiffness_log_sigma, encoder_rate_sigma(spec))
+        ),
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),

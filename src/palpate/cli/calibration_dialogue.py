@@ -77,7 +77,7 @@ def announce(
 ) -> None:
     """Say what is going to happen, before anything does."""
     disc, plate = build_references(shapes)
-    placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
+    placings = len(plan_placements(disc, plate, rig))
     words = {
         "actuators": f"actuators  {_slide_exercises_words(rig)}fingers press and hit a disc",
         "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",

@@ -159,6 +159,9 @@ class ArmActuatorsCalibration(FileModel):
     stops: StopsCalibration = Field(description="How its tip comes to stand.")
 
 
+Harmonics = tuple[Measured, Measured, Measured, Measured]
+
+
 class PlaceInHandFrame(FileModel):
     """Place of a finger of any type in the hand frame W."""
 
@@ -175,6 +178,15 @@ class PlaceInHandFrame(FileModel):
         description="Where the array's middle looks, from the slide's or the arm's last link's direction."
     )
     array_heading_sigma_deg: UpLength = Field(description="Standard deviation of array_heading_deg.")
+    encoder_harmonics_deg: tuple[Harmonics, Harmonics] | None = Field(
+        default=None,
+        description="What corrects the encoders of both servos in this fit, the one next to the base first: "
+        "a cos + b sin + c cos + d sin of what they read, from Goal Position 2048, and of twice that; left "
+        "out by calibrations that did not measure it.",
+    )
+    encoder_bound_deg: UpLength = Field(
+        default=0.0, description="Bound: then they are off by at most this, anywhere in their turn."
+    )
 
     @property
     def push_mm_per_turn(self) -> float | None:

@@ -134,7 +134,12 @@ def _calibrate_finger(finger: FingerConfig, found: FingerCalibration) -> FingerC
         finger = finger.with_actuators(found.actuators)
     if found.place is not None:
         finger = finger.with_place(found.place)
-    return finger if found.bounds is None else finger.with_bounds(found.bounds)
+    if found.bounds is None:
+        return finger
+    finger = finger.with_bounds(found.bounds)
+    if found.place is None or found.place.encoder_harmonics_deg is None:
+        return finger  # made before encoders were measured: the rig file's bound is added
+    return finger.replace_in_tables(bounds={"encoder_deg": 0.0})
 
 
 def _table_geometry(model: FileModel | None) -> object:

@@ -322,8 +322,13 @@ class FingerConfig(FileModel, ABC):
     def place_in_hand_frame(self, found: PlaceInHandFrame, **tables: Mapping[str, object]) -> Self:
         """The finger at a place, with its tip's radius, its array's heading and other values in `tables`."""
         placed = self.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
+        changes = {key: dict(values) for key, values in tables.items()}
+        if found.encoder_harmonics_deg is not None:
+            changes["bounds"] = {"encoder_deg": found.encoder_bound_deg}
+            for key, own in zip(self.servos, found.encoder_harmonics_deg, strict=True):
+                changes[key] = changes.get(key, {}) | {"encoder_harmonics_deg": own}
         return placed.replace_in_tables(
-            **tables,
+            **changes,
             tip={
                 "radius_mm": found.tip_radius_mm,
                 "radius_bound_mm": BOUND_SIGMAS * found.tip_radius_sigma_mm,

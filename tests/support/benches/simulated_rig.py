@@ -200,7 +200,8 @@ class SimulatedProber:
         assert truth.stops_mm is not None
         flank = 1.0 if stop_mm == truth.stops_mm[1] else -1.0
         drive = (stop_mm + flank * truth.slide_play_mm - truth.zero_mm) / truth.mm_per_rad
-        return whole_step_rad(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
+        read = self._world.fingers[finger].servos[1].read_rad(drive)
+        return whole_step_rad(read + self._world.rng.normal(0, 0.1 * TICK_RAD))
 
     def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
         item, rng = self.approaches[probe.approach], self._world.rng
@@ -210,7 +211,7 @@ class SimulatedProber:
         found = self._contact(truth, item, ways, FORCE_N / truth.stiffness_n_per_mm)
         if found is None or found > probe.end_mm:
             return None
-        servos = servos_stood(truth, item, found)
+        servos = self._shafts(item, found)
         centre, facing = pushed_tip(truth, servos, ways, self._outline, FORCE_N)
         towards = direction_to(self._outline, centre)
         if isinstance(truth, FingerTruth) and self._loads(truth):
@@ -264,9 +265,15 @@ class SimulatedProber:
         found = self._contact(truth, item, (0.0, 0.0), 0.0)
         if found is None:
             return None
-        centre, _ = true_tip(truth, servos_stood(truth, item, found), (0.0, 0.0))
+        centre, _ = true_tip(truth, self._shafts(item, found), (0.0, 0.0))
         travel = travel_direction_rad(truth, item, (0.0, 0.0), found)
         return math.remainder(direction_to(self._outline, centre) - travel, 2 * math.pi)
+
+    def _shafts(self, item: ServoPath, travel_mm: float) -> Servos:
+        """True angles of both servos after a travel."""
+        near, far = self._world.fingers[item.finger].servos
+        read = servos_stood(self._world.truth(item.finger), item, travel_mm)
+        return near.angle_rad(read[0]), far.angle_rad(read[1])
 
     def _loads(self, truth: FingerTruth) -> bool:
         return self._world.friction > 0 or truth.aim_yield is not None
@@ -274,7 +281,7 @@ class SimulatedProber:
     def _loaded(self, truth: FingerTruth, item: ServoPath, way: float) -> LoadedTip:
         outline = self._outline
         assert outline is not None
-        _, travel = true_tip(truth, servos_stood(truth, item, 0.0), (0.0, 0.0))
+        _, travel = true_tip(truth, self._shafts(item, 0.0), (0.0, 0.0))
         return LoadedTip(truth, outline, self._world.friction, travel, int(way))
 
     def _pressed(
@@ -286,7 +293,7 @@ class SimulatedProber:
         while pressed < FORCE_N:
             before = (travel, pressed)
             travel += 0.01
-            load, _ = tip.put(slide_distance_mm(truth, servos_stood(truth, item, travel)[1]))
+            load, _ = tip.put(slide_distance_mm(truth, self._shafts(item, travel)[1]))
             if load is None:
                 continue
             pressed = float(load.by_ray_n.sum())
@@ -304,7 +311,7 @@ class SimulatedProber:
 
         def gap(travel: float) -> float:
             force_n = dent_mm * truth.stiffness_n_per_mm
-            centre, _ = pushed_tip(truth, servos_stood(truth, item, travel), ways, outline, force_n)
+            centre, _ = pushed_tip(truth, self._shafts(item, travel), ways, outline, force_n)
             return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
 
         travels = np.linspace(0.0, item.length_mm, 80)
@@ -380,7 +387,7 @@ class SimulatedProber:
         tip = self._loaded(truth, item, ways[0]) if isinstance(truth, FingerTruth) else None
         columns = np.asarray(self._world.fingers[item.finger].array.description.columns)
         for k, place in enumerate(places):
-            servos = servos_stood(truth, item, place)
+            servos = self._shafts(item, place)
             if tip is None:
                 felt, force, facing = self._unloaded(truth, servos, ways)
                 travel = travel_direction_rad(truth, item, ways, place)

@@ -15,6 +15,7 @@ from palpate.calibration.finger_fit import ReferencePlacement, TouchArrays
 from palpate.calibration.measurements import Reference, ReferenceDisc, ReferencePlate
 from palpate.calibration.slide_model import SlideModel
 from palpate.config import SlideFingerConfig, load_rig
+from palpate.drivers.kinematics import Encoder
 from support.commands.repository import EXAMPLES
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
@@ -26,10 +27,11 @@ PLATE = ReferencePlate("plate", SQUARE)
 SIGMA_MM = 0.015
 OFFSETS_MM = (-13.0, -6.5, 0.0, 6.5, 13.0)
 
-COLUMNS = 7
+COLUMNS = 15
 BASE_X, BASE_Y, HEADING, RADIUS, ZERO, AIM_PLAY, SCALE = range(7)
+ENCODERS = slice(7, 15)
 # Of the prior: bases and headings as put together from a drawing, slides as homed.
-PRIOR_SIGMA = (1.0, 1.0, math.radians(1.0), 0.15, 0.02, math.radians(0.005), 1e-4)
+PRIOR_SIGMA = (1.0, 1.0, math.radians(1.0), 0.15, 0.02, math.radians(0.005), 1e-4, *[1e-5] * 8)
 # Servos that turn either way, and gears of their own, so that no sign can be missed.
 GEARS = (5.0, -4.0, 6.0)
 AIM_ZEROS_RAD = (0.0, 0.3, -0.2)
@@ -55,20 +57,27 @@ class Meeting:
     room_mm: float
 
 
-def models() -> list[SlideModel]:
+def models(encoder_sigma_rad: float = PRIOR_SIGMA[-1]) -> list[SlideModel]:
     """What is known of the three fingers beforehand."""
+    known = (*PRIOR_SIGMA[:7], *[encoder_sigma_rad] * 8)
     found = []
     for spec, gear, zero, per_rad in zip(SPECS, GEARS, AIM_ZEROS_RAD, MM_PER_RAD, strict=True):
         x, y = spec.base_mm
-        prior = np.array([x, y, math.radians(spec.heading_deg), 5.0, 90.0, math.radians(0.01), 0.0])
-        sigma = np.diag(np.square(PRIOR_SIGMA))
+        own = [x, y, math.radians(spec.heading_deg), 5.0, 90.0, math.radians(0.01)]
+        prior = np.array([*own, *[0.0] * 9])
+        sigma = np.diag(np.square(known))
         found.append(SlideModel(spec, prior, sigma, gear, zero, per_rad))
     return found
 
 
-def drawn(rng: np.random.Generator) -> Floats:
-    """True values (3, 7), as likely as the priors say."""
-    return np.array([rng.multivariate_normal(model.prior, model.covariance) for model in models()])
+def drawn(rng: np.random.Generator, encoder_sigma_rad: float = PRIOR_SIGMA[-1]) -> Floats:
+    """True values (3, 15), as likely as the priors say."""
+    first = slice(0, ENCODERS.start)
+    found = np.array([model.prior for model in models()])
+    for own, model in zip(found, models(), strict=True):
+        own[first] = rng.multivariate_normal(model.prior[first], model.covariance[first, first])
+    found[:, ENCODERS] = rng.spawn(1)[0].normal(0.0, encoder_sigma_rad, (3, 8))
+    return found
 
 
 def laid(reference: Reference, x_mm: float, y_mm: float, theta_rad: float, grown_mm: float = 0.0) -> Laid:
@@ -165,7 +174,8 @@ def servos_rad(
     """Angles of aim and slide of a finger whose tip is so far from its base in a direction."""
     aim = math.remainder(direction_rad - own[HEADING], 2 * math.pi) + way * own[AIM_PLAY]
     slide = (distance_mm - own[ZERO]) / (MM_PER_RAD[finger] * (1 + own[SCALE]))
-    return AIM_ZEROS_RAD[finger] + GEARS[finger] * aim, float(slide)
+    near, far = (Encoder(tuple(waves)) for waves in own[ENCODERS].reshape(2, 4).tolist())
+    return near.read_rad(AIM_ZEROS_RAD[finger] + GEARS[finger] * aim), far.read_rad(float(slide))
 
 
 def spoilt(given: TouchArrays, number: int, off_mm: float) -> TouchArrays:

@@ -248,6 +248,14 @@ class EmulatedServo:
         """Let its encoder be off as `ServoDrive.set_encoder`."""
         self._unit.drive.set_encoder(*waves)
 
+    def read_rad(self, shaft_rad: float) -> float:
+        """Angle that its encoder says of the shaft, before it is rounded."""
+        return self._unit.drive.read_rad(shaft_rad)
+
+    def angle_rad(self, read_rad: float) -> float:
+        """Angle of the shaft of which its encoder says `read_rad`."""
+        return self._unit.drive.angle_rad(read_rad)
+
     def report_hardware_error(self, bits: int) -> None:
         """Latch bits of Hardware Error Status until a reboot; torque goes off if Shutdown selects them.
 

@@ -203,9 +203,9 @@ class ServoDrive:
                 "Present PWM": sign * round(motion.duty * _FULL_DUTY),
                 "Present Current": sign * round(motion.current_a / self._current_unit_a),
                 "Present Velocity": sign * round(motion.velocity_rad_s / _VELOCITY_UNIT),
-                "Present Position": round(sign * self._read_rad(motion.shaft_rad) / _RAD_PER_TICK) + shift,
+                "Present Position": round(sign * self.read_rad(motion.shaft_rad) / _RAD_PER_TICK) + shift,
                 "Velocity Trajectory": sign * round(following / _VELOCITY_UNIT),
-                "Position Trajectory": round(sign * self._read_rad(motion.reference_rad) / _RAD_PER_TICK)
+                "Position Trajectory": round(sign * self.read_rad(motion.reference_rad) / _RAD_PER_TICK)
                 + shift,
             }
         )
@@ -268,7 +268,7 @@ class ServoDrive:
 
     def _move_to(self, tick: int) -> None:
         absolute = tick - self._homing_offset() + self._turn_ticks
-        goal = self._shaft_rad((absolute - self.zero_tick) * _RAD_PER_TICK * self._sign)
+        goal = self.angle_rad((absolute - self.zero_tick) * _RAD_PER_TICK * self._sign)
         distance = abs(goal - self._motion.reference_rad)
         velocity, acceleration = self._rates()
         if self._drive_mode() & TIME_BASED:
@@ -303,18 +303,18 @@ class ServoDrive:
         return offset
 
     def _encoder(self) -> int:
-        return round(self._sign * self._read_rad(self._motion.shaft_rad) / _RAD_PER_TICK) + self.zero_tick
+        return round(self._sign * self.read_rad(self._motion.shaft_rad) / _RAD_PER_TICK) + self.zero_tick
 
-    def _read_rad(self, shaft_rad: float) -> float:
+    def read_rad(self, shaft_rad: float) -> float:
         """Angle that the encoder says of the shaft."""
         waves = enumerate(self._encoder_waves, start=1)
         return shaft_rad + sum(size * math.sin(k * shaft_rad + phase) for k, (size, phase) in waves)
 
-    def _shaft_rad(self, read_rad: float) -> float:
+    def angle_rad(self, read_rad: float) -> float:
         """Angle of the shaft of which the encoder says `read_rad`."""
         shaft = read_rad
         for _ in range(_INVERSE_ROUNDS if self._encoder_waves else 0):
-            shaft += read_rad - self._read_rad(shaft)
+            shaft += read_rad - self.read_rad(shaft)
         return shaft
 
 

@@ -386,7 +386,7 @@ class _CalibrationRun:
         return self._last_fit
 
     def _placings(self) -> list[ReferencePlacement]:
-        return plan_placements(self._disc, self._plate, self._job.rig.workspace.radius_mm)
+        return plan_placements(self._disc, self._plate, self._job.rig)
 
     def _rig_so_far(self) -> RigFile:
         """The rig with what is known of its actuators and arrays; where fingers stand is as described."""
