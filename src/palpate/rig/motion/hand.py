@@ -141,7 +141,6 @@ class Hand:
         before = self.bus.port_name
         failed = self.close(error)
         if error is not None:
-            note_what_is_on(error, failed)
             name_owners(error, self.rig)
             if self.bus.port_name != before:
                 error.add_note(describe_renaming(before, self.bus.port_name))
@@ -154,13 +153,15 @@ class Hand:
     def close(self, error: BaseException | None = None) -> list[DeviceError]:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off.
 
-        `error`: why; what its cause turns out to be is put into its words.
+        `error`: why; it is told what may still be on, and its words become the cause that is found.
         """
         self._driven = False
         try:
             failed = despite_interruptions(self._switch_off)
-            if error is not None and not self._explain(error):
-                note_other_causes(error)
+            if error is not None:
+                note_what_is_on(error, failed)
+                if not self._explain(error):
+                    note_other_causes(error)
             return failed
         finally:
             for port in self._ports:
