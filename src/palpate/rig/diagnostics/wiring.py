@@ -173,6 +173,10 @@ class MeasuredFrame(Enum):
     X_MIRRORED = (-1, 1)
 
 
+_FRAME_COSTS = {MeasuredFrame.RIGHT: 0.0, MeasuredFrame.Y_MIRRORED: 1.02, MeasuredFrame.X_MIRRORED: 1.6}
+"""An axis x the other way round is rare beside two fingers that are exchanged, and may look the same."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A wiring that explains what was seen, finger by finger of the file, and how it differs from the file.
@@ -210,7 +214,7 @@ class Candidate:
         groups = self.moved_places, self.differing(lambda a: a.port), self.differing(lambda a: a.ids)
         cost = sum(1 + 0.01 * len(group) for group in groups if group)
         cost += len(self.reversed_joints) + len(self.differing(mounting))
-        return cost + (0.0 if self.frame is MeasuredFrame.RIGHT else 1.02)
+        return cost + _FRAME_COSTS[self.frame]
 
     @property
     def function(self) -> frozenset[tuple[object, ...]]:

@@ -24,7 +24,7 @@ from palpate.rig.diagnostics.wiring import (
 )
 
 _RETRACTED_MM = 1.0  # from the retracted end, as people leave slides
-_WRITE = "the same command with --apply writes that into the rig file"
+_WRITE = "palpate check --press --move --apply writes that into the rig file"
 _MAX_SEEN = 3  # observations that are told
 _TOUCHES = "a contact would count as another finger's, and fingers would press where nothing is felt"
 
@@ -201,8 +201,7 @@ def _places_in_words(found: Candidate) -> str:
         return f"the ring is assigned {places} round: each finger stands {places} further {way}"
     if len(moved) > 2:
         return f"fingers {join_words(moved)} stand at each other's places"
-    mirrored = " (the same as a frame that was measured mirrored)" if len(ring) > 2 else ""
-    return f"fingers {join_words(moved)} stand at each other's places{mirrored}"
+    return f"fingers {join_words(moved)} stand at each other's places (a mirrored frame may look the same)"
 
 
 def _mounting_in_words(found: Candidate, name: str) -> str:

@@ -72,7 +72,7 @@ class WiringProof:
             why = f"is not as it was confirmed on {self.confirmed.made:%Y-%m-%d}: {changed}"
         raise InputError(
             f"the wiring of this rig {why}; a finger with another's array presses unfelt: prove it with "
-            f"`{self.command}`, or run it all the same with --unconfirmed (unconfirmed=True)"
+            f"`{self.command}`; `palpate identify --unconfirmed` (unconfirmed=True) runs it all the same"
         )
 
 
