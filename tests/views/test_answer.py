@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import IdentificationVerdict, Strategy
+from palpate.base.vocabulary import IdentificationVerdict, SetUpFault, Strategy
 from palpate.config.fields import BoundsOut, ConfigurationOut
 from palpate.config.recognition_results import (
     AlternativeOut,
@@ -171,6 +171,21 @@ def test_what_the_bounds_rest_on_is_said() -> None:
     assert not missing(
         answer_lines(ended(IdentificationVerdict.MOVING, moved_before=(2, 3), **NOTHING))[0], "moving"
     )
+
+
+@pytest.mark.parametrize("what", list(SetUpFault))
+def test_hints_at_the_set_up_name_the_finger_and_what_shows_it(what: SetUpFault) -> None:
+    values = {
+        SetUpFault.JOINT_OFFSET: {"joint": "aim", "value": (0.1, 0.2)},
+        SetUpFault.TRAVEL_SCALE: {"value": (2.0, 2.0)},
+    }
+    doubt = {"what": what, "finger": "f2", "explains": 9, **values.get(what, {})}
+    first, *others = answer_lines(ended(IdentificationVerdict.UNKNOWN, setup_doubts=(doubt,), **NOTHING))
+    assert first.startswith("unknown")
+    (said,) = [line for line in others if "`palpate c" in line]
+    assert "9" in said
+    assert "f2" in said or what is SetUpFault.FRAME_MIRRORED
+    assert "5.7 to 11.5°" in said or what is not SetUpFault.JOINT_OFFSET
 
 
 def test_a_state_that_may_tip_or_roll_is_named() -> None:

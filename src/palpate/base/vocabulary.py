@@ -48,6 +48,21 @@ class PushResponse(StrEnum):
     MAY_ROLL = "may-roll"
 
 
+class SetUpFault(StrEnum):
+    """What may be wrong with a rig's file or its wiring, as contacts that fit nothing may show."""
+
+    ARRAY_MIRRORED = "array-mirrored"
+    ARRAY_TURNED = "array-turned"
+    ARRAY = "array"
+    JOINT_SIGN = "joint-sign"
+    JOINT_OFFSET = "joint-offset"
+    GEAR_RATIO = "gear-ratio"
+    TRAVEL_SCALE = "travel-scale"
+    FRAME_MIRRORED = "frame-mirrored"
+    TIP_SIZE = "tip-size"
+    FINGER = "finger"
+
+
 class PartMotion(StrEnum):
     """Assumption on whether fingers move the parts that they push."""
 

@@ -5,7 +5,13 @@
 from enum import StrEnum
 from typing import Literal
 
-from palpate.base.vocabulary import IdentificationVerdict, PushResponse, RecognitionVerdict, Strategy
+from palpate.base.vocabulary import (
+    IdentificationVerdict,
+    PushResponse,
+    RecognitionVerdict,
+    SetUpFault,
+    Strategy,
+)
 from palpate.config.fields import BoundsOut, ConfigurationOut, Interval, Out, Rounded, UnfinishedOut
 
 
@@ -302,6 +308,22 @@ class NotBoundedOut(Out):
     why: str
 
 
+class SetUpDoubtOut(Out):
+    """A hint, never an answer: a rig that is wrong in one thing explains contacts that fit nothing.
+
+    `what` is wrong, with one `finger` or, where null, with all. `explains`: as many contacts, which are all,
+    or all but those of that finger for `what` "finger". `joint`: which of its servos. `value` (from, to): by
+    how much the joint is off (mm or rad), the array is turned (rad), or by what factor the rig file's size,
+    travel or gear ratio is to be multiplied; null where there is none.
+    """
+
+    what: SetUpFault
+    finger: str | None
+    explains: int
+    joint: str | None = None
+    value: Interval | None = None
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -320,7 +342,8 @@ class IdentificationOut(Out):
     if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
     declared. `hold_contradicted`: the part was moved by more than that force allows, or it is none of the
     catalogue. `not_bounded`: states of the answer and of the alternatives in which the part may tip or roll
-    when fingers push it; all bounds are for a part that does neither. `unfinished`: what the work budget did
+    when fingers push it; all bounds are for a part that does neither. `setup_doubts`: where nothing fits,
+    wrong set-ups that would explain it. `unfinished`: what the work budget did
     not suffice for; null if it did.
     """
 
@@ -353,4 +376,5 @@ class IdentificationOut(Out):
     assumed_holds_n: Rounded | None = None
     hold_contradicted: bool = False
     not_bounded: tuple[NotBoundedOut, ...] = ()
+    setup_doubts: tuple[SetUpDoubtOut, ...] = ()
     unfinished: UnfinishedOut | None = None

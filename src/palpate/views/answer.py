@@ -1,12 +1,17 @@
 """The answer of `palpate identify` in words, with its alternatives, or the reason why there is none."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import IdentificationVerdict
+from palpate.base.vocabulary import IdentificationVerdict, SetUpFault
 from palpate.config.fields import UnfinishedOut
-from palpate.config.recognition_results import AlternativeOut, CalibrationUsedOut, IdentificationOut
+from palpate.config.recognition_results import (
+    AlternativeOut,
+    CalibrationUsedOut,
+    IdentificationOut,
+    SetUpDoubtOut,
+)
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12
@@ -19,7 +24,8 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
 
     `advice`: what to check if hardly anything was touched (`untouched_lines`).
     """
-    lines = [*_verdict_lines(out), *_place_lines(out)]
+    lines = [*_verdict_lines(out), *(f"  {_doubt_words(item)}" for item in out.setup_doubts)]
+    lines += _place_lines(out)
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
         lines += [f"  {line}" for line in advice]
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_MAX_ALTERNATIVES]]
@@ -129,7 +135,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
         return [f"{out.verdict}: {_moving_words(out) if moving else _untouched_words(out)}"]
     name = f"{out.object}, {out.state}"
     if out.verdict == IdentificationVerdict.MOVING:
-        return [f"{out.verdict}: {_moving_words(out)}; by the last grip alone it may be {name}"]
+        return [f"{out.verdict}: {_moving_words(out)}; by grip {_last(out)} alone it may be {name}"]
     if out.verdict == IdentificationVerdict.UNRESOLVED:
         left = (
             "is the only one that agrees with the contacts" if not out.alternatives else "is still possible"
@@ -148,8 +154,57 @@ def _moving_words(out: IdentificationOut) -> str:
     """Say that grips do not go together, since which, and what to do."""
     grips = ", ".join(map(str, out.moved_before))
     return (
-        f"the part keeps moving (it was, or may have been, moved before grips {grips}): hold it, touch more "
-        "lightly, or see whether it is in the catalogue"
+        f"grips contradict each other, or may have moved the part too far (before grips {grips}): it was "
+        "moved, or is not in the catalogue, or the rig is not as its file says; hold it, touch more lightly"
+    )
+
+
+_FAULTS: Mapping[SetUpFault, tuple[str, str]] = {
+    SetUpFault.ARRAY_MIRRORED: ("the array of {whose} is mirrored or upside down", "check --press"),
+    SetUpFault.ARRAY_TURNED: ("the array of {whose} is turned by {deg}° on its tip", "check --press"),
+    SetUpFault.ARRAY: (
+        "the array of {whose} is touched elsewhere than it says (array.heading_deg, its order of taxels)",
+        "check --press",
+    ),
+    SetUpFault.JOINT_SIGN: ("{joint}.gear_ratio of {whose} has the wrong sign", "check --move"),
+    SetUpFault.JOINT_OFFSET: (
+        "the {joint} of {whose} stands {off} further than the rig file says (its zero, its horn or a Homing "
+        "Offset, base_mm, heading_deg)",
+        "calibrate",
+    ),
+    SetUpFault.GEAR_RATIO: ("{joint}.gear_ratio of {whose} is {factor} times as large", "check --move"),
+    SetUpFault.TRAVEL_SCALE: ("mm_per_turn of {whose} is {factor} times as large", "check --move"),
+    SetUpFault.FRAME_MIRRORED: ("places were measured with the y axis the wrong way round", "check --move"),
+    SetUpFault.TIP_SIZE: (
+        "the tip of {whose} is {factor} times as large (radius for diameter?)",
+        "calibrate",
+    ),
+}
+
+
+def _doubt_words(doubt: SetUpDoubtOut) -> str:
+    """A hint at what may be wrong with the set-up, and what shows whether it is."""
+    if doubt.what is SetUpFault.FINGER:
+        return (
+            f"or something is wrong with {doubt.finger}: the {doubt.explains} contacts of the other fingers "
+            f"agree with a part of the catalogue, and those of {doubt.finger} contradict them; "
+            "`palpate check --press` and `palpate calibrate` show"
+        )
+    words, shown_by = _FAULTS[doubt.what]
+    lo, hi = doubt.value or (0.0, 0.0)
+    off = f"{lo:.1f} to {hi:.1f} mm"
+    if doubt.what is SetUpFault.JOINT_OFFSET and doubt.joint != "slide":
+        off = f"{math.degrees(lo):.1f} to {math.degrees(hi):.1f}°"
+    fault = words.format(
+        whose=doubt.finger or "every finger",
+        joint=doubt.joint,
+        deg=f"{math.degrees(lo):g}",
+        off=off,
+        factor=f"{lo:.3g}" if lo == hi else f"{lo:.2f} to {hi:.2f}",
+    )
+    return (
+        f"or the rig is not as its file says: all {doubt.explains} contacts agree with a part of the "
+        f"catalogue if {fault}; `palpate {shown_by}` shows"
     )
 
 

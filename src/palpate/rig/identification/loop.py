@@ -3,7 +3,8 @@
 It connects hand, recogniser and planner, and always ends with a verdict: identified, indistinguishable (no
 reachable approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict
 each other, again and again, though each can be explained by itself), or unresolved after the rig's
-`max_grips`. An answer is given only after some touches have matched its predictions: bounds prove which of
+`max_grips`. Before it says that nothing fits it makes a few more grips, by which the set-up can be doubted
+(`doubt`). An answer is given only after some touches have matched its predictions: bounds prove which of
 the catalogue's objects it is, but not that it is in the catalogue. If a grip contradicts the earlier ones,
 the part may have been moved; the search then begins again with that grip. If the rig file or an object
 declares the force at which parts slide, the motion that fingers may have caused is bounded and taken into
@@ -154,6 +155,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 """Carries out a grip and reports its stages."""
 
 _MAX_MOVES = 1
+_DOUBT_GRIPS, _MAX_DOUBTING_GRIPS = 4, 3  # that met something, by which the set-up is doubted; to get there
 _LIGHTER_SPEED_SHARE = 0.5  # of the touch speed, once the part has moved
 _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
@@ -228,6 +230,8 @@ class _Search:
         self._bounds = bounds
         self._motions: list[GripMotion] = []
         self._hold_contradicted = False
+        self._doubted: IdentificationVerdict | None = None
+        self._understood = 0  # grips that hypotheses rest on
 
     def run(self) -> Identification:
         verdict = None
@@ -261,14 +265,16 @@ class _Search:
     def _next(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """The verdict if there is one already, else the next grip."""
         recognition = self._evidence.recognition
+        if self._doubted is not None:
+            return self._doubt(self._doubted)
         if recognition is not None and recognition.verdict is RecognitionVerdict.NONE:
             if not self._may_have_moved():
-                return IdentificationVerdict.UNKNOWN, ()
+                return self._doubt(IdentificationVerdict.UNKNOWN)
             self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
             self._begin_again(None)
             recognition = self._evidence.recognition
         if len(self._moved_before) > _MAX_MOVES:
-            return IdentificationVerdict.MOVING, ()
+            return self._doubt(IdentificationVerdict.MOVING)
         if recognition is None:
             grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
@@ -279,6 +285,19 @@ class _Search:
         reason = self._chooser.reason(choice, self._evidence, recognition)
         self._observers(PlanEvent(len(self._grips) + 1, choice.grip, reason))
         return None, choice.grip.limited_approaches
+
+    def _doubt(
+        self, verdict: IdentificationVerdict
+    ) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
+        """The verdict that nothing fits, once grips are enough to doubt the set-up by; else one more."""
+        self._doubted = verdict
+        met = [grip for grip in self._grips if any(touch.contact.touched for touch in grip)]
+        grip: Sequence[FingerApproach] = ()
+        if len(met) < _DOUBT_GRIPS and len(self._grips) - self._understood < _MAX_DOUBTING_GRIPS:
+            contacts = [touch.contact for touches in self._grips for touch in touches]
+            radius = self._rig.workspace.radius_mm
+            grip = [fast_to_workspace(item, radius) for item in exploring_grip(self._reach, contacts)]
+        return None if grip else verdict, grip
 
     def _explore(self) -> list[FingerApproach]:
         """A grip to find the part; none if it cannot be there, or no approach is left."""
@@ -302,6 +321,8 @@ class _Search:
     def _last_verdict(self) -> IdentificationVerdict:
         """Verdict when no further grip may be made."""
         recognition = self._evidence.recognition
+        if self._doubted is not None:
+            return self._doubted
         if recognition is None:
             return IdentificationVerdict.UNRESOLVED
         if recognition.verdict is RecognitionVerdict.NONE:
@@ -335,8 +356,11 @@ class _Search:
         self._grips.append(touches)
         since = self._motions[-1].after if self._motions else None
         self._observers(TouchEvent(number, touches))
-        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition, since))
-        self._understand()
+        known = self._evidence.recognition if self._doubted is None else None
+        self._motions.append(self._bounds.of_grip(touches, known, since))
+        if self._doubted is None:
+            self._understood = number
+            self._understand()
 
     def _touch_mm_s(self) -> float:
         """Speed at which the next grip may meet the part."""
@@ -390,7 +414,9 @@ class _Search:
         recognition = self._evidence.recognition
         if recognition is None or not self._motions:
             return recognition
-        after = self._motions[-1].after
+        after = self._motions[self._understood - 1].after
+        for motion in self._motions[self._understood :]:
+            after += motion.whole
         return recognition.move(after) if self._is_bounded(after) else None
 
 

@@ -17,6 +17,7 @@ from palpate.config.recognition_results import (
     MotionBoundOut,
     NotBoundedOut,
     Relation,
+    SetUpDoubtOut,
     TouchRecordOut,
 )
 from palpate.config.wiring_record import ConfirmedWiring
@@ -24,6 +25,7 @@ from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.motion_bounds import MotionBounds
@@ -101,7 +103,8 @@ class IdentificationRun(ShortRepr):
 
     `truth`: what lay on an emulated table and where, in the answer's frame, to be compared with the answer.
     `calibration`: what there is to say of the calibration; None if the run used none.
-    `late_failure`: an observer or the display failed at the end; that has no part in the result.
+    `doubts`: wrong set-ups that explain contacts which fit nothing. `late_failure`: an observer or the
+    display failed at the end; that has no part in the result.
     """
 
     job: IdentificationJob
@@ -111,6 +114,7 @@ class IdentificationRun(ShortRepr):
     truth: Truth | None
     calibration: CalibrationUsedOut | None
     late_failure: PalpateError | None
+    doubts: Sequence[SetUpDoubt] = ()
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """Return `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
@@ -148,6 +152,7 @@ class IdentificationRun(ShortRepr):
             assumed_holds_n=result.assumed_holds_n,
             hold_contradicted=result.hold_contradicted,
             not_bounded=self._not_bounded(),
+            setup_doubts=tuple(SetUpDoubtOut.of(item) for item in self.doubts),
             unfinished=None if result.recognition is None else unfinished_out(result.recognition),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )

@@ -20,6 +20,7 @@ from palpate.drivers.dynamixel import Instruction
 from palpate.drivers.transport import RecordEnded, Replayer
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.doubt import doubt_set_up
 from palpate.rig.identification.loop import Event, Observer, Observers, StageEvent, identify
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth
 from palpate.rig.motion.guarded_approach import GripPhase
@@ -111,7 +112,8 @@ def run_identification(
     used = None
     if job.calibration is not None and job.started is not None:
         used = calibration_used(result, job.rig, job.calibration, job.started)
-    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late)
+    doubts = doubt_set_up(job.rig, job.catalogue, result)
+    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late, doubts)
 
 
 _PACKET_HEADER = b"\xff\xff\xfd\x00"
@@ -131,6 +133,7 @@ _LATER_KEYS = frozenset(
         "points",
         "pressed_mm",
         "loaded_mm",
+        "setup_doubts",
     }
 )  # not written by older versions
 
