@@ -56,7 +56,6 @@ class SetUpFault(StrEnum):
     ARRAY = "array"
     JOINT_SIGN = "joint-sign"
     JOINT_OFFSET = "joint-offset"
-    GEAR_RATIO = "gear-ratio"
     TRAVEL_SCALE = "travel-scale"
     FRAME_MIRRORED = "frame-mirrored"
     TIP_SIZE = "tip-size"

@@ -20,13 +20,14 @@ from scipy.special import chdtri
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats
 from palpate.base.geometry.plane import rotate
-from palpate.calibration.consistency_checks import check_fit, check_still
+from palpate.calibration.consistency_checks import check_still
 from palpate.calibration.experiment_design import (
     choose_touches,
     locate_reference,
     predict_touches,
     touch_arrays,
 )
+from palpate.calibration.finger_doubt import check_fit_of_all
 from palpate.calibration.finger_fit import (
     FingerFit,
     ReferencePlacement,
@@ -126,7 +127,7 @@ def touch_placing(
         touched += again
     every = [*known, *touched]
     touches = touch_arrays(every, models, placings, specs)
-    check_fit(
+    check_fit_of_all(
         specs,
         models,
         placings,
@@ -142,7 +143,7 @@ def fit_touches(
     placings: Sequence[ReferencePlacement],
     touched: Sequence[TouchMeasurement],
 ) -> tuple[TouchArrays, FingerFit, FingerFit]:
-    """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
+    """Touches, their fit, and the fit without those that are held out. Raises what `check_fit_of_all` raises.
 
     Once it is known that touches agree, the fit is made again with what they scatter by: servos that come to
     rest in the same part of a step again and again scatter by less than steps let expect. What repeats itself
@@ -150,7 +151,7 @@ def fit_touches(
     """
     touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches, _begin_of_fit(specs, models, placings, touched))
-    check_fit(specs, models, placings, touches, fit)
+    check_fit_of_all(specs, models, placings, touches, fit)
     share = max(_MIN_VARIANCE_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
     fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))

@@ -314,7 +314,7 @@ class SetUpDoubtOut(Out):
     `what` is wrong, with one `finger` or, where null, with all. `explains`: as many contacts, which are all,
     or all but those of that finger for `what` "finger". `joint`: which of its servos. `value` (from, to): by
     how much the joint is off (mm or rad), the array is turned (rad), or by what factor the rig file's size,
-    travel or gear ratio is to be multiplied; null where there is none.
+    or travel is to be multiplied; null where there is none.
     """
 
     what: SetUpFault

@@ -172,7 +172,6 @@ _FAULTS: Mapping[SetUpFault, tuple[str, str]] = {
         "Offset, base_mm, heading_deg)",
         "calibrate",
     ),
-    SetUpFault.GEAR_RATIO: ("{joint}.gear_ratio of {whose} is {factor} times as large", "check --move"),
     SetUpFault.TRAVEL_SCALE: ("mm_per_turn of {whose} is {factor} times as large", "check --move"),
     SetUpFault.FRAME_MIRRORED: ("places were measured with the y axis the wrong way round", "check --move"),
     SetUpFault.TIP_SIZE: (
@@ -200,7 +199,7 @@ def _doubt_words(doubt: SetUpDoubtOut) -> str:
         joint=doubt.joint,
         deg=f"{math.degrees(lo):g}",
         off=off,
-        factor=f"{lo:.3g}" if lo == hi else f"{lo:.2f} to {hi:.2f}",
+        factor=f"{lo:.3g}",
     )
     return (
         f"or the rig is not as its file says: all {doubt.explains} contacts agree with a part of the "

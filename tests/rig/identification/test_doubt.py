@@ -1,4 +1,4 @@
-"""Doubt of the set-up: rigs that are wrong in one thing are hinted at where nothing fits, right ones never."""
+"""Doubt of the set-up: rigs that are wrong in one thing are hinted at where nothing fits, right ones not."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -18,8 +18,17 @@ import numpy as np
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import rotate
 from palpate.base.vocabulary import IdentificationVerdict, SetUpFault
+from palpate.calibration.finger_doubt import (
+    SIZE_FACTORS,
+    TRAVEL_FACTORS,
+    turning_joints,
+    with_offset,
+    with_sign,
+    with_tip,
+    with_travel,
+)
 from palpate.config import FingerConfig, RigFile
-from palpate.config.rig_servos import RotaryConfig, SlideConfig
+from palpate.config.rig_servos import RotaryConfig
 from palpate.drivers.kinematics import FingerKinematics, Line, Turn
 from palpate.recognizer import (
     Budget,
@@ -45,9 +54,7 @@ _FINEST_MM = 0.3  # to which values are looked for
 _MAX_TRIALS = 64  # for one value
 _STARTS = 8  # parts of a range that are looked at first
 _ROUNDING = 1.02, 0.02  # share, mm: of how far contacts move within a small interval of a value
-_FACTORS = 2.0, 0.5, math.pi, 1 / math.pi  # radius for diameter, diameter for circumference
 _OFFSET_MM, _OFFSET_RAD = 10.0, math.radians(20.0)
-_GEAR_FACTORS = 0.6, 1.7
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,7 @@ class SetUpDoubt:
     """A rig, wrong in one thing, that explains all `explains` contacts of a run.
 
     `finger`: its name, None: of all. `joint`: which of its servos. `value`: from, to: by how much a joint is
-    off (mm or rad), an array is turned (rad), or the factor of a size, travel or gear ratio.
+    off (mm or rad), an array is turned (rad), or the factor of a size or travel.
     """
 
     what: SetUpFault
@@ -207,18 +214,15 @@ class _Doubter:
         return [SetUpDoubt(SetUpFault.FINGER, name, self._count() - self._count(k))]
 
     def _offsets(self, k: int) -> Iterator[SetUpDoubt]:
-        """Offsets of a finger's joints, or gear ratios, with which it agrees with the others."""
+        """Offsets of a finger's joints with which it agrees with the others."""
         spec, known = self._rig.fingers[k], self._others(k)
         assert known is not None, "only asked of fingers without which the others agree"
         for joint, servo in spec.servos.items():
             turns = isinstance(servo, RotaryConfig)
             half = _OFFSET_RAD if turns else _OFFSET_MM
-            value = self._fit(known, k, partial(_with_offset, spec, joint), (-half, half))
+            value = self._fit(known, k, partial(with_offset, spec, joint), (-half, half))
             if value is not None and not value[0] <= 0 <= value[1]:
                 yield SetUpDoubt(SetUpFault.JOINT_OFFSET, spec.name, self._count(), joint, value)
-            value = self._fit(known, k, partial(_with_gear, spec, joint), _GEAR_FACTORS) if turns else None
-            if value is not None and not value[0] <= 1 <= value[1]:
-                yield SetUpDoubt(SetUpFault.GEAR_RATIO, spec.name, self._count(), joint, value)
 
     def _fit(
         self,
@@ -371,60 +375,22 @@ def _wrong_set_ups(rig: RigFile) -> Iterator[_WrongSetUp]:
         fingers = [_Mounting(spec, turned_rad=turned) for spec in specs]
         yield from each(SetUpFault.ARRAY_TURNED, fingers, None, turned)
     yield from each(SetUpFault.ARRAY, [_Mounting(spec, measures_normals=False) for spec in specs])
-    for joint in dict.fromkeys(joint for spec in specs for joint in _turning(spec)):
-        yield from each(
-            SetUpFault.JOINT_SIGN, [_Mounting(_with_gear(spec, joint, -1.0)) for spec in specs], joint
-        )
+    for joint in dict.fromkeys(joint for spec in specs for joint in turning_joints(spec)):
+        yield from each(SetUpFault.JOINT_SIGN, [_Mounting(with_sign(spec, joint)) for spec in specs], joint)
     for mirror in (_mirrored, lambda spec: _with_signs(_mirrored(spec))):
         yield _WrongSetUp(SetUpFault.FRAME_MIRRORED, None, [_Mounting(mirror(spec)) for spec in specs])
-    for factor in _FACTORS[:2]:
-        fingers = [_Mounting(_with_tip(spec, factor)) for spec in specs]
+    for factor in SIZE_FACTORS:
+        fingers = [_Mounting(with_tip(spec, factor)) for spec in specs]
         yield from each(SetUpFault.TIP_SIZE, fingers, None, factor)
-    for factor in _FACTORS:
-        fingers = [_Mounting(_with_travel(spec, factor)) for spec in specs]
+    for factor in TRAVEL_FACTORS:
+        fingers = [_Mounting(with_travel(spec, factor)) for spec in specs]
         yield from each(SetUpFault.TRAVEL_SCALE, fingers, None, factor)
 
 
-def _turning(spec: FingerConfig) -> list[str]:
-    return [joint for joint, servo in spec.servos.items() if isinstance(servo, RotaryConfig)]
-
-
-def _with_servo(spec: FingerConfig, joint: str, **values: float) -> FingerConfig:
-    return spec.model_copy(update={joint: spec.servos[joint].model_copy(update=values)})
-
-
-def _with_offset(spec: FingerConfig, joint: str, off: float) -> FingerConfig:
-    """The finger with a joint that stands `off` (mm or rad) further than its servo says."""
-    servo = spec.servos[joint]
-    if isinstance(servo, SlideConfig):
-        return _with_servo(spec, joint, zero_mm=servo.zero_mm + off)
-    assert isinstance(servo, RotaryConfig), "servos turn something or slide it"
-    return _with_servo(spec, joint, zero_deg=servo.zero_deg - math.degrees(off) * servo.gear_ratio)
-
-
-def _with_gear(spec: FingerConfig, joint: str, factor: float) -> FingerConfig:
-    servo = spec.servos.get(joint)
-    if not isinstance(servo, RotaryConfig):
-        return spec
-    return _with_servo(spec, joint, gear_ratio=servo.gear_ratio * factor)
-
-
 def _with_signs(spec: FingerConfig) -> FingerConfig:
-    for joint in _turning(spec):
-        spec = _with_gear(spec, joint, -1.0)
+    for joint in turning_joints(spec):
+        spec = with_sign(spec, joint)
     return spec
-
-
-def _with_travel(spec: FingerConfig, factor: float) -> FingerConfig:
-    for joint, servo in spec.servos.items():
-        if isinstance(servo, SlideConfig):
-            spec = _with_servo(spec, joint, mm_per_turn=servo.mm_per_turn * factor)
-    return spec
-
-
-def _with_tip(spec: FingerConfig, factor: float) -> FingerConfig:
-    tip = spec.tip.model_copy(update={"radius_mm": spec.tip.radius_mm * factor})
-    return spec.model_copy(update={"tip": tip})
 
 
 def _mirrored(spec: FingerConfig) -> FingerConfig:

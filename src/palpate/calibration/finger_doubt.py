@@ -1,0 +1,114 @@
+"""Doubt of one finger: rig files wrong in one thing of it, and whether touches of a calibration agree."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from palpate.base.errors import InputError
+from palpate.calibration.consistency_checks import check_fit
+from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays, fit_fingers
+from palpate.calibration.finger_model import FingerModel
+from palpate.config import FingerConfig
+from palpate.config.rig_servos import RotaryConfig, SlideConfig
+
+SIZE_FACTORS = 2.0, 0.5
+"""Factors of a radius that was taken for the diameter, or the other way round."""
+
+TRAVEL_FACTORS = *SIZE_FACTORS, math.pi, 1 / math.pi
+"""Factors of a travel per turn, with the diameter taken for the circumference, too."""
+
+
+def turning_joints(spec: FingerConfig) -> list[str]:
+    """Joints of a finger that turn something."""
+    return [joint for joint, servo in spec.servos.items() if isinstance(servo, RotaryConfig)]
+
+
+def with_offset(spec: FingerConfig, joint: str, off: float) -> FingerConfig:
+    """The finger with a joint that stands `off` (mm or rad) further than its servo says."""
+    servo = spec.servos[joint]
+    if isinstance(servo, SlideConfig):
+        return _with_servo(spec, joint, zero_mm=servo.zero_mm + off)
+    assert isinstance(servo, RotaryConfig), "servos turn something or slide it"
+    return _with_servo(spec, joint, zero_deg=servo.zero_deg - math.degrees(off) * servo.gear_ratio)
+
+
+def with_sign(spec: FingerConfig, joint: str) -> FingerConfig:
+    """The finger with a joint that turns the other way; the same without such a joint."""
+    servo = spec.servos.get(joint)
+    return _with_servo(spec, joint, gear_ratio=-servo.gear_ratio) if isinstance(servo, RotaryConfig) else spec
+
+
+def with_travel(spec: FingerConfig, factor: float) -> FingerConfig:
+    """The finger with a slide that goes `factor` times as far per turn; the same without a slide."""
+    for joint, servo in spec.servos.items():
+        if isinstance(servo, SlideConfig):
+            spec = _with_servo(spec, joint, mm_per_turn=servo.mm_per_turn * factor)
+    return spec
+
+
+def with_tip(spec: FingerConfig, factor: float) -> FingerConfig:
+    """The finger with a tip `factor` times as wide."""
+    tip = spec.tip.model_copy(update={"radius_mm": spec.tip.radius_mm * factor})
+    return spec.model_copy(update={"tip": tip})
+
+
+def _with_servo(spec: FingerConfig, joint: str, **values: float) -> FingerConfig:
+    return spec.model_copy(update={joint: spec.servos[joint].model_copy(update=values)})
+
+
+def check_fit_of_all(
+    specs: Sequence[FingerConfig],
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    touches: TouchArrays,
+    fit: FingerFit,
+) -> None:
+    """Refuse a fit as `check_fit` does; InputError names a finger without which the others agree.
+
+    And what is wrong with it, if touches agree with a rig file that is other in one thing only.
+    """
+    try:
+        check_fit(specs, models, placings, touches, fit)
+    except InputError as error:
+        alone = [
+            k
+            for k in range(len(models))
+            if _agree(specs, models, placings, touches.with_used(touches.used & (touches.finger != k)))
+        ]
+        if len(alone) != 1:
+            raise
+        (k,) = alone
+        wrong = "what the rig file says of it is wrong"
+        for what, other in _alternatives(specs[k]):
+            model = type(models[k]).nominal(other).widen(len(models[k].prior))
+            changed = [*models[:k], model, *models[k + 1 :]]
+            if _agree([*specs[:k], other, *specs[k + 1 :]], changed, placings, touches):
+                wrong = f"all agree if {what}: correct it"
+                break
+        raise InputError(
+            f"finger {models[k].name}: its touches contradict those of the others, which agree with the "
+            f"references; {wrong}. With it: {error}"
+        ) from None
+
+
+def _alternatives(spec: FingerConfig) -> Iterator[tuple[str, FingerConfig]]:
+    """Ways in which a finger's table may be wrong, and the finger as it then is."""
+    for joint in turning_joints(spec):
+        yield f"{joint}.gear_ratio has the other sign", with_sign(spec, joint)
+    for factor in SIZE_FACTORS:
+        yield f"tip.radius_mm is {factor:g} times as large", with_tip(spec, factor)
+    for factor in TRAVEL_FACTORS:
+        if (other := with_travel(spec, factor)) is not spec:
+            yield f"slide.mm_per_turn is {factor:.3g} times as large", other
+
+
+def _agree(
+    specs: Sequence[FingerConfig],
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    touches: TouchArrays,
+) -> bool:
+    try:
+        check_fit(specs, models, placings, touches, fit_fingers(models, placings, touches))
+    except InputError:
+        return False
+    return True
