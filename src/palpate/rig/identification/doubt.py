@@ -47,9 +47,10 @@ from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.motion.touch import Touch
 
 _MIN_GRIPS, _MIN_CONTACTS = 3, 6  # fewer are explained by something too often
+_MIN_OF_ARRAY = 10  # the same, without a finger's normals
 _MIN_OTHERS, _MIN_OWN = 7, 3  # contacts of other fingers and of one that is doubted alone
 _MAX_DOUBTS = 3  # what more set-ups explain says nothing of any
-_MAX_STATES = 400  # of a catalogue: more would take longer than a person waits for a hint
+_MAX_STATES, _MAX_STATES_OF_TIPS = 150, 40  # of a catalogue: more take longer than is worth a hint
 _FINEST_MM = 0.3  # to which values are looked for
 _MAX_TRIALS = 64  # for one value
 _STARTS = 8  # parts of a range that are looked at first
@@ -147,6 +148,8 @@ class _Doubter:
             return ()
         found: list[SetUpDoubt] = []
         for item in _wrong_set_ups(self._rig):
+            if item.what is SetUpFault.TIP_SIZE and len(self._catalogue.states) > _MAX_STATES_OF_TIPS:
+                continue  # their edges would have to be grown first
             if item.what is SetUpFault.ARRAY and not self._array_is_in_doubt(item.finger, found):
                 continue
             if self._explains(item.fingers, item.shared_by):
@@ -160,7 +163,7 @@ class _Doubter:
 
     def _array_is_in_doubt(self, finger: str | None, found: Sequence[SetUpDoubt]) -> bool:
         """Return whether more than one contact's normal is wrong, and nothing found explains it."""
-        if any(finger in (None, doubt.finger) for doubt in found):
+        if self._count() < _MIN_OF_ARRAY or any(finger in (None, doubt.finger) for doubt in found):
             return False
         return not recognise(self._catalogue, self._contacts(self._told), 1, self._budget).hypotheses
 
