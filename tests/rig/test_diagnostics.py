@@ -1,6 +1,7 @@
 """Checks of friction and hold, and touching references again."""
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,8 @@ from palpate.config.diagnosis_results import (
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.models import specification
+from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
 from palpate.rig.diagnostics.calibration_check import Retouch, judge_friction, judge_touch, retouch, touch_out
 from palpate.rig.diagnostics.motion_checks import check_hold, least_threshold_n, with_light_touch
@@ -312,6 +315,45 @@ def test_check_touches_a_disc(here: Here, tmp_path: Path) -> None:
     assert [0.02 < item["friction_a"] < 0.04 for item in touch["fingers"]] == [True, True]
     assert "agrees with 10 touches (f1 " in done.err
     assert "; slides need 0.0" in done.err
+
+
+def changed_truth(finger: EmulatedFinger, **changes: float) -> None:
+    """Let a simulated finger be built otherwise from now on."""
+    truth = replace(finger.truth, **changes)
+    for holder in (finger, finger._mechanics):
+        for name in [key for key, value in vars(holder).items() if value is finger.truth]:
+            setattr(holder, name, truth)
+    assert finger.truth is truth
+
+
+@pytest.mark.parametrize(
+    ("joint", "what"), [("slide", "zero"), ("aim", "zero"), ("aim", "play"), ("slide", "encoder")]
+)
+def test_what_one_joint_has_changed_by_is_named(joint: str, what: str) -> None:
+    world = SimulatedRig(RIG, 1)
+    file = truth_calibration(RIG, world.fingers)
+    truth = world.fingers[1].truth
+    assert isinstance(truth, FingerTruth)
+    amount = {"slide": 0.5, "aim": 1.0}[joint] if what == "zero" else 0.3
+    if what == "encoder":
+        world.fingers[1].servos[1].set_encoder((math.radians(1.2), 1.0))
+    elif what == "play":
+        changed_truth(world.fingers[1], aim_play_rad=truth.aim_play_rad + math.radians(amount))
+    elif joint == "aim":
+        changed_truth(world.fingers[1], heading_rad=truth.heading_rad + math.radians(amount))
+    else:
+        changed_truth(world.fingers[1], zero_mm=truth.zero_mm + amount)
+    uncertainties = contact_uncertainties(file, at_rest=False)
+    assert uncertainties is not None
+    rig = apply_calibration(RIG, file)
+    with world.connect(rig, moving=True) as there:
+        found = retouch(rig, there.prober, DISC, uncertainties)
+    (change,) = found.changes
+    assert (change.finger, change.joint, change.what) == ("f2", joint, what)
+    if what != "encoder":
+        assert change.amount == pytest.approx(amount, rel=0.15)
+    ((problem),) = judge_touch(RIG, found)[1]
+    assert change.words in problem.means
 
 
 def test_nobody_moves_fingers_unasked(here: Here, tmp_path: Path) -> None:

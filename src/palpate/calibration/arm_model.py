@@ -55,6 +55,7 @@ class ArmModel(FingerModel):
     gives_all_round = True
     place_columns = (0, 1, HEADING, RADIUS, UPPER, FORE, ELBOW_ZERO)
     encoders = ENCODERS
+    joints = (("shoulder", HEADING, SHOULDER_PLAY), ("elbow", ELBOW_ZERO, ELBOW_PLAY))
 
     @property
     def facing_sigma_deg(self) -> float:

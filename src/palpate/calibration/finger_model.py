@@ -54,6 +54,8 @@ class FingerModel(ABC):
     """Columns of the values whose covariance a calibration file has."""
     encoders: ClassVar[slice]
     """Columns of what corrects both encoders (rad), as `waves` has them, the servo next to the base first."""
+    joints: ClassVar[tuple[tuple[str, int, int], ...]]
+    """Keys of both servos, with the columns of their zeros and of their plays; of a slide both are one."""
 
     @property
     def name(self) -> str:
@@ -213,6 +215,11 @@ WAVES = 4
 """Waves of an encoder's error: cosine and sine of its angle, and of twice that."""
 
 
+def waves_of(joint: int) -> slice:
+    """Those of one of both encoders, among its finger's."""
+    return slice(joint * WAVES, (joint + 1) * WAVES)
+
+
 def waves(servos_rad: Floats) -> Floats:
     """Waves (…, 4) of encoders' errors at angles (…)."""
     turns = (np.cos(servos_rad), np.sin(servos_rad), np.cos(2 * servos_rad), np.sin(2 * servos_rad))
@@ -240,7 +247,7 @@ def describe_encoders(model: FingerModel, values: Floats, covariance: Floats) ->
     near, far = np.degrees(values[model.encoders]).reshape(2, WAVES).tolist()
     at = waves(np.linspace(0, 2 * math.pi, 72, endpoint=False))
     own = covariance[model.encoders, model.encoders]
-    variance = [np.einsum("pi,ij,pj->p", at, own[joint, joint], at) for joint in (slice(0, 4), slice(4, 8))]
+    variance = [np.einsum("pi,ij,pj->p", at, own[joint, joint], at) for joint in (waves_of(0), waves_of(1))]
     left_rad = BOUND_SIGMAS * math.sqrt(max(float(np.max(variance)), 0.0))
     return {"encoder_harmonics_deg": (near, far), "encoder_bound_deg": math.degrees(left_rad)}
 

@@ -75,6 +75,7 @@ class SlideModel(FingerModel):
     gives_all_round = False
     place_columns = (0, 1, HEADING, RADIUS, ZERO)
     encoders = ENCODERS
+    joints = (("aim", HEADING, AIM_PLAY), ("slide", ZERO, ZERO))
 
     @property
     def slide(self) -> SlideConfig:

@@ -59,6 +59,7 @@ from palpate.rig.diagnostics.steps import (
     warning,
     wrong,
 )
+from palpate.rig.diagnostics.touch_explanation import CheckedTouches, JointChange
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.touch import dent_range_mm
 from palpate.rig.session.calibration_drift import device_mismatch
@@ -133,11 +134,13 @@ class Retouch:
     """Result of a re-touch: how all touches agree with the calibration, and every finger's mean.
 
     `friction_a`: current that slides need to move freely, by fingers' names, as far as it was measured.
+    `changes`: each alone explains touches that do not agree.
     """
 
     agreement: DriftTest
     fingers: tuple[FingerTouchOut, ...]
     friction_a: Mapping[str, float] = field(default_factory=dict)
+    changes: tuple[JointChange, ...] = ()
 
 
 def retouch(
@@ -198,7 +201,10 @@ def _compare_retouch(
         raise InputError(
             f"the {disc.name} was touched {len(touched)} times only: put it nearer to the middle"
         )
-    return Retouch(agreement, tuple(_finger_offset(model, k, touches, fit) for k, model in enumerate(models)))
+    checked = CheckedTouches(models, placings, touches, covariance, fit)
+    changes = checked.explain() if agreement.drifted else []
+    offsets = tuple(_finger_offset(model, k, touches, fit) for k, model in enumerate(models))
+    return Retouch(agreement, offsets, changes=tuple(changes))
 
 
 def _touch_around(
@@ -278,16 +284,23 @@ def judge_touch(rig: RigFile, found: Retouch) -> Judgement:
     if not touch.agrees:
         # Of three fingers round a disc one that is off shows in all: the disc's place gives way to it.
         offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
-        problem = wrong(
-            Cause.TOUCH_DISAGREES,
-            CALIBRATION,
-            f"touches of the disc differ by {saw} (in the mean {offsets})",
-            "something has changed since the rig was calibrated",
-            "calibrate again, unless the disc moved or is not as given",
-        )
+        means, do = _explained(found.changes)
+        differ = f"touches of the disc differ by {saw} (in the mean {offsets})"
+        problem = wrong(Cause.TOUCH_DISAGREES, CALIBRATION, differ, means, do)
         findings = [problem, *findings]
     return f"{touch.touches} touches differ by {saw}", findings
 
+
+def _explained(changes: Sequence[JointChange]) -> tuple[str, str]:
+    """What touches that disagree mean, and what to do."""
+    if not changes:
+        means = "no change of one joint's zero, play or encoder explains it"
+        return means, "calibrate again, unless the disc moved or is not as given"
+    words = " or ".join(item.words for item in changes[:_MOST_CHANGES])
+    return f"{words} would explain it", f"{changes[0].remedy}, then calibrate again"
+
+
+_MOST_CHANGES = 3
 
 CALIBRATION = NamedDevice("calibration")
 
