@@ -5,6 +5,7 @@ import math
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,12 @@ import pytest
 import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 import palpate.rig.bench as bench_module
 from palpate import open_rig, open_session
 from palpate.base.errors import InputError
+from palpate.cli.check import _ConsoleOnlooker
 from palpate.config import RigFile, load_rig
 from palpate.config.diagnosis_results import Cause
 from palpate.config.wiring_record import ConfirmedWiring, load_confirmed, proof_path
@@ -32,6 +35,7 @@ from palpate.rig.diagnostics.wiring import (
     standing_at,
     wiring_of,
 )
+from palpate.rig.diagnostics.wiring_check import Sight
 from palpate.rig.diagnostics.wiring_findings import judge_wiring
 from palpate.rig.emulated import devices
 from palpate.rig.emulated.devices import emulate
@@ -314,3 +318,24 @@ def test_an_unproven_rig_is_refused_before_torque_and_its_session_replays(
         open_rig(path).identify(small_objects(), sessions=tmp_path)
     (session,) = tmp_path.glob("identify-*")
     assert open_session(session).replay().complete
+
+
+def test_somebody_at_a_real_rig_is_asked_until_the_answer_says_something(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rig, console, asked = load_rig(firm_rig()), Console(file=StringIO()), list[str]()
+    answers = iter(["maybe", "n", "", "", "7", "2", "x", "L", "-160, 95", "o", "0"])
+
+    def answer(what: str, **_: object) -> str:
+        asked.append(what)
+        return next(answers)
+
+    monkeypatch.setattr(console, "input", answer)
+    person = _ConsoleOnlooker(console, rig)
+    assert not person.press(rig.fingers[0], Side.FRONT)
+    assert person.press(rig.fingers[1], Side.LEFT)
+    assert "f2 at the near left (base -165, -95)" in asked[-1]
+    person.watch()
+    assert person.saw() == Sight(rig.fingers[1].base_mm, Way.LEFT)
+    assert person.saw() == Sight((-160.0, 95.0), Way.OUT)
+    assert person.saw() is None
