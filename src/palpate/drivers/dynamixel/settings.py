@@ -95,7 +95,8 @@ class ItemChange:
 
     def remedy(self, dxl_id: int, rig: str = "FILE") -> str:
         """The command that mends it in a servo of the rig file `rig`."""
-        command = f"palpate setup-motors --rig {rig} --id {dxl_id}, which writes {self.wanted}"
+        command = f"palpate setup-motors --rig FILE --id {dxl_id}, which writes {self.wanted}"
+        command = command.replace("FILE", rig)
         if self.item != HOMING_OFFSET or abs(self.found) > LARGEST_HOMING_OFFSET:
             return command
         keep = f"write homing_offset = {self.found} into the rig file"
