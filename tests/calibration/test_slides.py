@@ -105,7 +105,7 @@ def test_sigmas_hold_in_many_trials() -> None:
 def test_another_scale_is_refused() -> None:
     back, front = stalls(1.02 * MM_PER_RAD, 90.0, 0.05, 0.0, 0)
     with pytest.raises(
-        InputError, match=r"slide \(ID \d+\) moves (101\.9|102\.0)\d\d mm per turn .* 100\.000 mm ± 1 %"
+        InputError, match=r"slide \(ID \d+\) moves (101\.9|102\.0)\d\d mm per turn .* 100\.000 mm ± 1\.\d %"
     ):
         homed(back, front, Backlash(0.05, 0.01))
 

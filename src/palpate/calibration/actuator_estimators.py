@@ -244,11 +244,13 @@ def fit_homing(spec: SlideFingerConfig, stalls: StopStalls, backlash: Backlash) 
     (zero, scale), covariance = line_through_stops(stalls, backlash, (-1.0, 1.0))
     zero_sigma, scale_sigma = np.sqrt(np.diag(covariance)).tolist()
     described, spread = spec.slide.mm_per_rad, spec.slide.mm_per_turn_spread
+    turned = abs(float(np.diff(stalls.means_rad())[0]))
+    spread += 2 * math.radians(spec.bounds.encoder_deg) / turned  # off one way here, the other way there
     if abs(scale / described - 1) > spread + _TRAVEL_SIGMAS * scale_sigma / abs(described):
         raise InputError(
             f"{servo} moves {2 * math.pi * scale:.3f} mm per turn between its stops; the rig file says "
-            f"{spec.slide.mm_per_turn:.3f} mm ± {100 * spread:.2g} %; check slide.stops_mm and "
-            "slide.mm_per_turn, and that nothing held the slide before its stops"
+            f"{spec.slide.mm_per_turn:.3f} mm ± {100 * spread:.2g} %, with bounds.encoder_deg; check "
+            "slide.stops_mm and slide.mm_per_turn, and that nothing held the slide before its stops"
         )
     return Homing(float(scale), scale_sigma, float(zero), zero_sigma)
 

@@ -20,6 +20,7 @@ from palpate.drivers.kinematics import Servos, Turn
 from palpate.rig.bench import connect
 from palpate.rig.mechanisms import kinematics_of, mechanism_of
 from palpate.rig.mechanisms.arm import ArmMechanism, arm_kinematics
+from palpate.rig.mechanisms.slide import SlideMechanism
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.homing import HomingPolicy, back_stop_distances_mm
 from palpate.rig.reach.standby_ways import Standby
@@ -189,10 +190,11 @@ def test_the_stop_is_among_the_places_where_it_may_be(
 ) -> None:
     """And no place is nearer than another that comes later."""
     slide = finger.slide.model_copy(update={"mm_per_turn": sign * finger.slide.mm_per_turn})
-    assert slide.stops_mm is not None
-    back, front = slide.stops_mm
+    stops = SlideMechanism(finger.model_copy(update={"slide": slide})).homing
+    assert stops is not None
+    back, front = stops.back_mm, stops.front_mm
     reading = back + share * (front - back) + turns * slide.mm_per_turn
-    places = back_stop_distances_mm(slide, reading)
+    places = back_stop_distances_mm(stops, reading)
     assert turns in [turn for _, turn in places]
     assert all(stop == pytest.approx(back + turn * slide.mm_per_turn) for stop, turn in places)
     assert [stop for stop, _ in places] == sorted((stop for stop, _ in places), reverse=True)

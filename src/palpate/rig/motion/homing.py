@@ -18,7 +18,6 @@ from typing import Protocol
 import numpy as np
 
 from palpate.base.errors import DeviceError
-from palpate.config.rig_servos import SlideConfig
 from palpate.drivers.dynamixel import (
     MAX_TURNS,
     NO_MARK,
@@ -104,7 +103,7 @@ def forget_turn(bus: Bus, finger: HostFinger) -> None:
 def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
     """True if a slide's tip can stand at the distance that its servo's angle says."""
     stops = _stops(finger)
-    slack = _stop_tolerance_mm(stops.slide) + stops.kinematics.slide_encoder_mm
+    slack = _stop_tolerance_mm(stops)
     distance = stops.kinematics.distance_mm(angle_rad)
     return stops.back_mm - slack <= distance <= stops.front_mm + slack + stops.slide.off_mm(stops.front_mm)
 
@@ -121,13 +120,13 @@ def homing_problem(finger: HostFinger, angles_rad: Servos) -> str | None:
             f"its aim (servo {aim.dxl_id}) stands at {aimed:.1f}°, outside its range {lo:g} … {hi:g}°; "
             "with torque off, turn it back by hand, then start again"
         )
-    needed_mm = 2 * _stop_tolerance_mm(stops.slide) + _SLOW_ZONE_MM + 2 * _PASSED_TOLERANCE_MM
+    needed_mm = 2 * _stop_tolerance_mm(stops) + _SLOW_ZONE_MM + 2 * _PASSED_TOLERANCE_MM
     if needed_mm >= abs(stops.slide.mm_per_turn):
         return (
             f"its slide (servo {slide.dxl_id}) cannot be homed: zero_bound_mm and mm_per_turn_spread leave "
             "open which turn its back stop is in; measure better"
         )
-    if not back_stop_distances_mm(stops.slide, kinematics.distance_mm(angles_rad[1])):
+    if not back_stop_distances_mm(stops, kinematics.distance_mm(angles_rad[1])):
         return (
             f"its slide (servo {slide.dxl_id}) stands where it cannot be in any turn between its stops at "
             f"{stops.back_mm:g} and {stops.front_mm:g} mm; check slide.stops_mm, slide.zero_mm "
@@ -157,13 +156,13 @@ def home_slides(hand: _Hand, fingers: Sequence[HostFinger]) -> None:
     hand.disarm()
 
 
-def back_stop_distances_mm(slide: SlideConfig, reading_mm: float) -> list[tuple[float, int]]:
+def back_stop_distances_mm(stops: HardStops, reading_mm: float) -> list[tuple[float, int]]:
     """Distances at which a slide may meet its back stop, as it reads them now, with turns; nearest first.
 
     `reading_mm`: distance from the base as it reads, off by a number of whole turns, the second of each pair.
     """
-    back, front = _stops_mm(slide)
-    half = _stop_tolerance_mm(slide)
+    slide, back, front = stops.slide, stops.back_mm, stops.front_mm
+    half = _stop_tolerance_mm(stops)
     travel_mm = front - back + slide.off_mm(front) + half
     step = slide.mm_per_turn
     around = (reading_mm - back) / step
@@ -180,7 +179,7 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     """Go back until a stop is met where one may be; how many turns the servo counts ahead."""
     slide, stops = finger.drive.closing_servos[0], _stops(finger)
     reading_mm = stops.kinematics.distance_mm(_angle_rad(hand, slide))
-    for stop_mm, turns in back_stop_distances_mm(stops.slide, reading_mm):
+    for stop_mm, turns in back_stop_distances_mm(stops, reading_mm):
         if _meets_stop(hand, finger, stop_mm):
             return turns
     raise DeviceError(
@@ -192,7 +191,7 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
 def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
     """Go to where the back stop may be, then slowly on; whether the slide stalls there."""
     slide, stops = finger.drive.closing_servos[0], _stops(finger)
-    kinematics, half = stops.kinematics, _stop_tolerance_mm(stops.slide)
+    kinematics, half = stops.kinematics, _stop_tolerance_mm(stops)
     near, past = stop_mm + half + _SLOW_ZONE_MM, stop_mm - half - 2 * _PASSED_TOLERANCE_MM
     at_mm = kinematics.distance_mm(_angle_rad(hand, slide))
     ends = sorted(kinematics.slide_servo_rad(mm) for mm in (past, max(at_mm, near)))
@@ -268,15 +267,11 @@ def _marked_turns(bus: Bus, slide: Servo) -> int | None:
     return turns_of_mark(bus.read(slide.dxl_id, item))
 
 
-def _stop_tolerance_mm(slide: SlideConfig) -> float:
+def _stop_tolerance_mm(stops: HardStops) -> float:
     """Tolerance of the back stop's declared place, either way, as the servo reads it."""
-    back, _ = _stops_mm(slide)
-    return slide.off_mm(back) + 2 * slide.backlash_mm + _STOP_YIELD_MM
-
-
-def _stops_mm(slide: SlideConfig) -> tuple[float, float]:
-    assert slide.stops_mm is not None, "only slides with stops are homed"
-    return slide.stops_mm
+    slide = stops.slide
+    off = slide.off_mm(stops.back_mm) + stops.kinematics.slide_encoder_mm
+    return off + 2 * slide.backlash_mm + _STOP_YIELD_MM
 
 
 def _stops(finger: HostFinger) -> HardStops:
