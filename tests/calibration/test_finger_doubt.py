@@ -8,7 +8,7 @@ import pytest
 
 from palpate.base.errors import InputError
 from palpate.calibration.consistency_checks import check_fit
-from palpate.calibration.finger_doubt import check_fit_of_all, with_sign, with_tip, with_travel
+from palpate.calibration.finger_doubt import check_fit_of_all, with_sign, with_travel
 from palpate.calibration.finger_fit import fit_fingers
 from palpate.calibration.slide_model import SlideModel
 from palpate.config import FingerConfig, SlideFingerConfig
@@ -59,7 +59,6 @@ def test_true_tables_are_not_doubted() -> None:
     ("change", "key"),
     [
         (lambda spec: with_sign(spec, "aim"), "aim.gear_ratio"),
-        (lambda spec: with_tip(spec, 2.0), "tip.radius_mm is 0.5 times"),
         pytest.param(lambda spec: with_travel(spec, 0.5), "mm_per_turn is 2 times", marks=pytest.mark.slow),
     ],
 )

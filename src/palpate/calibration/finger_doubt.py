@@ -17,7 +17,7 @@ TRAVEL_FACTORS = *SIZE_FACTORS, math.pi, 1 / math.pi
 """Factors of a travel per turn, with the diameter taken for the circumference, too."""
 
 
-def turning_joints(spec: FingerConfig) -> list[str]:
+def rotary_joints(spec: FingerConfig) -> list[str]:
     """Joints of a finger that turn something."""
     return [joint for joint, servo in spec.servos.items() if isinstance(servo, RotaryConfig)]
 
@@ -92,7 +92,7 @@ def check_fit_of_all(
 
 def _alternatives(spec: FingerConfig) -> Iterator[tuple[str, FingerConfig]]:
     """Ways in which a finger's table may be wrong, and the finger as it then is."""
-    for joint in turning_joints(spec):
+    for joint in rotary_joints(spec):
         yield f"{joint}.gear_ratio has the other sign", with_sign(spec, joint)
     for factor in SIZE_FACTORS:
         yield f"tip.radius_mm is {factor:g} times as large", with_tip(spec, factor)

@@ -21,7 +21,7 @@ from palpate.base.vocabulary import IdentificationVerdict, SetUpFault
 from palpate.calibration.finger_doubt import (
     SIZE_FACTORS,
     TRAVEL_FACTORS,
-    turning_joints,
+    rotary_joints,
     with_offset,
     with_sign,
     with_tip,
@@ -181,10 +181,10 @@ class _Doubter:
             if some is None or k in some:
                 turn = stage.planned_turn(touch.stage_rad)
                 contacts = _contacts_seen(touch, self._told[k], fingers[k], turn)
-                found += [self._carried(contact, moved) for contact in contacts]
+                found += [self._carry(contact, moved) for contact in contacts]
         return found
 
-    def _carried(self, contact: Contact, moved: tuple[float, float]) -> Contact:
+    def _carry(self, contact: Contact, moved: tuple[float, float]) -> Contact:
         """A contact of a part that may have moved since by (mm, rad)."""
         if not any(moved):
             return contact
@@ -378,9 +378,9 @@ def _wrong_set_ups(rig: RigFile) -> Iterator[_WrongSetUp]:
         fingers = [_Mounting(spec, turned_rad=turned) for spec in specs]
         yield from each(SetUpFault.ARRAY_TURNED, fingers, None, turned)
     yield from each(SetUpFault.ARRAY, [_Mounting(spec, measures_normals=False) for spec in specs])
-    for joint in dict.fromkeys(joint for spec in specs for joint in turning_joints(spec)):
+    for joint in dict.fromkeys(joint for spec in specs for joint in rotary_joints(spec)):
         yield from each(SetUpFault.JOINT_SIGN, [_Mounting(with_sign(spec, joint)) for spec in specs], joint)
-    for mirror in (_mirrored, lambda spec: _with_signs(_mirrored(spec))):
+    for mirror in (_mirror, lambda spec: _with_signs(_mirror(spec))):
         yield _WrongSetUp(SetUpFault.FRAME_MIRRORED, None, [_Mounting(mirror(spec)) for spec in specs])
     for factor in SIZE_FACTORS:
         fingers = [_Mounting(with_tip(spec, factor)) for spec in specs]
@@ -391,12 +391,12 @@ def _wrong_set_ups(rig: RigFile) -> Iterator[_WrongSetUp]:
 
 
 def _with_signs(spec: FingerConfig) -> FingerConfig:
-    for joint in turning_joints(spec):
+    for joint in rotary_joints(spec):
         spec = with_sign(spec, joint)
     return spec
 
 
-def _mirrored(spec: FingerConfig) -> FingerConfig:
+def _mirror(spec: FingerConfig) -> FingerConfig:
     """The finger in a frame whose y axis points the other way."""
     x, y = spec.base_mm
     return spec.model_copy(update={"base_mm": (x, -y), "heading_deg": -spec.heading_deg})
