@@ -344,7 +344,8 @@ class IdentificationOut(Out):
     catalogue. `not_bounded`: states of the answer and of the alternatives in which the part may tip or roll
     when fingers push it; all bounds are for a part that does neither. `setup_doubts`: where nothing fits,
     wrong set-ups that would explain it. `unfinished`: what the work budget did
-    not suffice for; null if it did.
+    not suffice for; null if it did. `notices`: what devices showed in the run that is not as the rig file
+    declares, and that bounds may not cover.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -377,4 +378,5 @@ class IdentificationOut(Out):
     hold_contradicted: bool = False
     not_bounded: tuple[NotBoundedOut, ...] = ()
     setup_doubts: tuple[SetUpDoubtOut, ...] = ()
+    notices: tuple[str, ...] = ()
     unfinished: UnfinishedOut | None = None

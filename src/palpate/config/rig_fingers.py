@@ -99,6 +99,11 @@ class ArrayConfig(FileModel):
     drift_counts_per_s: Length = Field(
         default=0.0, description="Bound: no taxel's zero moves faster; 0 takes zeros as they were when tared."
     )
+    lag_s: Annotated[Length, Field(le=1)] = Field(
+        default=0.0,
+        description="Bound: a reading shows what presses, to 1 %, after so long: what a filter of its "
+        "firmware takes; 0: at once.",
+    )
     heading_deg: Angle = Field(
         default=0.0,
         description="Where the array's middle looks, from the slide's or the arm's last link's direction.",

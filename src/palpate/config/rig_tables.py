@@ -180,6 +180,10 @@ class EmulationConfig(FileModel):
     offset_counts: Length = Field(default=0.0, description="Every taxel at rest reads this.")
     gain_spread: Share = Field(default=0.0, description="Taxel gains differ by up to this share.")
     drift_counts_per_s: Length = Field(default=0.0, description="Taxels' zeros wander this fast at most.")
+    lag_s: Length = Field(
+        default=0.0,
+        description="Arrays' firmware filters: a step shows to 99 % after so long at most; the seed draws.",
+    )
     crosstalk: Annotated[Length, Field(le=0.25)] = Field(
         default=0.0, description="Share of a taxel's pressure that each neighbour shows."
     )

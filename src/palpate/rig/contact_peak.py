@@ -2,7 +2,7 @@
 
 Between the contact and standing still a tip goes on by speed × latency and by what braking takes; its skin,
 a spring, presses harder by stiffness × that. Latency is the wait for a frame, in the array's adapter, too,
-and the look at the servos before they are told to stop:
+what the array lags behind, and the look at the servos before they are told to stop:
 
     peak = contact_force_n + stiffness · (speed · latency + speed² / (2 · deceleration))
 
@@ -62,7 +62,10 @@ def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
     latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + bus_latency_s(rig) + _array_latency_s(rig)
     return rig.closing.contact_force_n + max(
         finger.tip.stiffness_n_per_mm
-        * (speed_mm_s * latency_s + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n))
+        * (
+            speed_mm_s * (latency_s + finger.array.lag_s)
+            + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n)
+        )
         for finger in rig.fingers
     )
 

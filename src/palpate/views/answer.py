@@ -42,6 +42,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
     if out.unfinished is not None:
         lines.append(f"  {_unfinished_words(out.unfinished)}")
+    lines += [f"  {line}" for line in out.notices]
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:

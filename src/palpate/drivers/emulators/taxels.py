@@ -21,7 +21,8 @@ class Taxels:
     `gain_spread` is the half-width of the uniform gain error of each taxel, `crosstalk` the share of a
     taxel's force that each of its four neighbours takes from it (the total is kept), `noise_counts` the
     standard deviation of the noise. Zeros wander up and down, each in its own time, and never faster than
-    `drift_counts_per_s`. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
+    `drift_counts_per_s`. What is sent is an exponential mean that shows 99 % of a step after `lag_s`. `dead`
+    and `hot` are (row, column) pairs stuck at 0 and at full.
     """
 
     def __init__(  # noqa: PLR0913  # one for each thing that is wrong with a sensor, all optional
@@ -34,6 +35,7 @@ class Taxels:
         offset_counts: float = 0.0,
         crosstalk: float = 0.0,
         drift_counts_per_s: float = 0.0,
+        lag_s: float = 0.0,
         dead: Sequence[tuple[int, int]] = (),
         hot: Sequence[tuple[int, int]] = (),
     ) -> None:
@@ -47,6 +49,8 @@ class Taxels:
         self._spread_rows = _crosstalk_matrix(description.rows, crosstalk)
         self._spread_cols = _crosstalk_matrix(description.cols, crosstalk)
         self._wander = None if drift_counts_per_s == 0 else self._wandering(drift_counts_per_s)
+        self._filter_s = lag_s / math.log(100)
+        self._filtered: tuple[float, Floats] | None = None
         self._dead = tuple(dead)
         self._hot = tuple(hot)
         self._none_n: Floats | None = None
@@ -73,14 +77,27 @@ class Taxels:
         d = self.description
         if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
-        if force_n.ndim == 2 and self._wander is None and self._is_none(force_n):  # as nearly always
+        plain = self._wander is None and self._filter_s == 0
+        if force_n.ndim == 2 and plain and self._is_none(force_n):  # as nearly always
             return self._idle_counts()
         counts = self._force_counts(force_n)
         if self._wander is not None:
             size, speed, phase = self._wander
             counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
         counts += self._noise.take(len(counts)) if counts.ndim == 3 else self._noise.take_one()
+        if self._filter_s and counts.ndim == 2 and isinstance(now, float):
+            counts = self._filter(counts, now)
         return self._read(counts)
+
+    def _filter(self, counts: Floats, now: float) -> Floats:
+        """Exponential mean of one sample and those before; where time goes back it begins anew."""
+        before_s, mean = self._filtered or (now, counts)
+        if now > before_s:
+            mean = mean + (counts - mean) * -math.expm1((before_s - now) / self._filter_s)
+        else:
+            mean = counts
+        self._filtered = now, mean
+        return mean.copy()
 
     def _is_none(self, force_n: Floats) -> bool:
         """True if nothing presses; an array that cannot change is looked through once."""

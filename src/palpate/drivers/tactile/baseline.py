@@ -139,6 +139,7 @@ _BLOCK_S = 0.1
 _MAX_BLOCK_FRAMES = 64  # of a block
 _NEIGHBOURHOOD = np.ones((3, 3), dtype=bool)
 _MIN_NOISE_FRAMES = 8  # to judge the noise
+_MIN_CHANGE_SHARE = 0.25  # of the frames, in which the median taxel changes
 _STUCK_PROBABILITY = 1e-6  # chance for a live taxel to read the same all the time
 
 
@@ -179,7 +180,11 @@ def baseline_of(counts: Counts, max_count: int, noise_counts: float, usable: Boo
     if usable is not None:
         alive &= usable
     enough = len(counts) >= _MIN_NOISE_FRAMES
-    if noise_counts > 0 and math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) < _STUCK_PROBABILITY:
+    changes = (np.diff(values, axis=0) != 0).sum(axis=0)[spread > 0]
+    still = math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) if noise_counts > 0 else 1.0
+    # Firmware that filters leaves less noise, which tells no dead taxel.
+    lively = changes.size == 0 or np.median(changes) >= _MIN_CHANGE_SHARE * len(counts)
+    if lively and still < _STUCK_PROBABILITY:
         alive &= spread > 0
     alive &= (values > 0).any(axis=0) | (np.median(mean) <= BOUND_SIGMAS * max(noise_counts, 1.0))
     measured = float(np.sqrt((spread[alive] ** 2).mean())) if alive.any() else 0.0

@@ -42,6 +42,10 @@ from palpate.drivers.tactile.patches import (
 
 _FRAMES_AT_ONCE = 4096  # frames at once
 _MATCHED_SIGMAS = 6.0  # a matched sum above that is no noise: less than once in a day
+_STEADY_SHARE = 0.01
+_ZERO_SIGMAS = 6.0  # by which a zero that has moved is no chance, of hundreds of taxels
+_ROUNDING_COUNTS = 2.0  # that a quiet taxel's rounded zero may jump by
+_FULL_SHARE = 0.95  # of the largest count: no zero has drifted there
 _SINGLE_TAXEL_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
 
 
@@ -59,6 +63,7 @@ class ContactExtractor:
         self._calibration = calibration
         self._n_per_count = 1 / (calibration.gain * description.counts_per_n)
         self._tared_frames = 1
+        self._tared_s = math.inf
         self._cylinder = None
         if description.shape is Shape.CYLINDER:
             self._cylinder = CylinderTip(description, calibration, self._n_per_count)
@@ -81,7 +86,8 @@ class ContactExtractor:
         counts = np.stack([f.counts for f in frames]) if frames else np.zeros((0, 1, 1), np.uint16)
         baseline = baseline_of(counts, self._description.max_count, c.noise_counts, c.usable)
         self._tared_frames = len(frames)
-        self._use(baseline, float(np.mean([f.device_time_s for f in frames])))
+        self._tared_s = float(np.mean([f.device_time_s for f in frames]))
+        self._use(baseline, self._tared_s)
         return self._baseline
 
     def _use(self, baseline: Baseline, tared_s: float | None = None) -> None:
@@ -147,6 +153,29 @@ class ContactExtractor:
         times = np.array([f.device_time_s for f in frames])
         self._tracker.follow(np.stack([f.counts for f in frames]), times, may_touch=may_touch)
         self._set_guard(float(times[-1]))
+
+    def zero_shift(self, frames: Sequence[TactileFrame]) -> tuple[int, float]:
+        """Return how many zeros have moved since the tare by more than drift and noise allow.
+
+        By untouched frames; and by how many counts the farthest has moved, 0 if none.
+        """
+        base, drift = self._baseline, self._calibration.drift_counts_per_s
+        mean = np.mean([frame.counts for frame in frames], axis=0)
+        off = np.where(mean < _FULL_SHARE * self._description.max_count, mean - base.mean, 0.0)
+        passed_s = max(float(np.mean([frame.device_time_s for frame in frames])) - self._tared_s, 0.0)
+        noise = base.noise_counts * math.sqrt(1 / len(frames) + 1 / self._tared_frames)
+        moved = base.usable & (np.abs(off) > drift * passed_s + _ZERO_SIGMAS * noise + _ROUNDING_COUNTS)
+        off = np.where(moved, off, 0.0)
+        return int(moved.sum()), float(off.flat[np.abs(off).argmax()])
+
+    def is_changing(self, earlier: Sequence[TactileFrame], later: Sequence[TactileFrame]) -> bool:
+        """Return whether the force of a contact at rest changes by more than noise and 1 % of it."""
+        first, second = (np.mean([f.counts for f in part], axis=0) for part in (earlier, later))
+        pressed = (first + second) / 2 - self._guard_base
+        noise = self._baseline.noise_counts * math.sqrt(1 / len(earlier) + 1 / len(later))
+        counted = self._baseline.usable & (pressed > BOUND_SIGMAS / 2 * noise)
+        least = max(BOUND_SIGMAS * noise * math.sqrt(counted.sum()), _STEADY_SHARE * pressed[counted].sum())
+        return bool(abs((second - first)[counted].sum()) > least)
 
     def prepare(self) -> None:
         """Make what contacts are compared with; if this is left out, the first contact waits for it."""

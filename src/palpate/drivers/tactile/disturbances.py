@@ -2,10 +2,10 @@
 
 Motors and supplies move all taxels alike, a multiplexer's line one row, a loose wire one taxel, and all of
 them come and go from one frame to the next. A contact presses a few neighbouring taxels and changes them
-gradually; so each frame is compared with the second around it, and a row or an array by its median taxel.
+gradually; so each frame is compared with those around it, and a row or an array by the quartiles of
+its taxels.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,10 @@ from palpate.base.geometry import Bools, Counts, Floats
 _BLOCK_FRAMES = 64  # frames that are compared with their own median
 _SIGMAS = 8.0
 _SIGMA_OF_MEDIAN = 1.48  # standard deviation over the median absolute one
-_MEDIAN_NOISE = 1.25  # standard deviation of a median, over that of a mean
+_QUARTILE_NOISE = 1.4  # standard deviation of a quartile, over that of a mean
 _MIN_NOISE_COUNTS = 0.3  # of a taxel whose noise is lost in rounding
-_ROUNDING_COUNTS = 1.5  # that medians of rounded counts may jump by
-_MIN_ROW_TAXELS = 4  # of which a contact never presses most
+_ROUNDING_COUNTS = 1.5  # that quartiles of rounded counts may jump by
+_MIN_GROUP_TAXELS = 4  # of which a contact never presses three quarters
 _JUMP_SHARE = 1 / 8  # of the largest count: no contact grows and goes by that much within a frame
 
 
@@ -48,15 +48,12 @@ def find_disturbances(counts: Counts | Floats, usable: Bools, max_count: int) ->
     noise = _SIGMA_OF_MEDIAN * float(np.median(np.abs(away[:, usable]))) if usable.any() else 0.0
     noise = max(noise, _MIN_NOISE_COUNTS)
     seen = np.where(usable, away, np.nan)
-    common = np.nan_to_num(np.nanmedian(seen.reshape(len(seen), -1), axis=1))
-    is_common = np.abs(common) > _limit(noise, int(usable.sum()))
+    common = _shift(seen.reshape(len(seen), 1, -1), noise)[:, 0]
+    is_common = common != 0
     seen -= common[:, None, None]
-    in_row = usable.sum(axis=1)
-    judged = in_row >= _MIN_ROW_TAXELS
-    row = np.zeros(seen.shape[:2])
-    row[:, judged] = np.nanmedian(seen[:, judged], axis=2)
-    row_off = np.abs(row) > [_limit(noise, max(int(taxels), 1)) for taxels in in_row]
-    row_off &= (2 * row_off.sum(axis=1) < seen.shape[1])[:, None]
+    row = _shift(seen, noise)
+    row[2 * np.count_nonzero(row, axis=1) >= seen.shape[1]] = 0.0
+    row_off = row != 0
     alone = np.zeros_like(seen, dtype=bool)
     limit = max(_JUMP_SHARE * max_count, 2 * _SIGMAS * noise)
     middle, before, after = seen[1:-1], seen[:-2], seen[2:]
@@ -73,9 +70,21 @@ def find_disturbances(counts: Counts | Floats, usable: Bools, max_count: int) ->
     )
 
 
-def _limit(noise: float, taxels: int) -> float:
-    """Largest median (counts) of so many taxels that is noise."""
-    return _SIGMAS * _MEDIAN_NOISE * noise / math.sqrt(taxels) + _ROUNDING_COUNTS
+def _shift(seen: Floats, noise: float) -> Floats:
+    """Counts by which three quarters of the taxels of each group moved at least, (n, groups); 0 for noise.
+
+    `seen` (n, groups, taxels), nan where a taxel is not usable. A quarter is what no contact leaves alone.
+    """
+    usable = np.isfinite(seen[0]).sum(axis=1)
+    judged = usable >= _MIN_GROUP_TAXELS
+    ordered = np.sort(seen, axis=2)  # nan come last
+    result = np.zeros(seen.shape[:2])
+    for side, quarter in ((1, usable // 4), (-1, usable - 1 - usable // 4)):
+        at = side * np.take_along_axis(ordered, np.maximum(quarter, 0)[None, :, None], axis=2)[:, :, 0]
+        at -= np.median(at, axis=0)
+        limit = _SIGMAS * _QUARTILE_NOISE * noise / np.sqrt(np.maximum(usable, 1)) + _ROUNDING_COUNTS
+        result = np.where(judged & (at > limit), side * at, result)
+    return result
 
 
 def _blocks(counts: Floats) -> list[Floats]:

@@ -194,6 +194,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             offset_counts=rig.emulation.offset_counts,
             crosstalk=rig.emulation.crosstalk,
             drift_counts_per_s=rig.emulation.drift_counts_per_s,
+            lag_s=rig.emulation.lag_s * float(np.random.default_rng([seed, 17, index]).uniform()),
             dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
         array = emulated_array(finger, taxels, advance)

@@ -104,7 +104,8 @@ class IdentificationRun(ShortRepr):
     `truth`: what lay on an emulated table and where, in the answer's frame, to be compared with the answer.
     `calibration`: what there is to say of the calibration; None if the run used none.
     `doubts`: wrong set-ups that explain contacts which fit nothing. `late_failure`: an observer or the
-    display failed at the end; that has no part in the result.
+    display failed at the end; that has no part in the result. `notices`: what arrays showed that is not as
+    declared.
     """
 
     job: IdentificationJob
@@ -115,6 +116,7 @@ class IdentificationRun(ShortRepr):
     calibration: CalibrationUsedOut | None
     late_failure: PalpateError | None
     doubts: Sequence[SetUpDoubt] = ()
+    notices: tuple[str, ...] = ()
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """Return `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
@@ -153,6 +155,7 @@ class IdentificationRun(ShortRepr):
             hold_contradicted=result.hold_contradicted,
             not_bounded=self._not_bounded(),
             setup_doubts=tuple(SetUpDoubtOut.of(item) for item in self.doubts),
+            notices=self.notices,
             unfinished=None if result.recognition is None else unfinished_out(result.recognition),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )

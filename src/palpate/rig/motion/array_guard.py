@@ -182,6 +182,8 @@ class ArrayGuard:
         self._readings: dict[HostFinger, ArrayReading] = {}
         self._times: dict[HostFinger, SampleTimes] = {}
         self._repeats: dict[HostFinger, _Repeats] = {}
+        self.seen: dict[HostFinger, list[TactileFrame]] = {}
+        """Frames of each array since it was started."""
 
     def start(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays stream; from now on their silence counts."""
@@ -194,6 +196,7 @@ class ArrayGuard:
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; unread frames are dropped."""
         self._heard_s, self._readings, self.meters, self._times, self._repeats = {}, {}, {}, {}, {}
+        self.seen = {}
         for finger in fingers:
             finger.array.stop()
             finger.array.frames()
@@ -259,10 +262,11 @@ class ArrayGuard:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
         meter, extractor, times, force = self.meters.get(finger), finger.extractor, self._times[finger], 0.0
         latest = times.latest_s(frames)
+        self.seen.setdefault(finger, []).extend(frames)
         if finger in self._repeats:
             self._repeats[finger].follow(frames)
         if meter is not None:
-            meter.late_by(times.spread_s + self._age_s(finger))
+            meter.late_by(times.spread_s + self._age_s(finger) + finger.spec.array.lag_s)
         for frame, at in zip(frames, latest, strict=True):
             force, readings = extractor.sense(frame)
             if meter is not None:

@@ -37,6 +37,8 @@ _FREE_PERIOD_S = 0.02
 _MAX_SETTLE_STEPS = 8  # of that time, until fingers stand
 _STILL_RAD = 1.5 * TICK_RAD  # a servo that stands may be read a step off
 _MAX_BACK_OFFS = 3
+_MAX_STEADY_STEPS = 25  # of that time, until arrays are steady, too
+_MAX_STEADY_S = 0.15  # that arrays may take for it and are as declared
 _MIN_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, ContactPatch | None]]]
@@ -124,7 +126,7 @@ def _carry_out(
     if touched:
         tell(GripPhase.TOUCHING)
         _touch_again(hand, backed)
-        patches = {run.finger.name: patch for run, patch in measure(hand, touched)}
+        patches = {run.finger.name: run.trusted(patch, hand.rig) for run, patch in measure(hand, touched)}
         for run in runs:
             run.note_measured(hand.clock.now())
     turned = hand.turn
@@ -133,7 +135,7 @@ def _carry_out(
     move_along_lines(
         hand, dict.fromkeys(runs, 0.0)
     )  # arrays are guarded until every finger has left the part
-    hand.stop_arrays()
+    hand.finish_grip()
     hand.disarm()
     return [
         replace(touch, loads=run.loads, trace=run.trace) for touch, run in zip(touches, runs, strict=True)
@@ -350,3 +352,31 @@ def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
         read_positions(hand, runs)
         if all(math.dist(run.servos, before[run]) <= _STILL_RAD for run in runs):
             break
+    if lag_s := max((finger.spec.array.lag_s for finger in fingers), default=0.0):
+        hand.settle(fingers, lag_s)
+    _wait_until_steady(hand, [run for run in runs if run.touched])
+
+
+def _wait_until_steady(hand: Hand, resting: Sequence[ApproachState]) -> None:
+    """Wait until arrays show contacts at rest as they are: firmware may filter for longer than declared.
+
+    And then as long again: what is left of an exponential is too little to be seen in the noise by then.
+    """
+    fingers, begun_s = [run.finger for run in resting], hand.clock.now()
+    changed_s: dict[HostFinger, float] = {}
+    for step in range(1, _MAX_STEADY_STEPS + 1):
+        window_s = min(step * SETTLE_S / 2, SETTLE_S)
+        changing = [finger for finger in fingers if hand.is_changing(finger, window_s)]
+        if not changing:
+            break
+        hand.states(hand.servos)  # they must hear something
+        hand.settle(fingers, SETTLE_S / 2)
+        changed_s |= dict.fromkeys(changing, hand.clock.now() - begun_s)
+    if changed_s and changing:
+        for run in resting:
+            run.is_steady = run.finger not in changing
+    elif changed_s:
+        hand.settle(fingers, max(changed_s.values()))
+    for finger, took_s in changed_s.items():
+        if took_s > _MAX_STEADY_S:
+            hand.checks.slow(finger, took_s, steady=finger not in changing)

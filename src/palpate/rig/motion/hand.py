@@ -64,6 +64,7 @@ from palpate.rig.motion.homing import (
     recall_turn,
 )
 from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.reading_checks import ReadingChecks
 from palpate.rig.motion.servo_causes import explain_servo_error, explain_silence, weakness
 from palpate.rig.motion.standby import come_to_standby, stage_problem
 from palpate.rig.workers import ProgramEnd
@@ -110,6 +111,7 @@ class Hand:
         self._program_end = ProgramEnd()
         self._dead_man: DeadManSwitch | None = None
         self._array_guard = ArrayGuard(clock, rig.closing)
+        self.checks = ReadingChecks(rig, notice)
         self._ports: list[SerialBase] = []
         self._arrays = HandArrays(clock)
         self._servos: list[Servo] = []
@@ -140,6 +142,8 @@ class Hand:
     ) -> None:
         before = self.bus.port_name
         failed = self.close(error)
+        if isinstance(error, Exception):
+            self.checks.failed(error, self._array_guard.seen)
         if error is not None:
             name_owners(error, self.rig)
             if self.bus.port_name != before:
@@ -345,8 +349,25 @@ class Hand:
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             self._array_guard.tare(finger, frames)
+            self.checks.tared(finger, frames)
             if (wrong := threshold_problem(finger.extractor, self.rig.closing, finger.spec.tip)) is not None:
-                raise DeviceError(f"tactile array {finger.name}: {wrong}")
+                jumps = self.checks.disturbance(finger, frames)
+                why = f": {wrong}" if jumps is None else f" {jumps}"
+                raise DeviceError(f"tactile array {finger.name}{why}")
+
+    def finish_grip(self) -> None:
+        """Let the arrays rest at the end of a grip, and compare what they have sent with what is declared."""
+        for finger, frames in self._array_guard.seen.items():
+            self.checks.gripped(finger, frames)
+        self.stop_arrays()
+
+    def is_changing(self, finger: HostFinger, window_s: float) -> bool:
+        """Return whether the force of a finger that rests in contact has changed within the last seconds."""
+        frames = self._array_guard.seen.get(finger, [])
+        ages = [frames[-1].device_time_s - frame.device_time_s for frame in frames]
+        later = [frame for frame, age in zip(frames, ages, strict=True) if age < window_s / 2]
+        earlier = [frame for frame, age in zip(frames, ages, strict=True) if window_s / 2 <= age < window_s]
+        return bool(earlier) and finger.extractor.is_changing(earlier, later)
 
     def start_arrays(self) -> None:
         """Let every array stream; from now on silence counts. Servos are looked at where that takes long."""
@@ -407,7 +428,10 @@ class Hand:
         """
         spoken_s = self.clock.now()
         rested_s = spoken_s + seconds
-        self.pause(seconds)
+        while (left_s := rested_s - self.clock.now()) > BUS_KEEPALIVE_S:
+            self.pause(BUS_KEEPALIVE_S)
+            spoken_s = self._speak(spoken_s)
+        self.pause(left_s)
         while any(self._array_guard.sampled_s(finger) < rested_s for finger in fingers):
             spoken_s = self._speak(spoken_s)
             self.pause(1 / self.rig.closing.sample_rate_hz)

@@ -5,7 +5,7 @@ array.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
 from palpate.base.short_repr import ShortRepr
-from palpate.config import ARM_MARGIN_MM, ClosingConfig, TipConfig
+from palpate.config import ARM_MARGIN_MM, ClosingConfig, RigFile, TipConfig
 from palpate.drivers.kinematics import FingerBody, Line, Servos, Turn
 from palpate.drivers.tactile import ContactPatch, PatchFlag, Shape
 from palpate.recognizer import Contact, FingerApproach, NormalRange
@@ -52,8 +52,8 @@ class ApproachState:
     """State of one finger's part of a grip; `line` and all places are in the frame that carries the finger.
 
     `travel_mm` is how far along the line the tip is, `advance_mm` what it has come since the last look, 0 on
-    its way back; `track` where it was seen, if it is steered along;
-    `meter`: what loads the part, None where loads are not asked for.
+    its way back; `track` where it was seen, if it is steered along; `is_steady`: its array came
+    to rest with it; `meter`: what loads the part, None where loads are not asked for.
     """
 
     finger: HostFinger
@@ -67,6 +67,7 @@ class ApproachState:
     searching: bool = False
     moved_s: float = 0.0
     track: list[tuple[float, float]] = field(default_factory=list)
+    is_steady: bool = True
     meter: LoadMeter | None = None
     _centre_mm: tuple[float, float] = (math.nan, math.nan)
     _last_mm: float = 0.0
@@ -177,6 +178,12 @@ class ApproachState:
         """Note that the grip's contacts have been measured."""
         if self.meter is not None:
             self.meter.measured(now)
+
+    def trusted(self, patch: ContactPatch | None, rig: RigFile) -> ContactPatch | None:
+        """The patch that was measured, with any force that may be if the array did not come to rest."""
+        if patch is None or self.is_steady:
+            return patch
+        return replace(patch, force_bound_n=max(patch.force_bound_n, rig.closing.max_force_n))
 
     def body(self) -> FingerBody:
         """Room that the finger takes up now; all others ask for it."""

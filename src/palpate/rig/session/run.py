@@ -105,7 +105,7 @@ def run_identification(
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
         if at_stops:
             check_slips(hand, at_stops)
-        emulated = hand.emulated
+        emulated, notices = hand.emulated, tuple(hand.checks.noted)
     late = observed.late_failure or notice_beside.late_failure
     placement = lies()
     truth = None if placement is None else Truth(placement, at_measurement if placement_now else None)
@@ -113,7 +113,7 @@ def run_identification(
     if job.calibration is not None and job.started is not None:
         used = calibration_used(result, job.rig, job.calibration, job.started)
     doubts = doubt_set_up(job.rig, job.catalogue, result)
-    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late, doubts)
+    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late, doubts, notices)
 
 
 _PACKET_HEADER = b"\xff\xff\xfd\x00"
@@ -134,6 +134,7 @@ _LATER_KEYS = frozenset(
         "pressed_mm",
         "loaded_mm",
         "setup_doubts",
+        "notices",
     }
 )  # not written by older versions
 
