@@ -75,10 +75,10 @@ def test_right_arrays_are_silent(lag_s: float) -> None:
 
 
 def test_each_array_is_named_with_what_it_shows() -> None:
-    run = _run(hold(30.0), drift(1.0), low_pass(0.1))
+    run = _run(None, drift(1.0), low_pass(0.1))
     assert run.error is None
-    (repeats,), (zero,), (slow,) = (run.of(name) for name in ("f1", "f2", "f3"))
-    assert "30 new readings a second" in repeats
+    assert run.of("f1") == []
+    (zero,), (slow,) = (run.of(name) for name in ("f2", "f3"))
     assert "does not come back to its zero" in zero
     assert "lag_s" in slow
 
@@ -96,19 +96,11 @@ def test_a_loose_wire_is_the_cause_that_is_given() -> None:
     assert "row 2, column 3" in str(error)
 
 
-def test_an_array_that_hangs_ends_the_motion() -> None:
-    run = _run(None, hold(1e4, until_s=4.0))
-    assert isinstance(run.error, DeviceError)
-    assert "f2" in str(run.error)
-    assert "one and the same reading" in str(run.error)
-    assert max(finger.hardest_n for finger in run.session.bench.fingers) < 4.0
-
-
 def test_zeros_that_have_fallen_away_are_no_silence() -> None:
     run = _run(drift(-8.0), grips=3)
     assert run.of("f1")
-    if run.error is not None:
-        assert any("f1" in note for note in [str(run.error), *run.error.__notes__])
+    assert run.error is not None
+    assert any(line in run.error.__notes__ for line in run.of("f1"))
 
 
 def test_the_emulated_filter_shows_a_step_after_its_time() -> None:

@@ -148,9 +148,12 @@ class _Repeats:
                 continue
             self._in_a_row += 1
             if self._in_a_row >= self._most_in_a_row:
+                what, cause = "one reading", "its sensor hangs"
+                if not frame.counts.any():
+                    what, cause = "0 of all taxels", "its zeros have drifted below what it can read, or it hangs"
                 raise DeviceError(
-                    f"{self._where} repeats one reading: its sensor hangs; fingers were stopped; power it "
-                    "off and on"
+                    f"{self._where} repeats {what}: {cause}; fingers were stopped; power it off and on, then "
+                    "run palpate doctor"
                 )
             if self._seen.are_stuck(self._in_a_row):
                 self.age_s = max(self.age_s, frame.device_time_s - self._new_s)

@@ -126,7 +126,9 @@ def _carry_out(
     if touched:
         tell(GripPhase.TOUCHING)
         _touch_again(hand, backed)
-        patches = {run.finger.name: run.trusted(patch, hand.rig) for run, patch in measure(hand, touched)}
+        patches = {
+            run.finger.name: run.widen_unsteady(patch, hand.rig) for run, patch in measure(hand, touched)
+        }
         for run in runs:
             run.note_measured(hand.clock.now())
     turned = hand.turn
@@ -379,4 +381,4 @@ def _wait_until_steady(hand: Hand, resting: Sequence[ApproachState]) -> None:
         hand.settle(fingers, max(changed_s.values()))
     for finger, took_s in changed_s.items():
         if took_s > _MAX_STEADY_S:
-            hand.checks.slow(finger, took_s, steady=finger not in changing)
+            hand.checks.keep_lag(finger, took_s, steady=finger not in changing)

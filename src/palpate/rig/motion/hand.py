@@ -111,7 +111,7 @@ class Hand:
         self._program_end = ProgramEnd()
         self._dead_man: DeadManSwitch | None = None
         self._array_guard = ArrayGuard(clock, rig.closing)
-        self.checks = ReadingChecks(rig, notice)
+        self.checks = ReadingChecks(notice)
         self._ports: list[SerialBase] = []
         self._arrays = HandArrays(clock)
         self._servos: list[Servo] = []
@@ -143,7 +143,7 @@ class Hand:
         before = self.bus.port_name
         failed = self.close(error)
         if isinstance(error, Exception):
-            self.checks.failed(error, self._array_guard.seen)
+            self.checks.explain(error, self._array_guard.seen)
         if error is not None:
             name_owners(error, self.rig)
             if self.bus.port_name != before:
@@ -349,16 +349,16 @@ class Hand:
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             self._array_guard.tare(finger, frames)
-            self.checks.tared(finger, frames)
+            self.checks.check_tare(finger, frames)
             if (wrong := threshold_problem(finger.extractor, self.rig.closing, finger.spec.tip)) is not None:
-                jumps = self.checks.disturbance(finger, frames)
+                jumps = self.checks.note_disturbance(finger, frames)
                 why = f": {wrong}" if jumps is None else f" {jumps}"
                 raise DeviceError(f"tactile array {finger.name}{why}")
 
     def finish_grip(self) -> None:
         """Let the arrays rest at the end of a grip, and compare what they have sent with what is declared."""
         for finger, frames in self._array_guard.seen.items():
-            self.checks.gripped(finger, frames)
+            self.checks.check_grip(finger, frames)
         self.stop_arrays()
 
     def is_changing(self, finger: HostFinger, window_s: float) -> bool:

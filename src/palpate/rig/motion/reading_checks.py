@@ -10,8 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from palpate.base.errors import quantity
-from palpate.config import RigFile
-from palpate.drivers.tactile import Disturbances, Repeats, TactileFrame, count_repeats, find_disturbances
+from palpate.drivers.tactile import Disturbances, TactileFrame, find_disturbances
 from palpate.rig.fingers import HostFinger
 
 _NOISE_RATIO = 1.5  # between two tares of a run; gains, or what disturbs them, have changed
@@ -25,61 +24,33 @@ _RESTED_S = 0.1  # at the end of a grip, when tips are back where they wait
 class ReadingChecks:
     """Checks of one run's arrays. `noted`: what was said, in the order of time."""
 
-    def __init__(self, rig: RigFile, notice: Callable[[str], None]) -> None:
-        self._rig, self._notice = rig, notice
+    def __init__(self, notice: Callable[[str], None]) -> None:
+        self._notice = notice
         self._said: set[tuple[str, str]] = set()
         self._noise: dict[str, float] = {}
         self._usable: dict[str, int] = {}
-        self._slow: set[str] = set()
         self._changing: dict[str, str] = {}
-        self._moves: dict[str, bool] = {}
         self.noted: list[str] = []
 
-    def tared(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> Repeats:
-        """Look at the frames that an array was tared with, torque on; how many repeat."""
-        taxels = finger.spec.array.taxels
-        repeats = count_repeats(frames, 0.0 if taxels is None else taxels.noise_counts)
-        self._moves[finger.name] = repeats.repeated < repeats.frames
-        if repeats.certain:  # it is tared again with new readings alone
-            self._slow.add(finger.name)
-        elif finger.name in self._slow and repeats.rate_hz > 0:
-            self._note(
-                finger,
-                f"sends {repeats.rate_hz:.0f} new readings a second, and repeats them up to the "
-                f"{self._rig.closing.sample_rate_hz:g} that are asked for: they are up to "
-                f"{1e3 / repeats.rate_hz:.0f} ms old, which bounds allow for, and touches press harder; let "
-                "its firmware sample as fast as it sends",
-            )
-        if self.disturbance(finger, frames) is None:
+    def check_tare(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
+        """Look at the frames that an array was tared with, torque on."""
+        if self.note_disturbance(finger, frames) is None:
             self._compare_noise(finger)
-        return repeats
 
-    def all_tared(self, fingers: Sequence[HostFinger]) -> None:
-        """Look at all arrays beside each other: one that never changes, while others do, may hang."""
-        if any(self._moves.values()):
-            for finger in fingers:
-                if not self._moves[finger.name]:
-                    self._note(
-                        finger,
-                        "has sent one and the same reading since it was started, while other arrays change: "
-                        "it has no noise, or it hangs and feels nothing; press its tip while palpate watch "
-                        "shows it",
-                    )
-
-    def gripped(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
+    def check_grip(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
         """Look at all frames of a grip that has ended, its tips back where they wait."""
         slow = self._changing.pop(finger.name, None)
         if not frames:
             return
         # most of a pad's taxels may be pressed
         pressed = finger.spec.tip.kind.has_face
-        if not pressed and self.disturbance(finger, frames[:_WATCHED_FRAMES]) is not None:
+        if not pressed and self.note_disturbance(finger, frames[:_WATCHED_FRAMES]) is not None:
             return
         self._compare_zeros(finger, frames)
         if slow is not None:
             self._note(finger, slow)
 
-    def disturbance(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> str | None:
+    def note_disturbance(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> str | None:
         """Note what no contact makes, and return its words; None if there is nothing."""
         extractor, most = finger.extractor, finger.array.description.max_count
         counts = np.stack([frame.counts for frame in frames])
@@ -89,7 +60,7 @@ class ReadingChecks:
             self._note(finger, words)
         return words
 
-    def failed(self, error: Exception, seen: Mapping[HostFinger, Sequence[TactileFrame]]) -> None:
+    def explain(self, error: Exception, seen: Mapping[HostFinger, Sequence[TactileFrame]]) -> None:
         """Add to what ends a run what its arrays showed; zeros that have fallen, too: then tips feel less."""
         for finger, frames in seen.items():
             taxels, counts = finger.extractor.zero_shift(_newest(frames)) if frames else (0, 0.0)
@@ -99,8 +70,8 @@ class ReadingChecks:
             if line not in str(error):
                 error.add_note(line)
 
-    def slow(self, finger: HostFinger, seconds: float, *, steady: bool) -> None:
-        """Keep that an array's readings went on changing after its finger stood; `gripped` notes it."""
+    def keep_lag(self, finger: HostFinger, seconds: float, *, steady: bool) -> None:
+        """Keep that an array's readings went on changing after its finger stood; `check_grip` notes it."""
         lag_s = finger.spec.array.lag_s
         rest = "which this run waits for" if steady else "so that its contact's force is not relied on"
         self._changing[finger.name] = (

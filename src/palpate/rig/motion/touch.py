@@ -179,7 +179,7 @@ class ApproachState:
         if self.meter is not None:
             self.meter.measured(now)
 
-    def trusted(self, patch: ContactPatch | None, rig: RigFile) -> ContactPatch | None:
+    def widen_unsteady(self, patch: ContactPatch | None, rig: RigFile) -> ContactPatch | None:
         """The patch that was measured, with any force that may be if the array did not come to rest."""
         if patch is None or self.is_steady:
             return patch
