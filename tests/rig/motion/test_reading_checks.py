@@ -19,7 +19,6 @@ from support.devices.spoilt_taxels import (
     drift,
     drop_rows,
     gain,
-    hold,
     interference,
     loose,
     low_pass,

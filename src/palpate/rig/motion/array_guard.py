@@ -150,7 +150,10 @@ class _Repeats:
             if self._in_a_row >= self._most_in_a_row:
                 what, cause = "one reading", "its sensor hangs"
                 if not frame.counts.any():
-                    what, cause = "0 of all taxels", "its zeros have drifted below what it can read, or it hangs"
+                    what, cause = (
+                        "0 of all taxels",
+                        "its zeros have drifted below what it can read, or it hangs",
+                    )
                 raise DeviceError(
                     f"{self._where} repeats {what}: {cause}; fingers were stopped; power it off and on, then "
                     "run palpate doctor"

@@ -18,6 +18,7 @@ _CALIBRATED_NOISE_RATIO = 2.0  # to the calibrated noise, which is of other taxe
 _MIN_NOISE_COUNTS = 0.5  # below it rounding decides what is read
 _WATCHED_FRAMES = 512  # of a grip that are looked through for disturbances
 _NOTES = 3  # beside an error
+_MIN_MOVED_TAXELS = 3  # zeros that have moved; fewer are a taxel's own noise
 _RESTED_S = 0.1  # at the end of a grip, when tips are back where they wait
 
 
@@ -106,7 +107,7 @@ class ReadingChecks:
 
     def _compare_zeros(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
         taxels, counts = finger.extractor.zero_shift(_newest(frames))
-        if not taxels:
+        if taxels < _MIN_MOVED_TAXELS:
             return
         allowed = finger.spec.array.drift_counts_per_s
         self._note(

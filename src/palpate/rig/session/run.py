@@ -113,7 +113,9 @@ def run_identification(
     if job.calibration is not None and job.started is not None:
         used = calibration_used(result, job.rig, job.calibration, job.started)
     doubts = doubt_set_up(job.rig, job.catalogue, result)
-    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, used, late, doubts, notices)
+    return IdentificationRun(
+        job, result, emulated, environment.clock.now(), truth, used, late, doubts, notices
+    )
 
 
 _PACKET_HEADER = b"\xff\xff\xfd\x00"
