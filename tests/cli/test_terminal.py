@@ -77,9 +77,10 @@ def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> No
     assert log_events(session / "session.jsonl.zst")[-1]["how"] == "done"
 
 
-def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
-    done = shell("PALPATE --help | true", tmp_path)
-    assert done.stderr == ""
+@pytest.mark.parametrize("command", ["--help", "schema rig", "check --json"])
+def test_a_reader_that_has_gone_is_exit_code_5_and_no_traceback(tmp_path: Path, command: str) -> None:
+    done = shell(f"{{ PALPATE {command}; echo $? > code; }} | true", tmp_path)
+    assert ((tmp_path / "code").read_text(), done.stderr) == ("5\n", "")
 
 
 def test_no_command_shows_the_help_and_no_error(tmp_path: Path) -> None:

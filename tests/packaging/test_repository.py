@@ -142,6 +142,7 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
         "rig/diagnostics/wiring_check.py",
         "rig/diagnostics/servo_bus.py",  # a servo that restarts
         "rig/motion/servo_causes.py",  # one that has restarted, with torque off
+        "rig/motion/dead_man.py",  # a process of its own
     }
     waits_for_lost_devices = (
         "rig/motion/array_guard.py"  # an adapter that is gone, an array after fingers stopped

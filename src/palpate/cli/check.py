@@ -80,9 +80,9 @@ def check(
 ) -> int:
     """Look at every servo, array and the bus of a rig. Moves nothing without --touch, --hold or --move.
 
-    Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0. With
-    --full as `palpate doctor`: --verbose is for it. --press and --move together prove the wiring, which
-    identify asks for on a real rig; --json gives what they found.
+    Exit code 1: something is wrong, or touches do not agree with the calibration. 3: a port or device is
+    missing or silent. Warnings alone: 0. With --full as `palpate doctor`: --verbose is for it. --press and
+    --move together prove the wiring, which identify asks for on a real rig; --json gives what they found.
     """
     from palpate.base.errors import InputError
     from palpate.cli.calibration_dialogue import ConsoleTable
@@ -117,7 +117,7 @@ def check(
         looking.apply(checked)
     if checked.failure is not None:
         raise checked.failure
-    return 0 if checked.well else 3
+    return _exit_code(checked)
 
 
 def doctor(
@@ -159,9 +159,13 @@ def _examine(asked: "_Asked", *, verbose: bool) -> int:
         show_doctor(found.result, looking.console(), verbose=verbose)
         looking.write_report(found.report)
         looking.apply(found)
+    return _exit_code(found)
+
+
+def _exit_code(found: "CheckAnswer | DoctorAnswer") -> int:
     if found.well:
         return 0
-    return _EXIT_DEVICE if found.result.device_missing else _EXIT_WRONG
+    return _EXIT_DEVICE if found.device_missing else _EXIT_WRONG
 
 
 @dataclass

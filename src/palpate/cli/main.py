@@ -167,6 +167,10 @@ def _run() -> int:
         return _report(error)
     except OSError as error:
         return _report_broken_output(error)
+    except SystemExit as end:  # typer's, when it finds standard output closed
+        if not isinstance(end.__context__, BrokenPipeError):
+            raise
+        return _report_broken_output(end.__context__)
 
 
 def _notice(message: Warning | str, *_: object, **__: object) -> None:

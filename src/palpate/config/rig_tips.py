@@ -66,6 +66,10 @@ class TipConfig(FileModel):
     )
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
+    bears_n: Positive | None = Field(
+        default=None,
+        description="Force that tip and array bear: a finger that nobody stops must not press harder.",
+    )
     max_friction: Annotated[Length, Field(le=2)] = Field(
         default=0.0,
         description="Bound: the coefficient of friction between the tip and what it touches is at most this.",

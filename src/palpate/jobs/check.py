@@ -11,6 +11,7 @@ from palpate.calibration.consistency_checks import contact_uncertainties
 from palpate.config import RigOnBench, load_objects
 from palpate.config.calibration_file import ReferencesFile, references_sha256
 from palpate.config.diagnosis_results import (
+    DEVICE_CAUSES,
     Cause,
     CheckOut,
     DoctorOut,
@@ -75,6 +76,11 @@ class DiagnosisAnswer(Generic[ResultT]):
     def well(self) -> bool:
         """True if nothing is wrong; there may be warnings."""
         return self.result.well
+
+    @property
+    def device_missing(self) -> bool:
+        """True if a port or device is missing or silent."""
+        return any(item.cause in DEVICE_CAUSES for item in self.findings)
 
     @property
     def steps(self) -> Sequence[DoctorStepOut]:

@@ -72,14 +72,21 @@ def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
 
 def unstopped_peak_n(rig: RigFile) -> float:
     """Bound on the force (N) of any finger that runs into something firm and is told nothing any more."""
+    return max(peak_n for finger in rig.fingers for peak_n, _ in unstopped_peaks_n(rig, finger))
+
+
+def unstopped_peaks_n(rig: RigFile, finger: FingerConfig) -> list[tuple[float, float]]:
+    """That bound by each servo that moves the tip, and the force at which its torque is that of a stall."""
     closing = rig.closing
-    return max(
-        closing.max_force_n
-        + _friction_allowance_n(finger)
-        + _inertial_n(finger, model, closing.approach_speed_mm_s / abs(lever_mm))
-        for finger in rig.fingers
+    return [
+        (
+            closing.max_force_n
+            + _friction_allowance_n(finger)
+            + _inertial_n(finger, model, closing.approach_speed_mm_s / abs(lever_mm)),
+            1e3 * specification(model).motor.stall_torque_nm / abs(lever_mm),
+        )
         for model, lever_mm in mechanism_of(finger).levers
-    )
+    ]
 
 
 def _inertial_n(finger: FingerConfig, model: str, profile_rad_s: float) -> float:

@@ -425,6 +425,12 @@ FAULTS = (
     Fault("a servo at another baud rate", Cause.BAUD_RATE, "21", _poke(21, "Baud Rate", 1)),
     Fault("all servos at another baud rate", Cause.BAUD_RATE, "all servos", build=_bus_rate),
     Fault("a servo with another id", Cause.WRONG_ID, "22", _poke(22, "ID", 1)),
+    Fault(
+        "a finger that unstopped breaks its tip",
+        Cause.TOUCH_TOO_HARD,
+        "finger f1",
+        _describe(_finger(0, "tip", bears_n=20.0)),
+    ),
     Fault("two servos of one id", Cause.DUPLICATE_ID, "11", _poke(12, "ID", 11)),
     Fault(
         "a servo of another model", Cause.WRONG_MODEL, "31", _describe(_finger(2, "aim", model="XC330-M288"))

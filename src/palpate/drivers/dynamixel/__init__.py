@@ -61,6 +61,7 @@ from palpate.drivers.dynamixel.models import (
     known_models,
     model_by_name,
     model_by_number,
+    share_supply,
     specification,
     supply_warnings,
 )
@@ -181,6 +182,7 @@ __all__ = [
     "refuse_foreign_settings",
     "scan",
     "setup_items",
+    "share_supply",
     "specification",
     "stop_at",
     "supply_warnings",

@@ -120,6 +120,17 @@ def specification(name: str) -> ServoSpecification:
     return found
 
 
+def _shared_supply_v(names: Iterable[str]) -> tuple[float, float]:
+    ranges = [_supply_range(SPECIFICATIONS[name]) for name in set(names) & SPECIFICATIONS.keys()]
+    return max((low for low, _ in ranges), default=0.0), min((high for _, high in ranges), default=math.inf)
+
+
+def share_supply(models: Iterable[str]) -> bool:
+    """Return whether there is a voltage that all of them take."""
+    low, high = _shared_supply_v(models)
+    return low <= high
+
+
 def supply_warnings(models: Iterable[str]) -> list[str]:
     """Warnings about the supply of servos on one bus, whose cables pass it on; none if all need the same.
 
@@ -133,8 +144,7 @@ def supply_warnings(models: Iterable[str]) -> list[str]:
     listed = ", ".join(
         f"{volts:g} V for {' and '.join(sorted(by_volts[volts]))}" for volts in sorted(by_volts)
     )
-    ranges = [_supply_range(SPECIFICATIONS[name]) for names in by_volts.values() for name in names]
-    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    low, high = _shared_supply_v(name for names in by_volts.values() for name in names)
     if low <= high:
         return [
             f"servos on one bus are made for different supplies ({listed}), and cables pass the supply on: "

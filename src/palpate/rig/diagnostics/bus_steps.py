@@ -26,7 +26,6 @@ from palpate.rig.diagnostics.steps import (
     name_servo,
     name_together,
     port_failed,
-    warning,
     wrong,
 )
 
@@ -162,7 +161,7 @@ def _other_ids(
 
 def _stranger(case: DiagnosisCase, item: FoundServo) -> FindingOut:
     name = f"servo {item.dxl_id} ({model_name(item.ping) or 'unknown model'})"
-    return warning(
+    return wrong(
         Cause.FOREIGN_SERVO,
         NamedDevice(name, (item.dxl_id,)),
         f"it answers at {item.baudrate} baud, and the rig file does not have it",

@@ -17,13 +17,14 @@ from palpate.config import RigFile
 from palpate.config.diagnosis_results import Cause, FindingOut, FingerHoldOut, HoldCheckOut, TouchForceOut
 from palpate.drivers.tactile import ContactPatch
 from palpate.recognizer import FingerApproach, approach_lines, offset_from_lines
-from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
+from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n, unstopped_peaks_n
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import (
     DiagnosisCase,
     Judgement,
     NamedDevice,
     warning,
+    wrong,
 )
 from palpate.rig.identification.exploration import (
     InscribedDisc,
@@ -32,6 +33,7 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
+from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.motion.creep import SlipPush, SlipPusher
 from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
 from palpate.rig.motion.hand import Hand
@@ -154,7 +156,35 @@ def judge_touch_force(case: DiagnosisCase, readings: Readings) -> Judgement:
     expected = readings.touch_force
     saw = f"{expected.quick_n:.2g} N when a part is found, {expected.slow_n:.2g} N when it is measured"
     found = (_harder_than_held(case.rig, expected), _harder_than_allowed(case.rig, expected))
-    return saw, [item for item in found if item is not None]
+    known = _known_too_little(case.rig)
+    return saw, [*(item for item in (*found, known) if item is not None), *_harder_than_borne(case.rig)]
+
+
+def _known_too_little(rig: RigFile) -> FindingOut | None:
+    """Bounds with which a run is refused, as before a calibration."""
+    try:
+        check_accuracy(rig, None)
+    except InputError as error:
+        saw, _, rest = str(error).partition(": ")[2].partition(": ")
+        means, _, do = rest.partition("; ")
+        return warning(Cause.BOUNDS_MISSING, NamedDevice("the rig file"), saw, means, do)
+    return None
+
+
+def _harder_than_borne(rig: RigFile) -> list[FindingOut]:
+    """Fingers that would break something if the bus or the program were gone."""
+    means = "once its bus or its program is gone nothing stops it: what it presses with may break it"
+    findings = []
+    for finger in rig.fingers:
+        for peak_n, stall_n in unstopped_peaks_n(rig, finger):
+            borne = finger.tip.bears_n or math.inf
+            if peak_n > min(borne, stall_n):
+                what = "tip.bears_n" if borne <= stall_n else "the stall torque of its servo"
+                saw = f"unstopped it presses with up to {peak_n:.2g} N; {what} is {min(borne, stall_n):.2g} N"
+                do = "lower approach_speed_mm_s or max_force_n"
+                device = NamedDevice(f"finger {finger.name}")
+                findings.append(wrong(Cause.TOUCH_TOO_HARD, device, saw, means, do))
+    return findings
 
 
 def _harder_than_held(rig: RigFile, expected: TouchForceOut) -> FindingOut | None:
@@ -174,7 +204,9 @@ def _harder_than_allowed(rig: RigFile, expected: TouchForceOut) -> FindingOut | 
     limit = f"above max_force_n = {most:g} N, and would end the run"
     if quick_n > most:
         saw = f"a touch that finds a part is expected to press with {quick_n:.2g} N, {limit}"
-        return _too_hard(saw, "arrays stop a run at max_force_n", remedy)
+        return wrong(
+            Cause.TOUCH_TOO_HARD, NamedDevice("touches"), saw, "arrays stop a run at max_force_n", remedy
+        )
     hit = [finger for finger in rig.fingers if finger.tip.kind.corners_at_once * quick_n > most]
     if not hit:
         return None

@@ -14,6 +14,7 @@ from palpate.drivers.dynamixel import (
     Health,
     ItemChange,
     error_causes,
+    share_supply,
     supply_warnings,
 )
 from palpate.rig.diagnostics.host_ports import is_timer_long
@@ -124,7 +125,8 @@ def _supply_mix(text: str, servos: Sequence[ExaminedServo]) -> FindingOut:
     saw, _, rest = text.partition(": ")
     means, _, do = rest.partition("; ")
     every = name_together("all servos", (item.device for item in servos))
-    return warning(Cause.SUPPLY_MIXED, every, saw, means, do)
+    make = warning if share_supply(item.model.name for item in servos) else wrong
+    return make(Cause.SUPPLY_MIXED, every, saw, means, do)
 
 
 def _low(items: Sequence[ExaminedServo], there: int, *, serious: bool) -> FindingOut:

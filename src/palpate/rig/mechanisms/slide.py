@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.dynamixel import OperatingMode, Servo, ServoGoals
@@ -313,14 +314,13 @@ class SlideDrive:
         return gap_mm / abs(self._kinematics.mm_per_rad)
 
     def _speed_problem(self) -> str | None:
-        """What is wrong with the slowest speed of the rig file: Profile Velocity counts from 1."""
-        least_mm_s = self._slide.model.velocity_unit_rad_s * abs(self._kinematics.mm_per_rad)
-        if self._touch_mm_s >= least_mm_s:
+        """What is wrong with the slowest speed of the rig file."""
+        if self._touch_mm_s >= self._least_mm_s:
             return None
         return (
             f"touch_speed_mm_s ({self._touch_mm_s:g}) is slower than its profile can be: at least "
-            f"{math.ceil(1000 * least_mm_s) / 1000:g} mm/s (servo {self._slide.dxl_id}); raise it in the rig "
-            f"file, or take a smaller pinion"
+            f"{math.ceil(1000 * self._least_mm_s) / 1000:g} mm/s (servo {self._slide.dxl_id}); raise it "
+            "in the rig file, or take a smaller pinion"
         )
 
     def _current_a(self) -> float:
@@ -328,4 +328,14 @@ class SlideDrive:
         return self._friction_a + self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
 
     def _set_speed(self, speed_mm_s: float) -> None:
+        if speed_mm_s < self._least_mm_s:
+            raise InputError(
+                f"servo {self._slide.dxl_id} cannot move its slide as slowly as {speed_mm_s:g} mm/s, but at "
+                f"{self._least_mm_s:.3g} mm/s at least; what was asked needs a smaller pinion"
+            )
         self._slide.set_profile(speed_mm_s / abs(self._kinematics.mm_per_rad), ACCELERATION_RAD_S2)
+
+    @property
+    def _least_mm_s(self) -> float:
+        """Slowest speed: Profile Velocity counts from 1."""
+        return self._slide.model.velocity_unit_rad_s * abs(self._kinematics.mm_per_rad)

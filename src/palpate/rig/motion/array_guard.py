@@ -379,8 +379,7 @@ def note_other_causes(error: BaseException) -> None:
     """Add to a device's silence what else it may be due to."""
     if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent | ArrayLost):
         error.add_note(
-            "another program, such as ModemManager after plugging in, may have the port, too: "
-            "palpate doctor names it"
+            "palpate doctor looks for the reason, from plugs to other programs that have the port open"
         )
 
 

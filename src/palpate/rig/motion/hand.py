@@ -291,8 +291,7 @@ class Hand:
                 (own,) = (servo for servo in servos if servo.dxl_id == dxl_id)
                 raise SafetyStop(
                     f"servo {dxl_id} on {self.bus.port_name} ({self._owner(own)}) has its torque off, and "
-                    "this run did not switch it off: an emergency stop, or another program on the bus; "
-                    "fingers were stopped"
+                    "this run did not switch it off: something else on the bus did; fingers were stopped"
                 )
         return states
 
@@ -328,15 +327,15 @@ class Hand:
             position = round(at_rad / servo.model.rad_per_tick) + servo.zero_tick
             closing = {own for finger in self.fingers for own in finger.drive.closing_servos}
             remedy = (
-                "its friction is more than max_force_n lets it overcome: raise that"
+                "raise max_force_n if it goes easily, else loosen it"
                 if servo in closing
-                else "its friction is more than its position loop overcomes: loosen what it turns"
+                else "loosen what it turns if it goes hard"
             )
             weak = weakness(self.bus, servo)
             raise DeviceError(
                 f"servo {servo.dxl_id} on {self.bus.port_name} ({self._owner(servo)}) did not reach its goal "
                 f"in free space: its Present Position stays at {position}; "
-                + (weak or f"check what holds it; if nothing does, {remedy}")
+                + (weak or f"move it by hand, and {remedy}")
             )
 
     def _owner(self, servo: Servo) -> str:
