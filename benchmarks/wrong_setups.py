@@ -432,7 +432,8 @@ def _encoders(rig: File, rng: np.random.Generator, within: float) -> tuple[File,
     true["emulation"]["encoder_error_deg"] = off * min(within, 1.0) * rng.uniform(0.5, 1.0)
     if within > 1.0:
         true["emulation"]["encoder_error_deg"] = off
-    for finger in told["fingers"]:
+    for truth, finger in zip(true["fingers"], told["fingers"], strict=True):
+        truth["bounds"]["encoder_deg"] = off
         finger["bounds"]["encoder_deg"] = 0.0 if within > 1.0 else off
     return true, told, f"{true['emulation']['encoder_error_deg']:.2f} deg"
 
