@@ -173,7 +173,7 @@ def check_place(path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` beside `path` first and move it there.
+    """Write `text` beside `path` first and move it there; who may read and write a file stays as it was.
 
     Raises InputError for a place that cannot be written, OutputError for a disk that is full or fails.
     Whatever ends it before the move, such as an interrupt, leaves nothing behind.
@@ -182,6 +182,8 @@ def write_text(path: Path, text: str) -> None:
     partial = _partial(path)
     try:
         partial.write_text(text, encoding="utf-8")
+        with suppress(FileNotFoundError):
+            partial.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(partial, path)
     except BaseException as error:
         with suppress(OSError):

@@ -248,7 +248,8 @@ class _Looking:
             self.asked.apply = answer.strip().lower() in ("y", "yes")
         if self.asked.apply:
             found.apply()
-            self.err.print(f"written: {found.on_bench.path}; check once more", highlight=False, markup=False)
+            text = f"written: {found.on_bench.path}; what was wrong above is mended if it checks well now"
+            self.err.print(text, highlight=False, markup=False)
 
     def permit(self, question: str | None = None) -> None:
         """Ask whether fingers may move, unless that was said."""

@@ -1,6 +1,7 @@
 """Writers of the file formats: values as text that, when read, gives the same values again."""
 
 import json
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import singledispatch
@@ -50,8 +51,11 @@ def keep_confirmed(rig: Path, wiring: ConfirmedWiring) -> None:
 def change_rig(path: Path, changes: Iterable[WiringChangeOut]) -> str:
     """Change values in a rig file, and keep all else as it is: comments, order, blanks; returns its text.
 
-    Raises InputError if the file is another by now, or would not be right, and writes nothing then.
+    Raises InputError if the file is another by now, would not be right, or is read-only, and writes nothing
+    then.
     """
+    if not os.access(path, os.W_OK):
+        raise InputError(f"{path} is read-only: let it be written (chmod u+w), or change a copy")
     document = tomlkit.parse(path.read_text(encoding="utf-8"))
     for change in changes:
         *tables, key = re.findall(r"[a-z_]+|\d+", change.file_key)

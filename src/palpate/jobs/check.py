@@ -207,8 +207,7 @@ def check_rig(
         return judged
 
     motions = [] if moving is None else [MotionStep(moving.name, moving.looked_at, carry_out)]
-    motions += [wiring.step(case, permit)] if wiring.asked else []
-    found = diagnose(case, datetime.now(UTC), motions)
+    found = diagnose(case, datetime.now(UTC), [*motions, wiring.step(case, permit)])
     return CheckAnswer(check_out(found, measured, wiring.result(found)), on_bench, failure)
 
 

@@ -1,5 +1,7 @@
 """The result of `palpate check` as tables on the terminal."""
 
+from collections.abc import Sequence
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -10,12 +12,14 @@ from palpate.config.diagnosis_results import (
     BusLoopOut,
     CalibrationCheckOut,
     CheckOut,
+    DoctorStepOut,
     FingerHoldOut,
     HoldCheckOut,
     ServoCheckOut,
     TouchCheckOut,
 )
 from palpate.rig.diagnostics.motion_checks import round_down
+from palpate.views.doctor import WIRING_STEP, unproven_words
 from palpate.views.tables import folding_column, table
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"
@@ -31,7 +35,7 @@ def show_check(out: CheckOut, console: Console) -> None:
     console.print()
     console.print(_arrays(out.arrays, wide=console.width >= _WIDE_COLUMNS))
     console.print()
-    for line in _bus_lines(out):
+    for line in [*_bus_lines(out), *_wiring_lines(out.steps)]:
         console.print(line, highlight=False)
     console.print()
     for problem in out.problems:
@@ -114,6 +118,12 @@ def _bus_lines(out: CheckOut) -> list[str]:
     ]
 
 
+def _wiring_lines(steps: Sequence[DoctorStepOut]) -> list[str]:
+    """Line that says what was seen of the wiring, or why nobody looked."""
+    found = (item.skipped_because or item.saw for item in steps if item.step == WIRING_STEP)
+    return [f"[bold]wiring[/]       {escape(text)}" for text in found]
+
+
 def _hold_lines(found: HoldCheckOut) -> list[str]:
     fingers = "; ".join(map(_finger_hold, found.fingers))
     end = "" if found.slid else "; no push made it slide for certain"
@@ -171,7 +181,8 @@ def _verdict(out: CheckOut) -> str:
     if out.problems:
         things = quantity(len(out.problems), "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if out.warnings else "")
-    return f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
+    fine = f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
+    return fine + unproven_words(out.steps)
 
 
 def _mark(problems: tuple[str, ...], warnings: tuple[str, ...]) -> str:

@@ -33,6 +33,7 @@ from palpate.rig.diagnostics.wiring import Side
 
 _PACKAGES = ("palpate", "numpy", "scipy", "pyserial", "dynamixel-sdk")
 _LEFT_OUT = {"name", "obstacles", "format"}
+WIRING_STEP = "wiring"
 _MIN_NAME_LETTERS = 2  # letters of a name that is looked for
 _REPORT_MARKS = {Outcome.WELL: "✓", Outcome.WARNING: "!", Outcome.WRONG: "✗", Outcome.SKIPPED: "–"}
 
@@ -265,4 +266,11 @@ def _verdict(out: DoctorOut) -> str:
     if serious:
         things = quantity(serious, "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if mild else "")
-    return f"[green bold]nothing is wrong[/], {warnings}" if mild else "[green bold]all well[/]"
+    fine = f"[green bold]nothing is wrong[/], {warnings}" if mild else "[green bold]all well[/]"
+    return fine + unproven_words(out.steps)
+
+
+def unproven_words(steps: Sequence[DoctorStepOut]) -> str:
+    """Words after a good verdict if nobody has looked at the wiring: exchanged arrays look well."""
+    skipped = any(item.step == WIRING_STEP and item.skipped_because is not None for item in steps)
+    return "; the wiring was not looked at (--press --move)" if skipped else ""
