@@ -19,7 +19,7 @@ from palpate.config.diagnosis_results import (
     TouchCheckOut,
 )
 from palpate.rig.diagnostics.motion_checks import round_down
-from palpate.views.doctor import WIRING_STEP, unproven_words
+from palpate.views.doctor import WIRING_STEP, wiring_words
 from palpate.views.tables import folding_column, table
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"
@@ -182,7 +182,7 @@ def _verdict(out: CheckOut) -> str:
         things = quantity(len(out.problems), "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if out.warnings else "")
     fine = f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
-    return fine + unproven_words(out.steps)
+    return fine + wiring_words(out.steps)
 
 
 def _mark(problems: tuple[str, ...], warnings: tuple[str, ...]) -> str:

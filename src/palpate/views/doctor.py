@@ -267,10 +267,10 @@ def _verdict(out: DoctorOut) -> str:
         things = quantity(serious, "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if mild else "")
     fine = f"[green bold]nothing is wrong[/], {warnings}" if mild else "[green bold]all well[/]"
-    return fine + unproven_words(out.steps)
+    return fine + wiring_words(out.steps)
 
 
-def unproven_words(steps: Sequence[DoctorStepOut]) -> str:
+def wiring_words(steps: Sequence[DoctorStepOut]) -> str:
     """Words after a good verdict if nobody has looked at the wiring: exchanged arrays look well."""
     skipped = any(item.step == WIRING_STEP and item.skipped_because is not None for item in steps)
     return "; the wiring was not looked at (--press --move)" if skipped else ""
