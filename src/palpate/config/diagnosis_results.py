@@ -321,9 +321,13 @@ class DoctorStepOut(Out):
 
 
 class WiringChangeOut(Out):
-    """A change of a value in the rig file: where (`fingers[0].array.port`), from what to what, and why."""
+    """A change of a value in the rig file: where (`fingers[0].array.port`), from what to what, and why.
+
+    `finger`: whose it is, empty if nobody's.
+    """
 
     file_key: str
+    finger: str = ""
     from_: Any = Field(alias="from")
     to: Any
     why: str

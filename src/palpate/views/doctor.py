@@ -27,6 +27,7 @@ from palpate.config.diagnosis_results import (
     FindingOut,
     Outcome,
     Severity,
+    WiringChangeOut,
     WiringOut,
 )
 from palpate.rig.diagnostics.wiring import Side
@@ -89,9 +90,20 @@ def moved_question(fingers: Sequence[FingerConfig]) -> str:
     return f"Which tip moved? {listed}; 0: none; or x y of its base, in mm:"
 
 
+def _key_words(change: WiringChangeOut) -> str:
+    key = change.file_key
+    return f"finger {change.finger}, {key.partition('.')[2]}" if change.finger else key
+
+
+def _value_words(change: WiringChangeOut) -> str:
+    if change.from_ is not None:
+        return str(change.from_)
+    return "(default lower-left)" if change.file_key.endswith("array.first_texel") else "(default)"
+
+
 def change_lines(wiring: WiringOut) -> list[str]:
     """Changes to a rig file, a line each, and why."""
-    lines = [f"{item.file_key}: {item.from_} -> {item.to}" for item in wiring.changes]
+    lines = [f"{_key_words(item)}: {_value_words(item)} -> {item.to}" for item in wiring.changes]
     return [f"because {wiring.changes[0].why}:", *(f"  {line}" for line in lines)] if lines else []
 
 

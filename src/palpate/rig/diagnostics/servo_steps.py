@@ -231,7 +231,7 @@ def _unset(item: ExaminedServo) -> list[ItemChange]:
 def _limits_not_set(unset: Mapping[ExaminedServo, Sequence[ItemChange]]) -> FindingOut:
     first, changes = next(iter(unset.items()))
     shown = join_words(
-        [f"{item.item} {item.found} instead of {item.wanted}" for item in changes], _MAX_ITEMS_NAMED
+        [f"{item.item} {item.found} instead of {item.wanted}" for item in changes], _MAX_ITEMS_NAMED, "items"
     )
     return warning(
         Cause.LIMITS_NOT_SET,

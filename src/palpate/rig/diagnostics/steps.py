@@ -134,8 +134,8 @@ def name_flag(flag: Flag) -> str:
     return str(flag.name).replace("_", " ").lower()
 
 
-def join_words(items: Sequence[str], most: int = _MAX_LISTED) -> str:
-    """List of items in words: "a, b and c"; of more than `most` the first ones, and how many there are."""
+def join_words(items: Sequence[str], most: int = _MAX_LISTED, what: str = "") -> str:
+    """List of items in words: "a, b and c"; of more than `most` the first, and how many more, of `what`."""
     if len(items) > most:
-        return f"{', '.join(items[:most])} and {len(items) - most} more"
+        return f"{', '.join(items[:most])} and {len(items) - most} more {what}".rstrip()
     return " and ".join(filter(None, (", ".join(items[:-1]), items[-1]))) if items else "none"

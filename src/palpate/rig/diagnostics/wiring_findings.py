@@ -16,6 +16,7 @@ from palpate.rig.diagnostics.wiring import (
     MeasuredFrame,
     Seen,
     Side,
+    TipPress,
     explain,
     mounting,
     press_explains,
@@ -25,6 +26,7 @@ from palpate.rig.diagnostics.wiring import (
 
 _RETRACTED_MM = 1.0  # from the retracted end, as people leave slides
 _WRITE = "palpate check --press --move --apply writes that into the rig file"
+_WRITE_PRESSED = "palpate check --press --apply writes that into the rig file"
 _MAX_SEEN = 3  # observations that are told
 _TOUCHES = "a contact would count as another finger's, and fingers would press where nothing is felt"
 
@@ -49,7 +51,7 @@ def judge_wiring(rig: RigFile, seen: Seen) -> WiringVerdict:
         return WiringVerdict(odd)
     found = explain(told, seen)
     differences = list(_differences(told, seen))
-    saw = join_words(differences or ["something else than the rig file says"], _MAX_SEEN)
+    saw = join_words(differences or ["something else than the rig file says"], _MAX_SEEN, "observations")
     if not found:
         do = "look again; if it is the same, compare cables, ids and places one by one"
         return WiringVerdict((_unclear(saw, "no few changes to the rig file explain all of it", do),))
@@ -60,8 +62,9 @@ def judge_wiring(rig: RigFile, seen: Seen) -> WiringVerdict:
     (best,) = found
     causes = list(_causes(rig, best))
     why = "; ".join(words for _, _, words, _ in causes)
+    do = _WRITE if seen.moves else _WRITE_PRESSED
     findings = tuple(
-        wrong(cause, device, f"{words}: {saw}", means, _WRITE) for cause, device, words, means in causes
+        wrong(cause, device, f"{words}: {saw}", means, do) for cause, device, words, means in causes
     )
     felt = Counter(press.asked for press in seen.presses if press.arrays)
     is_proof = not findings and all(felt[item.name] > 1 for item in told)
@@ -108,8 +111,7 @@ def _differences(told: Sequence[FingerWiring], seen: Seen) -> Iterator[str]:
         elif press.arrays and press.arrays[0] != press.asked and press.side is Side.FRONT:
             yield f"the press on {press.asked} was felt by the array of {press.arrays[0]}"
         elif press.arrays == (press.asked,) and not press_explains(*2 * (by_name[press.asked],), press):
-            where = f"at {press.angle_deg:.0f}°" + {True: ", low", False: ", high", None: ""}[press.low]
-            yield f"the press on {press.asked}, {_SIDES[press.side]}, was felt {where} of its array's middle"
+            yield f"the press on {press.asked}, {_SIDES[press.side]}, was felt {_felt_in_words(press, told)}"
     for move in seen.moves:
         at = None if move.base_mm is None else standing_at(bases, move.base_mm)
         if move.way is None or at is None or at != list(by_name).index(move.finger):
@@ -118,6 +120,17 @@ def _differences(told: Sequence[FingerWiring], seen: Seen) -> Iterator[str]:
         elif move.way.value != (move.joint, 1):
             servo = f"servo {by_name[move.finger].ids[move.joint]} ({move.finger})"
             yield f"{servo} moved its tip {move.way.name.lower()}"
+
+
+def _felt_in_words(press: TipPress, told: Sequence[FingerWiring]) -> str:
+    """Where a press was felt on a tip, seen from its base, if its array is mounted as the file says."""
+    if press.angle_deg is None:
+        return "nowhere"
+    mounted = next(item for item in told if item.name == press.asked)
+    angle = math.remainder(press.angle_deg + mounted.array_deg, 360)
+    where = "towards its base" if abs(angle) > 135 else "on its left" if angle > 45 else "on its right"
+    where = "away from its base" if abs(angle) <= 45 else where
+    return f"{where} ({angle:+.0f}°)" + {True: ", low", False: ", high", None: ""}[press.low]
 
 
 _SIDES = {Side.FRONT: "away from its base", Side.LEFT: "on its left", Side.RIGHT: "on its right"}
@@ -226,11 +239,13 @@ def wiring_changes(
         for path, value in _finger_changes(rig, spec, told, true, mirrored=mirrored):
             before = _value(spec, path)
             if before != value:
-                yield WiringChangeOut(file_key=f"fingers[{k}].{path}", to=value, why=why, **{"from": before})
+                key = f"fingers[{k}].{path}"
+                yield WiringChangeOut(file_key=key, finger=spec.name, to=value, why=why, **{"from": before})
         if isinstance(spec, SlideFingerConfig) and told.signs[1] != true.signs[1] and true.ids[1] in turns:
             zero = spec.slide.range_mm[0] + _RETRACTED_MM + spec.slide.mm_per_turn * turns[true.ids[1]]
             yield WiringChangeOut(
                 file_key=f"fingers[{k}].slide.zero_mm",
+                finger=spec.name,
                 to=round(zero, 1),
                 why="as if the slide stood retracted then: measure it anew, or calibrate",
                 **{"from": spec.slide.zero_mm},
