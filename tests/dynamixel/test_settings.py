@@ -16,8 +16,8 @@ from palpate.drivers.dynamixel.settings import (
     SECONDARY_ID,
     SETTINGS,
     Owner,
-    compared_items,
     foreign_settings,
+    items_to_compare,
     refuse_foreign_settings,
 )
 from palpate.drivers.dynamixel.x_series import X_SERIES, table_of
@@ -116,11 +116,11 @@ PERSON = sorted(name for name, setting in SETTINGS.items() if setting.owner is O
 def test_a_value_that_is_not_expected_is_found_and_no_other(data: st.DataObject) -> None:
     """Greater values are as good where more does no harm; Shutdown may protect more."""
     pair = Pair(data.draw(st.sampled_from(["XM430-W350", "XL330-M288"])))
-    there = [name for name in PERSON if name in compared_items(pair.first)]
+    there = [name for name in PERSON if name in items_to_compare(pair.first)]
     item = pair._item(data.draw(st.sampled_from(there)))
     value = data.draw(st.integers(item.low, item.high))
     pair.emulated[0]._unit.table.set(item.name, value)
-    wanted = compared_items(pair.first)[item.name]
+    wanted = items_to_compare(pair.first)[item.name]
     harmless = value == wanted or (SETTINGS[item.name].floor and value > wanted)
     harmless |= item.name == SECONDARY_ID and value >= 253
     harmless |= item.name == "Shutdown" and value & wanted == wanted

@@ -92,9 +92,9 @@ from palpate.drivers.dynamixel.settings import (
     SETTINGS,
     SHUTDOWN,
     ItemChange,
-    compared_items,
     differences,
     foreign_settings,
+    items_to_compare,
     refuse_foreign_settings,
 )
 from palpate.drivers.dynamixel.transceiver import BusCounts
@@ -159,7 +159,6 @@ __all__ = [
     "WrongLength",
     "apply_changes",
     "broadcast_torque_off",
-    "compared_items",
     "confirm_torque_off",
     "differences",
     "disable_torque",
@@ -170,6 +169,7 @@ __all__ = [
     "guarded_loop",
     "guarded_move",
     "hold",
+    "items_to_compare",
     "known_models",
     "latency_with_timer_s",
     "mark_item",

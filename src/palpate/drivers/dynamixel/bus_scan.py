@@ -30,7 +30,7 @@ from palpate.drivers.dynamixel.errors import (
 from palpate.drivers.dynamixel.models import Model, model_by_number
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.dynamixel.servo import Servo, disable_torque, read_items
-from palpate.drivers.dynamixel.settings import ItemChange, compared_items, differences
+from palpate.drivers.dynamixel.settings import ItemChange, differences, items_to_compare
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.ports import PORT_ERRORS, PortTaken
 
@@ -191,7 +191,7 @@ def setup_items(servo: Servo, baudrate: int, eeprom: Mapping[str, int]) -> dict[
     return {
         "Status Return Level": ct.ANSWERS_ALL,  # lives in RAM: looked at, and written on every start
         **eeprom,
-        **compared_items(servo),
+        **items_to_compare(servo),
         ct.ID.name: servo.dxl_id,
         ct.BAUD_RATE.name: BAUD_RATES.index(baudrate),
     }

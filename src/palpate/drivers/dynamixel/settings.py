@@ -103,7 +103,7 @@ class ItemChange:
         return f"{command}; if its zero was measured with {self.found}, {keep}"
 
 
-def compared_items(servo: Servo) -> dict[str, int]:
+def items_to_compare(servo: Servo) -> dict[str, int]:
     """Items that a person owns, with the values that are expected; none for a model without a full table."""
     return {
         name: servo.homing_offset if name == HOMING_OFFSET else item.default
@@ -131,7 +131,7 @@ def _is_kept(name: str, found: int, wanted: int) -> bool:
 
 def foreign_settings(bus: Bus, servo: Servo) -> list[ItemChange]:
     """Items that a person owns and that are not as expected. Raises what the bus raises."""
-    wanted = compared_items(servo)
+    wanted = items_to_compare(servo)
     return differences(read_items(bus, servo, wanted), wanted)
 
 
@@ -142,7 +142,7 @@ def refuse_foreign_settings(bus: Bus, servos: Sequence[Servo]) -> None:
     """
     ids = {servo.dxl_id for servo in servos}
     for servo in servos:
-        wanted = compared_items(servo)
+        wanted = items_to_compare(servo)
         found = read_items(bus, servo, [name for name in (HOMING_OFFSET, SECONDARY_ID) if name in wanted])
         for change in differences(found, wanted):
             if change.item == HOMING_OFFSET or change.found in ids:

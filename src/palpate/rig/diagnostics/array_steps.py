@@ -312,7 +312,7 @@ def _noise_and_drift(
                 "leave it on for ten minutes with nothing near the tip, then run this again",
             )
         ]
-    if (found := _disturbed(array, shown)) or shown.unsteady.any():  # which the taxel map has
+    if (found := _disturbance_findings(array, shown)) or shown.unsteady.any():  # which the taxel map has
         return found
     extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
     extractor.tare(array.seen.frames)
@@ -335,7 +335,7 @@ def _noise_and_drift(
     return [warning(Cause.HIDDEN_PUSH, array.seen.device, doubt.partition("; ")[0], means, do)]
 
 
-def _disturbed(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:
+def _disturbance_findings(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:
     """Readings that something else than a touch moves."""
     disturbed, device = shown.disturbed, array.seen.device
     if disturbed.common:

@@ -284,14 +284,14 @@ def judge_touch(rig: RigFile, found: Retouch) -> Judgement:
     if not touch.agrees:
         # Of three fingers round a disc one that is off shows in all: the disc's place gives way to it.
         offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
-        means, do = _explained(found.changes)
+        means, do = _explain_touches(found.changes)
         differ = f"touches of the disc differ by {saw} (in the mean {offsets})"
         problem = wrong(Cause.TOUCH_DISAGREES, CALIBRATION, differ, means, do)
         findings = [problem, *findings]
     return f"{touch.touches} touches differ by {saw}", findings
 
 
-def _explained(changes: Sequence[JointChange]) -> tuple[str, str]:
+def _explain_touches(changes: Sequence[JointChange]) -> tuple[str, str]:
     """What touches that disagree mean, and what to do."""
     if not changes:
         means = "no change of one joint's zero, play or encoder explains it"

@@ -22,8 +22,8 @@ from palpate.drivers.dynamixel import (
     ServoState,
     StateReader,
     StatusError,
-    compared_items,
     differences,
+    items_to_compare,
     read_health,
 )
 from palpate.drivers.transport import Clock
@@ -195,7 +195,7 @@ def _examine_servo(bus: Bus, item: ServoSettings) -> ExaminedServo:
     except DeviceError as error:
         return replace(seen, failure=str(error))
     try:
-        expected = compared_items(servo)
+        expected = items_to_compare(servo)
         health = read_health(bus, servo, [*wanted, *expected])
         return replace(seen, wanted=wanted, expected=expected, health=health)
     except PortFailed:

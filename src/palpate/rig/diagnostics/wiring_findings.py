@@ -111,7 +111,7 @@ def _differences(told: Sequence[FingerWiring], seen: Seen) -> Iterator[str]:
         elif press.arrays and press.arrays[0] != press.asked and press.side is Side.FRONT:
             yield f"the press on {press.asked} was felt by the array of {press.arrays[0]}"
         elif press.arrays == (press.asked,) and not press_explains(*2 * (by_name[press.asked],), press):
-            yield f"the press on {press.asked}, {_SIDES[press.side]}, was felt {_felt_in_words(press, told)}"
+            yield f"the press on {press.asked}, {_SIDES[press.side]}, was felt {_press_words(press, told)}"
     for move in seen.moves:
         at = None if move.base_mm is None else standing_at(bases, move.base_mm)
         if move.way is None or at is None or at != list(by_name).index(move.finger):
@@ -122,7 +122,7 @@ def _differences(told: Sequence[FingerWiring], seen: Seen) -> Iterator[str]:
             yield f"{servo} moved its tip {move.way.name.lower()}"
 
 
-def _felt_in_words(press: TipPress, told: Sequence[FingerWiring]) -> str:
+def _press_words(press: TipPress, told: Sequence[FingerWiring]) -> str:
     """Where a press was felt on a tip, seen from its base, if its array is mounted as the file says."""
     if press.angle_deg is None:
         return "nowhere"
