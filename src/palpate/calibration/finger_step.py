@@ -62,7 +62,9 @@ def plan_placements(disc: Reference, plate: Reference, rig: RigFile) -> list[Ref
     radius_mm, found = rig.workspace.radius_mm, []
     far = _reached_share(rig, disc)
     for reference, first, share in ((disc, math.pi / 2, far), (plate, -math.pi / 2, min(far, _PLATE_SHARE))):
-        away = min(share * radius_mm, radius_mm - reference.radius_mm - 10.0)
+        # Arms reach no further than where there is room for either reference.
+        widest = max(disc, plate, key=lambda item: item.radius_mm) if far == _NEAR_SHARE else reference
+        away = min(share * radius_mm, radius_mm - widest.radius_mm - 10.0)
         for k in range(3):
             angle = first + 2 * math.pi / 3 * k
             found.append(ReferencePlacement(reference, (away * math.cos(angle), away * math.sin(angle))))
