@@ -12,6 +12,7 @@ a notice, a push harder by more than 1 N than a right rig's hardest, and a wrong
 import argparse
 import json
 import multiprocessing
+import shutil
 import sys
 import tempfile
 import time
@@ -96,7 +97,7 @@ def _identify(rig: palpate.Rig) -> dict[str, Any]:
         "seconds": out["rig_seconds"],
         "touches": out["touches"],
         "said": [*said, *out.get("notices", ())],
-        "hints": out.get("hints", []),
+        "hints": out["setup_doubts"],
         "text": text,
     }
 
@@ -157,7 +158,9 @@ def run(asked: tuple[str, str, int, tuple[str, ...]]) -> dict[str, Any]:
             with mounted(setup) as made:
 
                 def call(command: str = command) -> dict[str, Any]:
-                    with palpate.open_rig(path, seed=seed, calibration=False) as rig:
+                    own = path.with_name(f"{command}.toml")  # what one writes is not for the next
+                    shutil.copy(path, own)
+                    with palpate.open_rig(own, seed=seed, calibration=False) as rig:
                         return COMMANDS[command](rig)
 
                 row[command] = _attempt(call, made)
