@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from wrong_setups import MISTAKES, SetUp, SpoiltTaxels, draw, is_possible, rigs
+from wrong_setups import MISTAKES, UNMEASURED, SetUp, SpoiltTaxels, draw, is_possible, rigs
 
 import palpate
 from palpate.base.errors import PalpateError
@@ -238,7 +238,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--right", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rigs", default=",".join(rigs()))
+    parser.add_argument("--rigs", default=",".join(name for name in rigs() if name != UNMEASURED))
     parser.add_argument("--mistakes", default=",".join(MISTAKES))
     parser.add_argument("--commands", default="doctor,identify")
     parser.add_argument("--jobs", type=int, default=1)

@@ -74,6 +74,10 @@ def _geared() -> File:
     return rig | {"name": "geared"}
 
 
+UNMEASURED = "fresh"
+"""The rig that is there to be calibrated: too little is known of it to identify parts."""
+
+
 def rigs() -> dict[str, File]:
     """Rig files by name, each true as it stands."""
     benches = shipped_rig().parent
@@ -85,6 +89,7 @@ def rigs() -> dict[str, File]:
         "arms": _read(EXAMPLES / "two-link-rig.toml"),
         "two": _two_fingers(),
         "geared": _geared(),
+        UNMEASURED: _read(EXAMPLES / "fresh-rig.toml"),
     }
 
 

@@ -139,6 +139,7 @@ _MAX_SILENT_SHARE = 0.15  # of what its column's taxels read
 _MIN_LOAD_SIGMAS = 40.0  # what a column must read to tell a silent taxel
 _MIN_LIT_SHARE = 0.02  # of the strongest column: residuals of weaker ones say nothing
 _MAX_CROSSTALK = 0.25
+_MAX_STIFFNESS_BOUND = 0.99  # what a calibration file can hold
 _MAX_MISFIT_RATIO = (
     3.0  # a press is left out that is off by so many deviations, and so many times as much as most
 )
@@ -174,6 +175,9 @@ def fit_gains(
     while (worst := _worst_press(columns.found)) is not None and 2 * (len(used) - 1) > len(presses):
         used = [*used[:worst], *used[worst + 1 :]]
         columns = _fit_columns(used, full, description, idle, spec)
+    stiffness_sigma = math.hypot(columns.found.stiffness_log_sigma, encoder_rate_sigma(spec))
+    if (stiffness_bound := math.expm1(COVERAGE_SIGMAS * stiffness_sigma)) > _MAX_STIFFNESS_BOUND:
+        raise _unexplained(spec)
     levels, silent, found = columns.levels, columns.silent, columns.found
     usable = idle.live & ~silent
     ratio, ratio_sigma = _row_gains(levels, usable, columns.counts, found.counts, idle.noise_counts)
@@ -197,9 +201,7 @@ def fit_gains(
         crosstalk=min(max(found.crosstalk, 0.0), _MAX_CROSSTALK),
         crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
         stiffness_n_per_mm=found.stiffness_n_per_mm,
-        stiffness_bound=math.expm1(
-            COVERAGE_SIGMAS * math.hypot(found.stiffness_log_sigma, encoder_rate_sigma(spec))
-        ),
+        stiffness_bound=stiffness_bound,
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),
@@ -227,8 +229,19 @@ def _fit_columns(
     usable = idle.live & ~silent
     rows_used = usable.sum(axis=0)
     counts = (levels.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
-    found = fit_presses(used, levels, counts, rows_used, idle.noise_counts, description, spec)
+    try:
+        found = fit_presses(used, levels, counts, rows_used, idle.noise_counts, description, spec)
+    except np.linalg.LinAlgError as error:
+        raise _unexplained(spec) from error
     return _Columns(levels, silent, counts, found)
+
+
+def _unexplained(spec: FingerConfig) -> InputError:
+    return InputError(
+        f"finger {spec.name}: the columns of its array that answered do not fit where the reference pressed "
+        "on its tip, so that neither gains nor stiffness follow; palpate check --press shows whether the "
+        "array is turned or mirrored"
+    )
 
 
 def _worst_press(found: PressFit) -> int | None:
