@@ -118,7 +118,7 @@ def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
     # A slide is looked at all the time, an aim servo only with torque off: then it is at least named.
     assert f"servo {dead} " in str(error)
     warning, hint = error.__notes__
-    assert "another program" in hint
+    assert "palpate doctor" in hint
     assert "one servo did not confirm that torque is off" in warning
     assert f"servo {dead} " in warning
     check_off(session, but=dead)

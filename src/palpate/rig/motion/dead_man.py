@@ -38,9 +38,11 @@ class DeadManSwitch:
         )
 
     def release(self) -> None:
-        """Let the process end: torque is off."""
-        assert self._process.stdin is not None
-        with suppress(OSError), self._process.stdin as pipe:
+        """Let the process end, as often as it is asked: torque is off."""
+        pipe = self._process.stdin
+        if pipe is None or pipe.closed:
+            return
+        with suppress(OSError), pipe:
             pipe.write(_RELEASE)
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_CLOSE_TIMEOUT_S)
