@@ -301,7 +301,7 @@ def test_check_touches_a_disc(here: Here, tmp_path: Path) -> None:
     calibration_path(rig).write_text(calibration_toml(bench_calibration(load_rig(rig), 3)))
 
     other = here("check", "--touch", "--rig", rig, "--seed", 4, "--yes", "--json")
-    assert other.code == 3
+    assert other.code == 1  # another device, none that is missing
     assert "nothing was touched: first put right what is wrong" in other.json["warnings"]
     assert other.json["calibration"]["touch"] is None
 
