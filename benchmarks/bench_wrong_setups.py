@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from wrong_setups import MISTAKES, UNMEASURED, SetUp, SpoiltTaxels, draw, is_possible, rigs
+from wrong_sensors import SpoiltTaxels
+from wrong_setups import MISTAKES, UNMEASURED, WITHIN, SetUp, draw, is_possible, rigs
 
 import palpate
 from palpate.base.errors import PalpateError
@@ -237,8 +238,12 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=0)
     parser.add_argument("--right", type=int, default=0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--rigs", default=",".join(name for name in rigs() if name != UNMEASURED))
-    parser.add_argument("--mistakes", default=",".join(MISTAKES))
+    parser.add_argument(
+        "--rigs",
+        default=",".join(name for name in rigs() if name != UNMEASURED),
+        help="or paths of rig files",
+    )
+    parser.add_argument("--mistakes", default=",".join(MISTAKES), help=f"also {', '.join(WITHIN)}")
     parser.add_argument("--commands", default="doctor,identify")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path)

@@ -9,22 +9,19 @@ import copy
 import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
+from wrong_sensors import SENSORS, File, Lags, Sensor
 
-from palpate.base.geometry import Floats
-from palpate.config import shipped_rig
+from palpate.config import RigFile, shipped_rig
 from palpate.drivers.dynamixel import Instruction
 from palpate.drivers.dynamixel.packet import InstructionPacket, encode_instruction
-from palpate.drivers.emulators import Taxels
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-
-File = dict[str, Any]
-"""A rig file as TOML has it."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class SetUp:
     mistake: str
     true: File
     told: File
-    sensors: Mapping[str, Callable[[], "Sensor"]] = field(default_factory=dict)
+    sensors: Mapping[str, Callable[[], Sensor]] = field(default_factory=dict)
     written: tuple[bytes, ...] = ()
     detail: str = ""
 
@@ -91,6 +88,11 @@ def rigs() -> dict[str, File]:
         "geared": _geared(),
         UNMEASURED: _read(EXAMPLES / "fresh-rig.toml"),
     }
+
+
+def read(name: str) -> File:
+    """Return the file of a rig of `rigs`, or of a path."""
+    return _emulated(_read(Path(name))) if name.endswith(".toml") else rigs()[name]
 
 
 def _emulated(rig: File) -> File:
@@ -252,143 +254,6 @@ TOLD: Mapping[str, Callable[[File, np.random.Generator], str]] = {
 
 
 # ----------------------------------------------------------------------------------------------------
-# Sensors that lie
-
-
-class Sensor:
-    """What an array does with counts before it sends them. State belongs to one array."""
-
-    def counts(self, counts: Floats, now: float) -> Floats:  # noqa: ARG002  # some need it
-        """Return other counts for these, shape (rows, cols), at `now` (s)."""
-        return counts
-
-
-class Hung(Sensor):
-    """From an instant on the same frame for ever."""
-
-    def __init__(self, from_s: float) -> None:
-        self._from_s, self._frame = from_s, None
-
-    def counts(self, counts: Floats, now: float) -> Floats:
-        if now >= self._from_s and self._frame is None:
-            self._frame = counts
-        return counts if self._frame is None else self._frame
-
-
-class Repeats(Sensor):
-    """Fresh samples so often only; in between the last one again."""
-
-    def __init__(self, hz: float) -> None:
-        self._hz, self._number, self._frame = hz, -1, None
-
-    def counts(self, counts: Floats, now: float) -> Floats:
-        if (number := int(now * self._hz)) != self._number:
-            self._number, self._frame = number, counts
-        return self._frame
-
-
-class Lags(Sensor):
-    """A low-pass filter in its firmware."""
-
-    def __init__(self, lag_s: float) -> None:
-        self._lag_s, self._mean, self._at = lag_s, None, 0.0
-
-    def counts(self, counts: Floats, now: float) -> Floats:
-        if self._mean is None:
-            self._mean = counts.astype(float)
-        share = 1 - math.exp(-(now - self._at) / self._lag_s)
-        self._at = now
-        self._mean += share * (counts - self._mean)
-        return np.rint(self._mean)
-
-
-class Drifts(Sensor):
-    """Counts go up by so many a second."""
-
-    def __init__(self, per_s: float) -> None:
-        self._per_s = per_s
-
-    def counts(self, counts: Floats, now: float) -> Floats:
-        return counts + int(self._per_s * now)
-
-
-class Bursts(Sensor):
-    """Interference common to all taxels, 8 to 40 ms long, twice a second."""
-
-    def __init__(self, size: int, seed: int) -> None:
-        self._rng, self._size, self._begin, self._end = np.random.default_rng(seed), size, 0.0, 0.0
-
-    def counts(self, counts: Floats, now: float) -> Floats:
-        if now > self._end:
-            self._begin = now + self._rng.exponential(0.5)
-            self._end = self._begin + self._rng.uniform(0.008, 0.04)
-        return counts + self._size if self._begin < now < self._end else counts
-
-
-class Mirrored(Sensor):
-    """Columns, or columns and rows, run the other way: the array is mounted wrongly."""
-
-    def __init__(self, upside: bool) -> None:
-        self._upside = upside
-
-    def counts(self, counts: Floats, now: float) -> Floats:  # noqa: ARG002  # others need it
-        return counts[::-1, ::-1] if self._upside else counts[:, ::-1]
-
-
-def _one(rig: File, rng: np.random.Generator, make: Callable[[], Sensor]) -> dict[str, Callable[[], Sensor]]:
-    (finger,) = _pick(rig, rng)
-    return {finger["name"]: make}
-
-
-def _all(rig: File, make: Callable[[], Sensor]) -> dict[str, Callable[[], Sensor]]:
-    return {finger["name"]: make for finger in rig["fingers"]}
-
-
-def _hung(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    at = 0.0 if rng.random() < 0.5 else float(rng.uniform(3, 16))
-    return f"from {at:.1f} s", _one(rig, rng, lambda: Hung(at))
-
-
-def _repeats(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    hz = float(rng.uniform(10, 60))
-    return f"{hz:.0f} Hz", _all(rig, lambda: Repeats(hz))
-
-
-def _lags(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    lag = float(rng.uniform(0.05, 0.15))
-    return f"{lag * 1e3:.0f} ms", _all(rig, lambda: Lags(lag))
-
-
-def _drifts(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    rate = float(rng.choice([-1, 1]) * rng.uniform(3, 20))
-    return f"{rate:.1f} counts/s", _all(rig, lambda: Drifts(rate))
-
-
-def _bursts(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    size, seed = int(rng.uniform(20, 150)), int(rng.integers(2**31))
-    return f"{size} counts", _all(rig, lambda: Bursts(size, seed))
-
-
-def _mirrored(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    return "columns", _one(rig, rng, lambda: Mirrored(False))
-
-
-def _upside(rig: File, rng: np.random.Generator) -> tuple[str, dict[str, Callable[[], Sensor]]]:
-    return "columns and rows", _one(rig, rng, lambda: Mirrored(True))
-
-
-SENSORS: Mapping[str, Callable[[File, np.random.Generator], tuple[str, dict[str, Callable[[], Sensor]]]]] = {
-    "array hung": _hung,
-    "samples repeated": _repeats,
-    "array lags": _lags,
-    "array drifts": _drifts,
-    "interference": _bursts,
-    "array mirrored": _mirrored,
-    "array upside down": _upside,
-}
-
-
-# ----------------------------------------------------------------------------------------------------
 # What another program left in servos: addresses and lengths of the e-Manual's control table of XM430
 
 
@@ -430,19 +295,6 @@ def _limits(rig: File, _: np.random.Generator) -> tuple[str, tuple[bytes, ...]]:
     return "PWM Limit 30", tuple(_write(i, 36, 2, 30) for i in ids)
 
 
-def _encoders(rig: File, rng: np.random.Generator, within: float) -> tuple[File, File, str]:
-    """What is true and told of encoders that are off by `within` of what is declared."""
-    off = float(rng.uniform(0.6, 1.2))
-    true, told = copy.deepcopy(rig), copy.deepcopy(rig)
-    true["emulation"]["encoder_error_deg"] = off * min(within, 1.0) * rng.uniform(0.5, 1.0)
-    if within > 1.0:
-        true["emulation"]["encoder_error_deg"] = off
-    for truth, finger in zip(true["fingers"], told["fingers"], strict=True):
-        truth["bounds"]["encoder_deg"] = off
-        finger["bounds"]["encoder_deg"] = 0.0 if within > 1.0 else off
-    return true, told, f"{true['emulation']['encoder_error_deg']:.2f} deg"
-
-
 def _silent(rig: File, rng: np.random.Generator) -> tuple[str, tuple[bytes, ...]]:
     level, dxl_id = int(rng.choice([0, 1])), int(rng.choice(_far_ids(rig)))
     return f"Status Return Level {level} in {dxl_id}", (_write(dxl_id, 68, 1, level),)
@@ -456,9 +308,62 @@ SERVOS: Mapping[str, Callable[[File, np.random.Generator], tuple[str, tuple[byte
     "status return level": _silent,
 }
 
-ENCODERS = {"encoders off": 2.0, "encoders as declared": 1.0}
+# ----------------------------------------------------------------------------------------------------
+# What a file declares, drawn up to it; encoders also beyond
 
-WITHIN = ("encoders as declared",)
+
+def _encoders(setup: SetUp, rng: np.random.Generator, is_declared: bool = True) -> SetUp:
+    """Encoders off by up to what is declared, or by as much where nothing is."""
+    true, told, most = copy.deepcopy(setup.true), copy.deepcopy(setup.told), float(rng.uniform(0.6, 1.2))
+    off = most * float(rng.uniform(0.5, 1.0)) if is_declared else most
+    true["emulation"]["encoder_error_deg"] = off
+    for truth, finger in zip(true["fingers"], told["fingers"], strict=True):
+        truth["bounds"]["encoder_deg"] = most
+        finger["bounds"]["encoder_deg"] = most if is_declared else 0.0
+    return replace(setup, true=true, told=told, detail=f"{setup.detail} encoders {off:.2f} deg".strip())
+
+
+def _is_legal(rig: File) -> bool:
+    try:
+        RigFile.model_validate(rig)
+    except ValidationError:
+        return False
+    return True
+
+
+def _offsets(setup: SetUp, rng: np.random.Generator) -> SetUp:
+    """Homing Offsets that were in the servos when their zeros were measured, and are recorded."""
+    true, told = copy.deepcopy(setup.true), copy.deepcopy(setup.told)
+    for truth, finger in zip(true["fingers"], told["fingers"], strict=True):
+        for joint in _joints(finger):
+            for most in (1000, 300, 100, 0):  # a servo starts within one turn: not every zero is possible
+                truth[joint]["homing_offset"] = finger[joint]["homing_offset"] = int(
+                    rng.integers(-most, most + 1)
+                )
+                if _is_legal(true):
+                    break
+    return replace(setup, true=true, told=told, detail=f"{setup.detail} offsets".strip())
+
+
+def _lags_as_declared(setup: SetUp, rng: np.random.Generator) -> SetUp:
+    """A low-pass filter of each array that shows 99 % of a step within what is declared."""
+    told, sensors = copy.deepcopy(setup.told), dict(setup.sensors)
+    lags = []
+    for finger in told["fingers"]:
+        declared = float(rng.uniform(0.02, 0.15))
+        finger["array"]["lag_s"] = declared
+        lags.append(declared * float(rng.uniform(0.5, 1.0)) / math.log(100))
+        sensors[finger["name"]] = partial(Lags, lags[-1])
+    detail = f"{setup.detail} filters of {'/'.join(f'{lag * 1e3:.0f}' for lag in lags)} ms"
+    return replace(setup, told=told, sensors=sensors, detail=detail.strip())
+
+
+WITHIN: Mapping[str, tuple[Callable[[SetUp, np.random.Generator], SetUp], ...]] = {
+    "encoders as declared": (_encoders,),
+    "offsets as recorded": (_offsets,),
+    "lags as declared": (_lags_as_declared,),
+    "all as declared": (_encoders, _offsets, _lags_as_declared),
+}
 """Not mistakes: drawn up to what the file declares."""
 
 MISTAKES = (*TOLD, *SENSORS, *SERVOS, "encoders off")
@@ -466,52 +371,27 @@ MISTAKES = (*TOLD, *SENSORS, *SERVOS, "encoders off")
 
 def draw(rig: str, mistake: str, seed: int) -> SetUp:
     """Draw a set-up: the same numbers, the same set-up."""
-    true = rigs()[rig]
-    rng = np.random.default_rng([seed, *rig.encode(), *mistake.encode()])
-    told = copy.deepcopy(true)
+    true = read(rig)
+    rng = np.random.default_rng([seed, *Path(rig).stem.encode(), *mistake.encode()])
+    setup = SetUp(rig, mistake, true, copy.deepcopy(true))
     if mistake in TOLD:
-        return SetUp(rig, mistake, true, told, detail=TOLD[mistake](told, rng))
+        return replace(setup, detail=TOLD[mistake](setup.told, rng))
     if mistake in SENSORS:
         detail, sensors = SENSORS[mistake](true, rng)
-        return SetUp(rig, mistake, true, told, sensors, detail=detail)
+        return replace(setup, sensors=sensors, detail=detail)
     if mistake in SERVOS:
         detail, written = SERVOS[mistake](true, rng)
-        return SetUp(rig, mistake, true, told, written=written, detail=detail)
-    if mistake in ENCODERS:
-        true, told, detail = _encoders(true, rng, ENCODERS[mistake])
-        return SetUp(rig, mistake, true, told, detail=detail)
-    return SetUp(rig, "right", true, told)
+        return replace(setup, written=written, detail=detail)
+    if mistake == "encoders off":
+        return _encoders(setup, rng, is_declared=False)
+    for change in WITHIN.get(mistake, ()):
+        setup = change(setup, rng)
+    return setup
 
 
 def is_possible(rig: str, mistake: str) -> bool:
     """Return whether a rig can be wrong like that."""
-    fingers = rigs()[rig]["fingers"]
+    fingers = read(rig)["fingers"]
     if mistake == "array turned":
         return "width_mm" not in fingers[0]["tip"]
     return True
-
-
-class SpoiltTaxels(Taxels):
-    """Taxels of an array that lies, made for the fingers in turn."""
-
-    names: tuple[str, ...] = ()
-    sensors: Mapping[str, Callable[[], Sensor]] = {}
-    made = 0
-
-    def __init__(self, *args: Any, **values: Any) -> None:
-        super().__init__(*args, **values)
-        name = self.names[SpoiltTaxels.made % len(self.names)]
-        SpoiltTaxels.made += 1
-        make = self.sensors.get(name)
-        self._sensor = None if make is None else make()
-
-    def counts(self, force_n: Floats, now: Any = 0.0) -> Any:
-        true = super().counts(force_n, now)
-        if self._sensor is None or (isinstance(now, float) and now == 0.0):  # its self-test has no instants
-            return true
-        most = 2**self.description.bit_depth - 1
-        if true.ndim == 2:
-            found = self._sensor.counts(true.astype(float), float(now))
-            return np.clip(found, 0, most).astype(true.dtype)
-        found = [self._sensor.counts(one.astype(float), float(at)) for one, at in zip(true, now, strict=True)]
-        return np.clip(np.stack(found), 0, most).astype(true.dtype)
