@@ -2,6 +2,7 @@
 
     python benchmarks/bench_wrong_setups.py --count 60 --out setups.jsonl      # drawn wrong set-ups
     python benchmarks/bench_wrong_setups.py --right 300 --out right.jsonl      # right ones: no alarm
+    python benchmarks/bench_wrong_setups.py --count 200 --mistakes "all as declared"   # up to the bounds
     python benchmarks/bench_wrong_setups.py --tell setups.jsonl right.jsonl    # the tables
 
 Each is a mistake of `wrong_setups.py` on a rig, in virtual time. A line of JSON a set-up holds what each

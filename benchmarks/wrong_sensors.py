@@ -37,7 +37,7 @@ class Hung(Sensor):
 
 
 class Spare(Sensor):
-    """A healthy array that lies on the bench: another one is on the finger."""
+    """A healthy array that is not on the finger: it sends noise and feels nothing."""
 
     def __init__(self, seed: int) -> None:
         self._rng, self._frame = np.random.default_rng(seed), None

@@ -384,7 +384,7 @@ def draw(rig: str, mistake: str, seed: int) -> SetUp:
         return replace(setup, written=written, detail=detail)
     if mistake == "encoders off":
         return _encoders(setup, rng, is_declared=False)
-    for change in WITHIN.get(mistake, ()):
+    for change in WITHIN[mistake] if mistake != "right" else ():
         setup = change(setup, rng)
     return setup
 

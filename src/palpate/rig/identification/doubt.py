@@ -294,10 +294,11 @@ def _is_across(told: Sequence[Contact], real: Sequence[Contact]) -> bool:
 def _touches_in_place(result: Identification) -> Iterator[tuple[int, Touch, tuple[float, float]]]:
     """Every touch with the number of its grip, and how far (mm, rad) the part may have been moved since.
 
-    Without those before a motion that has no bound.
+    Latest first: what the part may have moved since widens a contact, and wide ones that are paired first
+    cost a recognition a hundred times as much. Without those before a motion that has no bound.
     """
     motions = result.motions or ((0.0, 0.0),) * len(result.grips)
-    for number, grip in enumerate(result.grips):
+    for number, grip in reversed(list(enumerate(result.grips))):
         since = motions[number:]
         known = [item for item in since if item is not None]
         if len(known) == len(since):
