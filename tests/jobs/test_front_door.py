@@ -231,7 +231,8 @@ def test_messages_name_no_options_of_the_command_line() -> None:
     rooms = ("jobs", "base", "cad", "calibration", "config", "drivers", "recognizer", "rig")
     paths = [path for room in rooms for path in (ROOT / "src" / "palpate" / room).rglob("*.py")]
     assert len(paths) > 200
-    for path in paths:
+    completes_commands = ROOT / "src" / "palpate" / "base" / "errors.py"
+    for path in set(paths) - {completes_commands}:
         tree = ast.parse(path.read_text())
         texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant)]
         for text in (text for text in texts if isinstance(text, str) and "\n" not in text):

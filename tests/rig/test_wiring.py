@@ -42,6 +42,7 @@ from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.result import WiringProof
 from support.benches.calibration_files import MADE
 from support.benches.rigs import firm_rig, small, small_objects
+from support.commands.command import Here
 from support.commands.repository import EXAMPLES
 
 Table = dict[str, Any]
@@ -256,6 +257,25 @@ def test_on_a_bench_the_file_is_mended(
         assert text.startswith("# mine\n")
         mended = wiring_of(load_rig(tmp_path / "rig.toml"))
         assert {item.function for item in mended} == {item.function for item in wiring_of(true)}
+
+
+def test_a_wiring_that_was_mended_ends_well_and_says_what_to_run_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: Here
+) -> None:
+    true, wrong = load_rig(firm_rig()), tomllib.loads(firm_rig().read_text(encoding="utf-8"))
+    _rotate(wrong, [0, 1], "array.port")
+    path = tmp_path / "rig.toml"
+    path.write_text(tomlkit.dumps(wrong), encoding="utf-8")
+    monkeypatch.setattr(bench_module, "emulate", lambda _, lies, seed: emulate(true, lies, seed))
+    press = ("check", "--rig", path, "--press")
+    found = here(*press)
+    assert found.code == 1
+    assert f"palpate check --rig {path} --press --apply" in found.out
+    mended = here(*press, "--apply")
+    assert mended.code == 0
+    assert mended.err.splitlines()[-1].endswith(f"palpate check --rig {path} --press --move")
+    assert wiring_of(load_rig(path)) == wiring_of(true)
+    assert here(*press).code == 0
 
 
 def test_changes_keep_comments_and_a_file_that_would_be_wrong_is_left(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ Every message says what was wrong, where, and what to do next, in one line, for 
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
+import re
+import shlex
 import warnings
 from collections.abc import Sequence
 
@@ -42,6 +44,19 @@ def printable_text(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+_RIG_COMMAND = re.compile(
+    r"(palpate (?:calibrate|check|doctor|home|identify|reboot|setup-motors|stop|watch))\b"
+    r"(?!-)(?!(?:(?!palpate)[^;,`:()])* --rig )"
+)
+
+
+def complete_commands(text: str, rig: str) -> str:
+    """Text whose commands of palpate for a rig name its rig file, as the user would type them."""
+    option = f" --rig {shlex.quote(rig)}"
+    text = text.replace(" --rig FILE", option)
+    return _RIG_COMMAND.sub(lambda found: found[1] + option, text)
 
 
 def quantity(count: int, one: str, many: str) -> str:

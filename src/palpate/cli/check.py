@@ -81,8 +81,9 @@ def check(
     """Look at every servo, array and the bus of a rig. Moves nothing without --touch, --hold or --move.
 
     Exit code 1: something is wrong, or touches do not agree with the calibration. 3: a port or device is
-    missing or silent. Warnings alone: 0. With --full as `palpate doctor`: --verbose is for it. --press and
-    --move together prove the wiring, which identify asks for on a real rig; --json gives what they found.
+    missing or silent. 0: warnings alone, or --apply has written all that was wrong. With --full as `palpate
+    doctor`: --verbose is for it. --press and --move together prove the wiring, which identify asks for on a
+    real rig; --json gives what they found.
     """
     from palpate.base.errors import InputError
     from palpate.cli.calibration_dialogue import ConsoleTable
@@ -114,10 +115,10 @@ def check(
             typer.echo(checked.to_json() if checked.result.wiring is None else to_json(checked.result.wiring))
         show_check(checked.result, looking.console(soft_wrap=True))
         looking.write_report(checked.report)
-        looking.apply(checked)
+        mended = looking.apply(checked)
     if checked.failure is not None:
         raise checked.failure
-    return _exit_code(checked)
+    return _exit_code(checked, mended=mended)
 
 
 def doctor(
@@ -135,7 +136,7 @@ def doctor(
     """Find out what is wrong with a set-up, from ports to forces: another name of `palpate check --full`.
 
     Moves nothing without --move. Exit code 1: something is wrong. 3: a port or device is missing or silent.
-    Warnings alone: 0.
+    0: warnings alone, or --apply has written all that was wrong.
     """
     asked = _Asked(rig, json, no_calibration, yes, seed, report, None, press, move, apply)
     return _examine(asked, verbose=verbose)
@@ -158,12 +159,16 @@ def _examine(asked: "_Asked", *, verbose: bool) -> int:
             typer.echo(found.to_json())
         show_doctor(found.result, looking.console(), verbose=verbose)
         looking.write_report(found.report)
-        looking.apply(found)
-    return _exit_code(found)
+        mended = looking.apply(found)
+    return _exit_code(found, mended=mended)
 
 
-def _exit_code(found: "CheckAnswer | DoctorAnswer") -> int:
-    if found.well:
+def _exit_code(found: "CheckAnswer | DoctorAnswer", *, mended: bool) -> int:
+    """Exit code, 0 also if all that was wrong is the wiring, and the rig file was mended."""
+    from palpate.config.diagnosis_results import Outcome
+
+    wrong = [item.step for item in found.steps if item.outcome is Outcome.WRONG]
+    if not wrong or (mended and wrong == ["wiring"]):
         return 0
     return _EXIT_DEVICE if found.device_missing else _EXIT_WRONG
 
@@ -233,14 +238,17 @@ class _Looking:
         self.close()
         return _ConsoleOnlooker(self.err, self.rig.described)
 
-    def apply(self, found: "CheckAnswer | DoctorAnswer") -> None:
-        """Write what is to be changed into the rig file, if that was asked for, or if somebody says so."""
+    def apply(self, found: "CheckAnswer | DoctorAnswer") -> bool:
+        """Write what is to be changed into the rig file, if that was asked for, or if somebody says so.
+
+        True if it was written.
+        """
         from palpate.cli.terminal import can_ask
         from palpate.views.doctor import change_lines
 
         wiring = found.result.wiring
         if wiring is None or not wiring.changes:
-            return
+            return False
         for line in change_lines(wiring):
             self.err.print(line, highlight=False, markup=False)
         if not self.asked.apply and can_ask():
@@ -248,8 +256,9 @@ class _Looking:
             self.asked.apply = answer.strip().lower() in ("y", "yes")
         if self.asked.apply:
             found.apply()
-            text = f"written: {found.on_bench.path}; what was wrong above is mended if it checks well now"
+            text = f"written into {found.on_bench.path}, not tried yet; next: palpate check --press --move"
             self.err.print(text, highlight=False, markup=False)
+        return self.asked.apply
 
     def permit(self, question: str | None = None) -> None:
         """Ask whether fingers may move, unless that was said."""

@@ -53,7 +53,7 @@ def identify(
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.base.file_io import check_places, write_text
     from palpate.cli.run_display import IdentificationProgress, closing_lines, view_starter
-    from palpate.cli.terminal import Terminal, print_notices, rig_files, scene_files
+    from palpate.cli.terminal import Terminal, print_notices, rig_files, scene_files, with_rig_given
     from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
@@ -80,7 +80,8 @@ def identify(
     except PalpateError as error:  # an answer that could not be written down is still an answer
         failure = failure or error
     place = picture or Path(answer.session or "", "picture.svg")
-    typer.echo(answer.to_json() if json else "\n".join(closing_lines(answer, place)))
+    lines = closing_lines(answer, place)
+    typer.echo(answer.to_json() if json else with_rig_given("\n".join(lines)))
     if failure is not None:
         raise failure
     answered = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)

@@ -27,7 +27,7 @@ from palpate.cli.identify import identify, plan, recognize, study
 from palpate.cli.objects import check_objects, import_objects, merge, remove, rename, show_objects
 from palpate.cli.sessions import export, info, list_sessions, prune, replay, report
 from palpate.cli.setup import emulate, find_port, init, reboot, scan, schema, setup_motors, stop
-from palpate.cli.terminal import print_notices
+from palpate.cli.terminal import print_notices, with_rig_given
 from palpate.cli.view import view, watch
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
@@ -223,5 +223,5 @@ def _notes(error: BaseException) -> list[str]:
 def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
     with suppress(OSError):
         for line in (message, *notes):
-            typer.echo(printable_text(line), err=True)
+            typer.echo(printable_text(with_rig_given(line)), err=True)
     return code

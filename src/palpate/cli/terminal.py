@@ -11,15 +11,16 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.segment import Segment
 from rich.status import Status
+from rich.text import Text
 
-from palpate.base.errors import InputError, printable_text
+from palpate.base.errors import InputError, complete_commands, printable_text
 from palpate.base.vocabulary import Strategy
 
 VIEW_PORT = 8765
@@ -139,6 +140,12 @@ class Terminal(Console):
     Into a file or a pipe lines go without the blanks that fill up a table's columns at their end.
     """
 
+    def render_str(self, text: str, **options: Any) -> Text:
+        """What rich makes of text, whose commands name the rig file that was given."""
+        markup = options.get("markup")
+        quote = escape if (self._markup and markup is None) or markup else str
+        return super().render_str(with_rig_given(text, quote), **options)
+
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yield what rich makes of something, without control characters but its own."""
         rendered = map(_escape_segment, super().render(renderable, options))
@@ -181,10 +188,16 @@ def check_can_ask(why: str, instead: str) -> None:
         raise InputError(f"{why}, and there is no terminal to ask on: {instead}")
 
 
+def with_rig_given(text: str, quote: Callable[[str], str] = str) -> str:
+    """Text whose commands name the rig file that --rig gave to this one, so that they can be copied."""
+    found = re.findall(r"\0--rig[=\0]([^\0]+)", "\0".join(["", *sys.argv[1:]]))
+    return complete_commands(text, quote(found[-1])) if found else text
+
+
 def print_notices(lines: Iterable[str]) -> None:
     """Tell the operator what does not stop the command, a line each."""
     for line in lines:
-        typer.echo(f"notice: {printable_text(line)}", err=True)
+        typer.echo(f"notice: {printable_text(with_rig_given(line))}", err=True)
 
 
 class StatusLine:

@@ -93,10 +93,9 @@ class ItemChange:
         """What such a value does."""
         return SETTINGS[self.item].effect
 
-    def remedy(self, dxl_id: int, rig: str = "FILE") -> str:
-        """The command that mends it in a servo of the rig file `rig`."""
+    def remedy(self, dxl_id: int) -> str:
+        """The command that mends it in a servo."""
         command = f"palpate setup-motors --rig FILE --id {dxl_id}, which writes {self.wanted}"
-        command = command.replace("FILE", rig)
         if self.item != HOMING_OFFSET or abs(self.found) > LARGEST_HOMING_OFFSET:
             return command
         keep = f"write homing_offset = {self.found} into the rig file"

@@ -1,4 +1,4 @@
-"""Array steps of a diagnosis: identity, geometry, frames, noise, drift and force scale.
+"""Array steps of a diagnosis: identity, geometry, force scale and hardware.
 
 *Taxels.* Dead, hot and unsteady ones, by frames of an untouched array or by its own account. Whether taxels
 are where the array says cannot be seen while nothing touches them: `palpate watch` shows it.
@@ -12,20 +12,12 @@ from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import Bools
 from palpate.config.diagnosis_results import Cause, FindingOut
 from palpate.drivers.tactile import ContactExtractor, SelfTestResult, Shape, TaxelFault
-from palpate.rig.arrays import calibration_of, doubt_warning, pad_problem, shape_warning, threshold_problem
-from palpate.rig.diagnostics.array_examination import (
-    ExaminedArray,
-    UntouchedArray,
-    UntouchedStatistics,
-    frame_rate_hz,
-    is_loss_too_high,
-    is_rate_too_low,
-)
+from palpate.rig.arrays import calibration_of, pad_problem, shape_warning
+from palpate.rig.diagnostics.array_examination import ExaminedArray, UntouchedArray
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, join_words, name_flag, warning, wrong
 
 _MAX_RADIUS_ERROR_SHARE = 0.1
-_HUNG_SHARE = 0.1  # of the frames, at the end
 _MAX_SCALE_RATIO = 2.0  # factor between what should be the same
 
 
@@ -86,15 +78,15 @@ def _silent(item: ExaminedArray) -> FindingOut:
             Cause.ARRAY_PROTOCOL,
             item.device,
             f'it sends what is no message of the protocol "{array.protocol}" at {array.baudrate_bps} baud',
-            "it speaks another protocol or at another rate, or something else hangs on this port",
+            "what it feels cannot be read",
             f"check protocol, baudrate_bps and port of finger {item.spec.name}'s array in the rig file",
         )
     return wrong(
         Cause.ARRAY_SILENT,
         item.device,
         f"its port {array.port} opens, and nothing answers there at any usual baud rate",
-        "it has no power, its data lines are crossed or loose, or this is another device's port",
-        f"check power and cable of finger {item.spec.name}'s array",
+        "what it feels cannot be read",
+        f"see that the array of finger {item.spec.name} has power; if so, check its cable and its port",
     )
 
 
@@ -111,8 +103,9 @@ def find_misfits(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
                     Cause.ARRAY_GEOMETRY,
                     item.device,
                     f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
-                    "another array was mounted since, or its port is another finger's",
-                    case.calibrate_or(f"correct or leave out array.taxels of finger {spec.name}"),
+                    "gains and zeros that were calibrated are not those of the array that answers",
+                    f"see that {spec.array.port} is the port of finger {spec.name}'s array; if it is, "
+                    + case.calibrate_or("correct or leave out its array.taxels"),
                 )
             ]
     try:
@@ -144,7 +137,7 @@ def _pad_geometry(item: ExaminedArray) -> list[FindingOut]:
             Cause.ARRAY_GEOMETRY,
             item.device,
             problem,
-            "another array is mounted, or the rig file is mistaken about the pad",
+            "contacts would be taken for ones elsewhere on the pad",
             f"measure the pad of finger {item.spec.name} and its array, and correct what is wrong",
         )
     ]
@@ -163,7 +156,7 @@ def _radius(item: ExaminedArray) -> list[FindingOut]:
             Cause.ARRAY_GEOMETRY,
             item.device,
             f"it says its tip's radius is {described.tip_radius_mm:g} mm, the rig file {tip.radius_mm:g} mm",
-            "another array is mounted, or one of the two numbers is a diameter or a mistake",
+            "contacts would be taken for ones elsewhere on the tip",
             f"measure the tip of finger {item.spec.name}, and correct the number that is wrong",
         )
     ]
@@ -198,163 +191,6 @@ def _odd_shape(item: ExaminedArray) -> list[FindingOut]:
     saw, _, rest = odd.partition(": ")
     do, _, means = rest.rpartition(", or ")
     return [warning(Cause.FLAT_ARRAY, item.device, saw, means, do)]
-
-
-def judge_frames(case: DiagnosisCase, readings: Readings) -> Judgement:
-    """Rates of frames, and those that are lost or damaged."""
-    wanted, arrays = case.rig.closing.sample_rate_hz, readings.untouched
-    findings = [
-        found for array in arrays for found in (*_stream(array.seen, wanted), *_repeated(array, wanted))
-    ]
-    rates = [f"{frame_rate_hz(array.seen.frames):.0f}" for array in arrays]
-    lost = sum(array.seen.lost for array in arrays)
-    return f"{join_words(sorted(set(rates)))} a second of {wanted:g}, {lost} lost or damaged", findings
-
-
-def _stream(item: ExaminedArray, wanted: float) -> list[FindingOut]:
-    got, lost, rate = len(item.frames), item.lost, frame_rate_hz(item.frames)
-    if is_loss_too_high(lost, got):
-        return [
-            wrong(
-                Cause.FRAMES_LOST,
-                item.device,
-                f"{lost} of {got + lost} frames were lost or damaged"
-                + (f"; {item.broken}" if item.broken else ""),
-                "its cable is bad, too long or beside motor cables, or a USB hub is overloaded",
-                "plug the array into the computer directly, with another cable",
-            )
-        ]
-    limit = 0.0 if item.description is None else item.description.max_rate_hz
-    if item.broken is not None and wanted > limit:
-        return [
-            wrong(
-                Cause.FRAMES_SLOW,
-                item.device,
-                item.broken,
-                f"the rig file asks for more frames than it can send (at most {limit:g} a second)",
-                f"write sample_rate_hz = {limit:g} or less below [closing] in the rig file",
-            )
-        ]
-    if item.broken is not None or not got:
-        return [
-            wrong(
-                Cause.NO_FRAMES,
-                item.device,
-                item.broken or "it answers, and sends no frames",
-                "something in it does not work, or it has restarted",
-                "power it off and on, then run this again",
-            )
-        ]
-    if not is_rate_too_low(rate, wanted):
-        return []
-    return [
-        warning(
-            Cause.FRAMES_SLOW,
-            item.device,
-            f"{rate:.0f} frames a second arrive instead of {wanted:g}",
-            "array or wire cannot send more, and contacts are noticed later",
-            f"write sample_rate_hz = {math.floor(rate)} in the rig file, or raise the array's baud rate",
-        )
-    ]
-
-
-def _repeated(array: UntouchedArray, wanted: float) -> list[FindingOut]:
-    """Frames that carry no new reading."""
-    if array.shown is None:
-        return []
-    repeats, device = array.shown.repeats, array.seen.device
-    if repeats.last > _HUNG_SHARE * repeats.frames:
-        saw = f"the last {repeats.last + 1} frames carry one and the same reading, taxel by taxel"
-        if repeats.certain:
-            why = "it hangs: its firmware sends on without sampling, and would feel nothing"
-            return [wrong(Cause.ARRAY_HUNG, device, saw, why, "power it off and on, then run this again")]
-        why = "it has no noise at all, or it hangs and would feel nothing"
-        do = f"press the tip of finger {array.seen.spec.name} while palpate watch shows it: it must change"
-        return [warning(Cause.ARRAY_HUNG, device, saw, why, do)]
-    if not repeats.certain:
-        return []
-    saw = (
-        f"only {repeats.rate_hz:.0f} of {wanted:g} frames a second carry a new reading; the others repeat it"
-    )
-    why = f"it samples more slowly than it sends: what it shows is up to {1e3 / repeats.rate_hz:.0f} ms old"
-    do = (
-        f"let its firmware sample as fast as it sends, or write sample_rate_hz = "
-        f"{max(math.floor(repeats.rate_hz), 1)} below [closing]"
-    )
-    return [warning(Cause.FRAMES_REPEATED, device, saw, why, do)]
-
-
-def judge_noise(case: DiagnosisCase, readings: Readings) -> Judgement:
-    """Noise that would pass for a contact, and zeros that move."""
-    heard = [(array, array.shown) for array in readings.untouched if array.shown is not None]
-    findings = [found for array, shown in heard for found in _noise_and_drift(case, array, shown)]
-    noises = [shown.noise_counts for _, shown in heard]
-    drifts = [shown.drift_counts_per_s for _, shown in heard]
-    drift = f"drift up to {max(drifts):.2g} counts/s" if any(drifts) else "no drift beyond what is declared"
-    noise = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (min(noises), max(noises))))
-    return f"noise of {noise} counts, {drift}", findings
-
-
-def _noise_and_drift(
-    case: DiagnosisCase, array: UntouchedArray, shown: UntouchedStatistics
-) -> list[FindingOut]:
-    spec, described = array.seen.spec, array.seen.description
-    assert described is not None
-    if shown.drifting:
-        allowed = spec.array.drift_counts_per_s
-        return [
-            wrong(
-                Cause.DRIFT,
-                array.seen.device,
-                f"zeros of {quantity(shown.drifting, 'taxel', 'taxels')} move by up to "
-                f"{shown.drift_counts_per_s:.2g} counts/s; the rig file allows {allowed:g}",
-                "it is still warming up, something touches the tip, or it drifts more than is declared",
-                "leave it on for ten minutes with nothing near the tip, then run this again",
-            )
-        ]
-    if (found := _disturbance_findings(array, shown)) or shown.unsteady.any():  # which the taxel map has
-        return found
-    extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
-    extractor.tare(array.seen.frames)
-    noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
-    if noisy is not None:
-        return [
-            wrong(
-                Cause.NOISE,
-                array.seen.device,
-                noisy.partition("; ")[0],
-                "noise comes in by supply or cable, or contact_force_n is too small for this array",
-                "switch the servos' supply off: if noise goes, part the cables, join the grounds; if not, "
-                + noisy.partition("; ")[2],
-            )
-        ]
-    doubt = doubt_warning(case.rig, spec, extractor)
-    if doubt is None:
-        return []
-    means, _, do = doubt.partition("; ")[2].partition(": ")
-    return [warning(Cause.HIDDEN_PUSH, array.seen.device, doubt.partition("; ")[0], means, do)]
-
-
-def _disturbance_findings(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:
-    """Readings that something else than a touch moves."""
-    disturbed, device = shown.disturbed, array.seen.device
-    if disturbed.common:
-        saw = (
-            f"all taxels jump together, by up to {disturbed.common_counts:.0f} counts, in "
-            f"{disturbed.common} of {disturbed.frames} frames"
-        )
-        why = "interference comes in by supply or cable, and passes for contacts"
-        do = "switch the servos' supply off: if it goes, part the cables and join the grounds"
-        return [wrong(Cause.INTERFERENCE, device, saw, why, do)]
-    if not disturbed.rows:
-        return []
-    rows, times = join_words([str(row) for row in disturbed.rows]), sum(disturbed.rows.values())
-    saw = (
-        f"whole rows ({rows}) jump by up to {disturbed.row_counts:.0f} counts, {times} times in "
-        f"{disturbed.frames} frames"
-    )
-    why = "a line of the rows or the multiplexer that switches them has a loose contact"
-    return [wrong(Cause.UNSTEADY_ROW, device, saw, why, "check the flat cable between skin and electronics")]
 
 
 def judge_scale(_case: DiagnosisCase, readings: Readings) -> Judgement:
@@ -420,8 +256,8 @@ def _hardware(array: UntouchedArray) -> list[FindingOut]:
             Cause.ARRAY_HARDWARE,
             array.seen.device,
             f"its self-test finds fault with its {named or 'parts that only its maker can name'}",
-            "it is broken, or has too little supply",
-            "check its supply, then repair or replace it",
+            "what it feels cannot be relied on",
+            "check its supply, then run this again: if it is the same, repair or replace it",
         )
     ]
 
@@ -457,13 +293,11 @@ def _bad_taxels(array: UntouchedArray, leave_out: str) -> list[FindingOut]:
 
 def _dead(item: ExaminedArray, dead: Bools, leave_out: str) -> list[FindingOut]:
     columns, rows = np.flatnonzero(dead.all(axis=0)), np.flatnonzero(dead.all(axis=1))
-    replace = "repair the flat cable or replace the array"
+    replace = "check the plugs of its flat cable; if they sit fast, repair it or replace the array"
     if len(rows) == len(dead):
         saw = f"none of its {dead.size} taxels ever changes"
-        why = "its skin is not connected to its electronics"
-        return [
-            wrong(Cause.ARRAY_HARDWARE, item.device, saw, why, "check the cable between skin and electronics")
-        ]
+        do = "check the cable between skin and electronics"
+        return [wrong(Cause.ARRAY_HARDWARE, item.device, saw, _FEELS_NOTHING, do)]
     found = []
     left = dead.copy()
     for cause, name, numbers in ((Cause.DEAD_COLUMN, "column", columns), (Cause.DEAD_ROW, "row", rows)):
@@ -471,20 +305,12 @@ def _dead(item: ExaminedArray, dead: Bools, leave_out: str) -> list[FindingOut]:
             continue
         which = join_words([str(number) for number in numbers])
         saw = f"all taxels of {name}{'' if len(numbers) == 1 else 's'} {which} are dead"
-        found.append(
-            wrong(
-                cause,
-                item.device,
-                saw,
-                f"a line of the {name} is broken, or its plug does not touch",
-                replace,
-            )
-        )
+        found.append(wrong(cause, item.device, saw, _FEELS_NOTHING, replace))
         left[:, columns] = False
         left[rows] = False
     if left.any():
         saw = f"{quantity(int(left.sum()), 'dead taxel', 'dead taxels')}: {_places(left)}"
-        found.append(wrong(Cause.DEAD_TAXEL, item.device, saw, _WORN_SKIN, f"repair it, or {leave_out}"))
+        found.append(wrong(Cause.DEAD_TAXEL, item.device, saw, _FEELS_NOTHING, f"repair it, or {leave_out}"))
     return found
 
 
@@ -492,16 +318,8 @@ def _stuck(item: ExaminedArray, hot: Bools, leave_out: str) -> list[FindingOut]:
     if not hot.any():
         return []
     saw = f"{quantity(int(hot.sum()), 'taxel', 'taxels')} at full scale without a touch: {_places(hot)}"
-    why = "a short circuit in the skin, or something is pressed into it"
-    return [
-        wrong(
-            Cause.HOT_TAXEL,
-            item.device,
-            saw,
-            why,
-            f"look at the skin there; then {leave_out}",
-        )
-    ]
+    do = f"look at the skin there, and take off what presses on it; if nothing does, {leave_out}"
+    return [wrong(Cause.HOT_TAXEL, item.device, saw, _FEELS_NOTHING, do)]
 
 
 def _unsteady(item: ExaminedArray, unsteady: Bools, leave_out: str) -> list[FindingOut]:
@@ -509,11 +327,11 @@ def _unsteady(item: ExaminedArray, unsteady: Bools, leave_out: str) -> list[Find
         return []
     noisy = quantity(int(unsteady.sum()), "taxel", "taxels")
     saw = f"{noisy} far noisier than the others: {_places(unsteady)}"
-    why = "a contact in skin or plug is loose"
-    return [wrong(Cause.UNSTEADY_TAXEL, item.device, saw, why, f"repair it, or {leave_out}")]
+    means = "its jumps pass for contacts"
+    return [wrong(Cause.UNSTEADY_TAXEL, item.device, saw, means, f"repair it, or {leave_out}")]
 
 
-_WORN_SKIN = "the skin is worn or damaged there"
+_FEELS_NOTHING = "no contact is felt there"
 
 
 def _places(taxels: Bools) -> str:

@@ -65,8 +65,9 @@ def _all_silent(case: DiagnosisCase) -> FindingOut:
         Cause.BUS_SILENT,
         name_together(f"port {case.rig.bus.port}", map(_name, list_servos(case.rig))),
         f"the port opens, and no servo answers at {rates} baud",
-        "the servos have no supply, the first cable is not plugged in, or this is another device's port",
-        "switch the servos' supply on and check the cable from the adapter to the first servo",
+        "nothing can be moved or read",
+        "switch the servos' supply on and check the cable from the adapter to the first servo; if both "
+        "are right, see with palpate find-port whether the port is the adapter's",
     )
 
 
@@ -97,7 +98,7 @@ def judge_baud_rate(case: DiagnosisCase, readings: Readings) -> Judgement:
             _name(servo),
             f"it answers at {item.baudrate} baud, not at the rig file's {rate}",
             "it has not been set up for this rig, or was reset",
-            case.command(f"palpate setup-motors --rig RIG --id {servo.dxl_id}"),
+            f"palpate setup-motors --id {servo.dxl_id}",
         )
         for servo, item in moved
     ]
@@ -111,18 +112,16 @@ def judge_ids(case: DiagnosisCase, readings: Readings) -> Judgement:
     missing = [servo for servo in seen.missing if servo.dxl_id not in at_other_rate]
     crowded = [item for item in (*seen.here, *seen.elsewhere) if item.crowded]
     strangers = [item for item in seen.strangers if not item.crowded]
-    findings = [_id_clash(case, item, seen.owned, missing) for item in crowded]
+    findings = [_id_clash(item, seen.owned, missing) for item in crowded]
     if missing and not crowded:
-        findings.append(_other_ids(case, missing, strangers) if strangers else _silent(missing))
+        findings.append(_other_ids(missing, strangers) if strangers else _silent(missing))
     elif not missing:
         findings += [_stranger(case, item) for item in strangers]
     ids = sorted(item.dxl_id for item in seen.here)
     return f"ids {join_words([str(i) for i in ids], 16)} answer", findings
 
 
-def _id_clash(
-    case: DiagnosisCase, item: FoundServo, owned: Sequence[RigServo], missing: Sequence[RigServo]
-) -> FindingOut:
+def _id_clash(item: FoundServo, owned: Sequence[RigServo], missing: Sequence[RigServo]) -> FindingOut:
     owner = next((servo for servo in owned if servo.dxl_id == item.dxl_id), None)
     also = f", and {_name_servos(missing).name} does not answer" if missing else ""
     target = missing[0] if missing else owner
@@ -133,17 +132,11 @@ def _id_clash(
         f"two servos or more answer to id {item.dxl_id} at once, and spoil each other's answers{also}",
         "one of them was never given an id of its own",
         "connect only the servo that has the wrong id, then: "
-        + case.command(
-            "palpate setup-motors --rig RIG"
-            if target is None
-            else f"palpate setup-motors --rig RIG --id {target.dxl_id}"
-        ),
+        + ("palpate setup-motors" if target is None else f"palpate setup-motors --id {target.dxl_id}"),
     )
 
 
-def _other_ids(
-    case: DiagnosisCase, missing: Sequence[RigServo], strangers: Sequence[FoundServo]
-) -> FindingOut:
+def _other_ids(missing: Sequence[RigServo], strangers: Sequence[FoundServo]) -> FindingOut:
     there = [
         f"id {item.dxl_id} at {item.baudrate} baud ({model_name(item.ping) or 'unknown model'})"
         for item in strangers
@@ -155,7 +148,7 @@ def _other_ids(
         f"{'it' if len(missing) == 1 else 'they'} {verb} not answer, and {join_words(there)}, which the rig "
         f"file does not have, {'does' if len(there) == 1 else 'do'}",
         "a servo has another id than the rig file says; new ones have id 1 at 57600 baud",
-        case.command(f"palpate setup-motors --rig RIG --id {missing[0].dxl_id}"),
+        f"palpate setup-motors --id {missing[0].dxl_id}",
     )
 
 
@@ -176,10 +169,8 @@ def _silent(missing: Sequence[RigServo]) -> FindingOut:
         Cause.SERVO_SILENT,
         _name_servos(missing),
         f"{'it does' if one else 'they do'} not answer at any baud rate, and other servos do",
-        "its cable or plug is loose, or it is broken"
-        if one
-        else "a cable or plug before them is loose, or they have no supply",
-        f"check the plugs on both sides of {'servo' if one else 'servos'} {ids}",
+        "nothing reaches it, or it is broken" if one else "nothing reaches them",
+        f"check supply and plugs on both sides of {'servo' if one else 'servos'} {ids}",
     )
 
 

@@ -39,9 +39,7 @@ from palpate.rig.diagnostics.array_examination import (
 from palpate.rig.diagnostics.array_steps import (
     find_misfits,
     judge_answers,
-    judge_frames,
     judge_geometry,
-    judge_noise,
     judge_scale,
     judge_taxels,
 )
@@ -97,6 +95,7 @@ from palpate.rig.diagnostics.steps import (
     join_words,
     name_flag,
 )
+from palpate.rig.diagnostics.stream_steps import judge_frames, judge_noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +286,10 @@ def diagnose(case: DiagnosisCase, now: datetime, motions: Sequence[MotionStep] =
         if _has_wrong([done]):
             steps = [_without(item, motion.despite) for item in steps]
         steps.append(done)
-    return Diagnosis(case, readings, tuple(steps), moved)
+    told = (
+        step.model_copy(update={"findings": tuple(map(case.with_commands, step.findings))}) for step in steps
+    )
+    return Diagnosis(case, readings, tuple(told), moved)
 
 
 def read_rig(case: DiagnosisCase, now: datetime) -> Readings:

@@ -88,7 +88,7 @@ def _missing(case: DiagnosisCase, missing: Sequence[str], *, nothing: bool) -> l
                 Cause.PORT_MISSING,
                 name_together("all ports", devices.values()),
                 f"none of them is there: {join_words([_with_user(case, port) for port in missing])}",
-                "nothing is plugged in, or every adapter has another name now",
+                "no device can be reached",
                 "plug the adapters in, then find their names with: palpate find-port",
             )
         ]
@@ -105,7 +105,7 @@ def _missing(case: DiagnosisCase, missing: Sequence[str], *, nothing: bool) -> l
             Cause.PORT_MISSING,
             device,
             "there is no such port",
-            "its adapter is not plugged in, or has another name now",
+            "what hangs on it cannot be reached",
             "plug the adapter in, then find its name with: palpate find-port",
         )
         for port, device in devices.items()

@@ -43,6 +43,10 @@ _MAX_ITEMS_NAMED = 4
 _WARM_MARGIN_C = 10  # below the limit
 _BUSY_FACTOR = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
 
+_END_OTHERS = (
+    "end other programs, then run this again: if it is no better, plug the adapter in directly, without a hub"
+)
+
 _SETTING_CAUSES = {
     HOMING_OFFSET: Cause.HOMING_OFFSET,
     SECONDARY_ID: Cause.SHADOW_ID,
@@ -110,7 +114,7 @@ def _drop(there: Sequence[tuple[ExaminedServo, Health]]) -> list[FindingOut]:
             Cause.SUPPLY_DROP,
             worst.device,
             f"{least.voltage_v:.1f} V reach it, and {most.voltage_v:.1f} V another servo of the bus",
-            "a plug or a cable on the way to it has too much resistance",
+            "plugs or cables on the way to it take that much",
             f"check plugs and cables before servo {worst.dxl_id}",
         )
     ]
@@ -157,13 +161,11 @@ def _high(items: Sequence[ExaminedServo]) -> FindingOut:
     )
 
 
-def judge_hardware(case: DiagnosisCase, readings: Readings) -> Judgement:
+def judge_hardware(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Servos that are hot or warm, or report an error that supply and heat do not explain."""
     there = _read_servos(readings)
     findings = [
-        found
-        for item, health in there
-        for found in (*_heat(item, health), *_latched_error(case, item, health))
+        found for item, health in there for found in (*_heat(item, health), *_latched_error(item, health))
     ]
     errors = sum(bool(health.hardware_error) for _, health in there)
     reported = f"{quantity(errors, 'servo reports', 'servos report')} an error" if errors else "none reported"
@@ -173,15 +175,16 @@ def judge_hardware(case: DiagnosisCase, readings: Readings) -> Judgement:
 def _heat(item: ExaminedServo, health: Health) -> list[FindingOut]:
     found, limit = health.temperature_c, item.expected.get("Temperature Limit", health.temperature_limit_c)
     if found >= limit:
-        saw, means = f"{found} °C, its limit is {limit} °C", "it has worked hard for long, or its joint binds"
-        return [wrong(Cause.TOO_HOT, item.device, saw, means, "switch its supply off and let it cool down")]
+        saw, means = f"{found} °C, its limit is {limit} °C", "it lets go, and a run ends"
+        do = "switch its supply off and let it cool down, then see by hand if its joint binds"
+        return [wrong(Cause.TOO_HOT, item.device, saw, means, do)]
     if found >= limit - _WARM_MARGIN_C:
         saw, means = f"it is warm: {found} °C of {limit} °C", "at its limit it lets go, and a run ends"
         return [warning(Cause.WARM, item.device, saw, means, "let it cool down, and see if its joint binds")]
     return []
 
 
-def _latched_error(case: DiagnosisCase, item: ExaminedServo, health: Health) -> list[FindingOut]:
+def _latched_error(item: ExaminedServo, health: Health) -> list[FindingOut]:
     errors = health.hardware_error & ~health.outside_limits
     for change in item.foreign:
         errors &= ~SETTINGS[change.item].limits
@@ -189,11 +192,11 @@ def _latched_error(case: DiagnosisCase, item: ExaminedServo, health: Health) -> 
         return []
     saw = f"it has latched a hardware error: {join_words([name_flag(flag) for flag in errors])}"
     means = f"{error_causes(errors)}; it refuses torque until it is restarted"
-    do = case.command(f"remove the cause, then palpate reboot --rig RIG --id {item.dxl_id}")
+    do = f"remove the cause, then palpate reboot --id {item.dxl_id}"
     return [wrong(Cause.HARDWARE_ERROR, item.device, saw, means, do)]
 
 
-def judge_torque(case: DiagnosisCase, readings: Readings) -> Judgement:
+def judge_torque(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Servos whose torque is on."""
     on = [item for item, health in _read_servos(readings) if health.torque_on]
     if not on:
@@ -202,17 +205,17 @@ def judge_torque(case: DiagnosisCase, readings: Readings) -> Judgement:
         Cause.TORQUE_ON,
         _together(on),
         "torque is on, and nothing should hold it now",
-        "another program left it on, or still runs",
-        case.command("palpate stop --rig RIG"),
+        "it cannot be moved by hand, and what else writes to the bus may move it",
+        "palpate stop; if it is on again then, another program still writes to the bus: end that",
     )
     return f"on in {quantity(len(on), 'servo', 'servos')}", [finding]
 
 
-def judge_settings(case: DiagnosisCase, readings: Readings) -> Judgement:
+def judge_settings(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Limits, modes and directions in EEPROM, beside what a run wants."""
     there = [item for item, _ in _read_servos(readings)]
     findings = [_unable(item) for item in readings.examined if item.unable]
-    findings += [finding for item in there for finding in _foreign(case, item, there)]
+    findings += [finding for item in there for finding in _foreign(item, there)]
     unset = {item: changes for item in there if (changes := _unset(item))}
     if unset:
         findings.append(_limits_not_set(unset))
@@ -249,7 +252,7 @@ def _unable(item: ExaminedServo) -> FindingOut:
     return wrong(Cause.LIMITS_IMPOSSIBLE, item.device, saw, why, do)
 
 
-def _foreign(case: DiagnosisCase, item: ExaminedServo, there: Sequence[ExaminedServo]) -> list[FindingOut]:
+def _foreign(item: ExaminedServo, there: Sequence[ExaminedServo]) -> list[FindingOut]:
     """Settings that another program has left, and that no run writes."""
     findings = []
     if _is_reversed(item):
@@ -259,16 +262,16 @@ def _foreign(case: DiagnosisCase, item: ExaminedServo, there: Sequence[ExaminedS
                 item.device,
                 f"its Drive Mode is {item.setting('Drive Mode')}: it counts angles in the reverse direction",
                 "a run writes normal direction; signs and zeros measured as it is now are wrong then",
-                case.command(f"palpate setup-motors --rig RIG --id {item.dxl_id}"),
+                f"palpate setup-motors --id {item.dxl_id}",
             )
         )
     for change in item.foreign:
         make = wrong if _stops_runs(item, change, there) else warning
         cause = _SETTING_CAUSES.get(change.item, Cause.FOREIGN_SETTING)
-        remedy = change.remedy(item.dxl_id, "RIG")
+        remedy = change.remedy(item.dxl_id)
         if item.health is not None and SETTINGS[change.item].limits & item.health.hardware_error:
-            remedy += f"; then palpate reboot --rig RIG --id {item.dxl_id}"
-        findings.append(make(cause, item.device, f"its {change}", change.effect, case.command(remedy)))
+            remedy += f"; then palpate reboot --id {item.dxl_id}"
+        findings.append(make(cause, item.device, f"its {change}", change.effect, remedy))
     return findings
 
 
@@ -298,19 +301,21 @@ def _answer_loss(seen: ExaminedServos) -> list[FindingOut]:
     saw = f"{seen.lost} of {asked} answers were lost or damaged"
     saw += f"; {_together(failed).name} could not be read" if failed else ""
     saw += f"; the servos cannot be read together: {seen.loop_failure}" if seen.loop_failure else ""
-    means = "a plug is loose, a cable is too long or lies beside motor cables, or grounds are not joined"
+    means = "a run waits for what is lost, and ends where a servo stays silent"
+    do = (
+        "move every plug of the bus once, then run this again: if as much is lost, take a shorter cable, "
+        "apart from motor cables, and join the grounds"
+    )
     device = name_together(BUS.name, (item.device for item in failed))
-    return [
-        wrong(Cause.BUS_LOSSY, device, saw, means, "move every plug of the bus once, then run this again")
-    ]
+    return [wrong(Cause.BUS_LOSSY, device, saw, means, do)]
 
 
 def _late_answers(seen: ExaminedServos) -> list[FindingOut]:
     if not seen.counts.stale:
         return []
     saw = f"{seen.counts.stale} of {seen.counts.instructions} answers came late or twice"
-    means = "the computer is busy, or the adapter holds answers back"
-    return [warning(Cause.BUS_SLOW, BUS, saw, means, "close other programs, then run this again")]
+    means = "a run takes an answer that comes late for silence"
+    return [warning(Cause.BUS_SLOW, BUS, saw, means, _END_OTHERS)]
 
 
 def _slow_reads(case: DiagnosisCase, readings: Readings, seen: ExaminedServos) -> list[FindingOut]:
@@ -327,8 +332,8 @@ def _slow_reads(case: DiagnosisCase, readings: Readings, seen: ExaminedServos) -
                 BUS,
                 f"one in a hundred reads of all servos takes more than {loop.p99_ms:.1f} ms, the wire alone "
                 f"{loop.wire_ms:.1f} ms",
-                "a busy computer delays this program or served devices; late answers count as silence",
-                "end other programs, then run this again",
+                "a run takes an answer that comes late for silence",
+                _END_OTHERS,
             )
         )
     if rate_in_run_hz(loop, seen.delays_s) < wanted and not is_timer_long(timer_s):

@@ -1,10 +1,10 @@
 """Steps of a diagnosis: the case under examination, names of devices, and the creation of findings."""
 
-import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Flag
 
+from palpate.base.errors import complete_commands
 from palpate.config import FingerConfig, RigFile, RigOnBench
 from palpate.config.diagnosis_results import Cause, FindingOut, Severity
 from palpate.rig.diagnostics.host_ports import Computer
@@ -38,13 +38,14 @@ class DiagnosisCase:
         """The rig with its calibration laid over it."""
         return self.on_bench.rig
 
-    def command(self, words: str) -> str:
-        """A command of palpate as the user would type it, with this rig's file in the place of RIG."""
-        return words.replace("RIG", shlex.quote(str(self.on_bench.path)))
+    def with_commands(self, found: FindingOut) -> FindingOut:
+        """A finding whose next thing to do names this rig's file in each command."""
+        do = complete_commands(found.next, str(self.on_bench.path))
+        return found.model_copy(update={"next": do})
 
     def calibrate_or(self, by_hand: str) -> str:
         """The command that calibrates this rig; what to do `by_hand` if it has pads."""
-        return by_hand if self.rig.why_not("calibrate") else self.command("palpate calibrate --rig RIG")
+        return by_hand if self.rig.why_not("calibrate") else "palpate calibrate"
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,7 +99,7 @@ class ReadingChecks:
             )
         elif high > ratio * low:
             cause = (
-                "motors or supply disturb it with torque on: part the cables and join the grounds"
+                "run palpate doctor with the servos' supply off: if the noise goes, join the grounds"
                 if noise > known
                 else "its gain has changed, or its supply has sagged: check its supply"
             )
