@@ -263,7 +263,7 @@ def test_a_wiring_that_was_mended_ends_well_and_says_what_to_run_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, here: Here
 ) -> None:
     true, wrong = load_rig(firm_rig()), tomllib.loads(firm_rig().read_text(encoding="utf-8"))
-    _rotate(wrong, [0, 1], "array.port")
+    _mount(wrong, [1], first_texel="upper-right")
     path = tmp_path / "rig.toml"
     path.write_text(tomlkit.dumps(wrong), encoding="utf-8")
     monkeypatch.setattr(bench_module, "emulate", lambda _, lies, seed: emulate(true, lies, seed))

@@ -47,8 +47,9 @@ def check_still(
         other = later.get(item.finger)
         if other is None:
             raise InputError(
-                f"{_name_of(placing)}: finger {item.finger} touched it at first and missed it later: it has "
-                "moved; put it back, keep it from sliding, and begin this placing again"
+                f"{_name_of(placing)}: finger {item.finger} touched it at first and missed it later; "
+                "see if it has moved: if so, keep it from sliding (tape, a weight), else tighten the "
+                "finger's screws; then begin this placing again"
             )
         off, limit = model[item.finger].repeat_mm(
             np.array(item.servos_rad), np.array(other.servos_rad), item.facing_rad
@@ -56,8 +57,8 @@ def check_still(
         if off > limit:
             raise InputError(
                 f"{_name_of(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
-                f"before, and {limit:.2f} mm can be explained: it has moved between touches; keep it from "
-                "sliding (tape, a weight), and begin this placing again"
+                f"before, and {limit:.2f} mm can be explained; see if it has moved: if so, keep it from "
+                "sliding (tape, a weight), else tighten the finger's screws; then begin this placing again"
             )
 
 
@@ -151,22 +152,23 @@ def _check_bounds(specs: Sequence[FingerConfig], models: Sequence[FingerModel], 
         if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * fit.values.shape[1] + RADIUS]):
             raise InputError(
                 f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
-                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure the tip; if the rig file is right, measure the "
+                "references"
             )
         place = frame.place(found[k])
         away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
         if away > 2 * bound + 0.3:
             raise InputError(
                 f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
-                f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
+                f"within {bound:g}: measure base_mm; if it is right, measure the references"
             )
         turned = abs(math.remainder(place.heading_rad - nominal[k].heading_rad, 2 * math.pi))
         bound = spec.bounds.heading_deg
         if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
                 f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
-                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
-                "widen bounds.heading_deg"
+                f"and the rig file says within {bound:g}°: measure heading_deg; if it is right, measure "
+                "the references"
             )
 
 

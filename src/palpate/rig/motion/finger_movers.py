@@ -240,13 +240,13 @@ class TipMover(_FingerMover):
     def held(self, _now: float) -> MoveEnd:
         """End of the motion of a finger that stands still on its way: here of all motion."""
         # one that has not begun to move at all may be held by its own friction
-        remedy = "" if self.run.travel_mm > _MAX_CROSS_TRACK_MM else "; if it is clear, raise max_force_n"
+        remedy = "" if self.run.travel_mm > _MAX_CROSS_TRACK_MM else "; if nothing is, raise max_force_n"
         force_n, name = self.hand.reading(self.finger).force_n, self.finger.name
         felt = f"feels {force_n:.2g} N" if force_n else "feels nothing"
         raise SafetyStop(
             f"finger {name} is held: it stands after {self.run.travel_mm:.1f} mm of its way, and its array "
-            f"{felt}; fingers were stopped; clear its way, and if its tip has met the part, see with palpate "
-            f"check --press whether array {name} answers{remedy}"
+            f"{felt}; fingers were stopped; look at it: if its tip has met something, see with palpate check "
+            f"--press whether array {name} answers; if something else is in its way, clear it{remedy}"
         )
 
     def _go(self, now: float) -> ServoGoals:

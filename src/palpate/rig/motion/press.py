@@ -75,7 +75,8 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     if end is not MoveEnd.STALL:
         raise DeviceError(
             f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard "
-            "stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+            "stop; check where it stands: if at its other end, slide.mm_per_turn has the wrong sign, else "
+            "slide.zero_mm or slide.stops_mm is wrong"
         )
     retract_all(hand)
     hand.disarm()
@@ -145,8 +146,8 @@ def check_slips(hand: Hand, before: Mapping[HostFinger, float]) -> None:
             again = "measure slide.zero_mm again" if hand.rig.why_not("calibrate") else "calibrate again"
             raise DeviceError(
                 f"finger {finger.name}: its slide (servo {servo.dxl_id}) meets its back stop {off_mm:.2f} mm "
-                "from where it did before this run: its horn has slipped, and no answer is given; tighten "
-                f"its screw, then {again}"
+                "from where it did before this run, and no answer is given; see that the horn's screw and "
+                f"the stop are tight, then {again}"
             )
 
 
