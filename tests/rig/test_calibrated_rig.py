@@ -137,7 +137,8 @@ def test_other_arrays_than_were_calibrated_are_refused(loose: Path, here: Here) 
     done = here("identify", "--rig", loose.name, "--seed", SEED + 1)
     assert done.code == 2
     assert done.err.startswith('error: the calibration of rig "firm-bench" was made with array 66310000')
-    assert "calibrate again with `palpate calibrate`, or leave it out with --no-calibration" in done.err
+    assert f"palpate calibrate --rig {loose.name}" in done.err
+    assert "--no-calibration" in done.err
     assert here("watch", "--rig", loose.name, "--for", 0.1).code == 2
     assert here("watch", "--rig", loose.name, "--for", 0.1, "--no-calibration").code == 0
 
