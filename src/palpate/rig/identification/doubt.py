@@ -4,11 +4,11 @@ What servos and arrays said is worked out again for rigs that are not as their f
 the same catalogue, with the same bounds. What explains every contact is a hint beside the verdict and never
 an answer: the part may be none of the catalogue, and a part that is larger on one side looks like a finger
 that stands nearer. So what may have any value is only looked for where other fingers agree without the
-finger in question, and nothing is said where much would explain the contacts.
+finger in question, and of no other; and nothing is said where much would explain the contacts.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -49,6 +49,7 @@ from palpate.rig.motion.touch import Touch
 _MIN_GRIPS, _MIN_CONTACTS = 3, 6  # fewer are explained by something too often
 _MIN_OF_ARRAY = 10  # the same, without a finger's normals
 _MIN_OTHERS, _MIN_OWN = 7, 3  # contacts of other fingers and of one that is doubted alone
+_MANY = 3  # fingers without any of which the others agree: their contacts contradict too little
 _MAX_DOUBTS = 3  # what more set-ups explain says nothing of any
 _MAX_STATES, _MAX_STATES_OF_TIPS = 150, 40  # of a catalogue: more take longer than is worth a hint
 _FINEST_MM = 0.3  # to which values are looked for
@@ -123,7 +124,7 @@ class _WrongSetUp:
 
 def doubt_set_up(rig: RigFile, catalogue: Catalogue, result: Identification) -> tuple[SetUpDoubt, ...]:
     """Wrong set-ups that explain all contacts of a run; none if something of the catalogue fits, too few
-    contacts were made, or too many set-ups explain them.
+    contacts were made, or too much would explain them.
     """
     if result.outcome not in (IdentificationVerdict.UNKNOWN, IdentificationVerdict.MOVING):
         return ()
@@ -146,24 +147,34 @@ class _Doubter:
             return ()
         if len(self._catalogue.states) > _MAX_STATES or self._explains(self._told):
             return ()
+        known = self._others
+        if len(known) >= _MANY:
+            return ()
+        found = self._of_few_ways({None, *(self._rig.fingers[k].name for k in known)})
+        for k, others in known.items() if len(known) == 1 else ():
+            if self._count() - self._count(k) >= _MIN_OTHERS and self._count(k) >= _MIN_OWN:
+                found += self._offsets(k, others) or ([] if found else self._finger(k, others))
+        return tuple(found) if len(found) <= _MAX_DOUBTS else ()
+
+    def _of_few_ways(self, suspects: Container[str | None]) -> list[SetUpDoubt]:
+        """Set-ups that are wrong in what has few ways, at one of the suspect fingers, or at all (None)."""
         found: list[SetUpDoubt] = []
         for item in _wrong_set_ups(self._rig):
+            if item.finger not in suspects:
+                continue
             if item.what is SetUpFault.TIP_SIZE and len(self._catalogue.states) > _MAX_STATES_OF_TIPS:
                 continue  # their edges would have to be grown first
             if item.what is SetUpFault.ARRAY and not self._array_is_in_doubt(item.finger, found):
                 continue
             if self._explains(item.fingers, item.shared_by):
                 found.append(item.doubt(self._count()))
-        alone = [k for k in range(len(self._told)) if self._others(k) is not None]
-        for k in alone:
-            found += self._offsets(k)
-        if not found and len(alone) == 1:
-            found = self._finger(alone[0])
-        return tuple(found) if len(found) <= _MAX_DOUBTS else ()
+        return found
 
     def _array_is_in_doubt(self, finger: str | None, found: Sequence[SetUpDoubt]) -> bool:
         """Return whether more than one contact's normal is wrong, and nothing found explains it."""
-        if self._count() < _MIN_OF_ARRAY or any(finger in (None, doubt.finger) for doubt in found):
+        if len(self._others) != (finger is not None) or self._count() < _MIN_OF_ARRAY:
+            return False
+        if any(finger in (None, doubt.finger) for doubt in found):
             return False
         return not recognise(self._catalogue, self._contacts(self._told), 1, self._budget).hypotheses
 
@@ -196,18 +207,20 @@ class _Doubter:
         found = recognise(self._catalogue, self._contacts(fingers), budget=self._budget)
         return _has_witness(found) and (shared_by is None or _shares_edges(found, shared_by))
 
-    def _others(self, k: int) -> Recognition | None:
-        """What the other fingers' contacts leave; None if they are too few, or one finger's, or disagree."""
-        others = [j for j in range(len(self._told)) if j != k]
-        if self._count() - self._count(k) < _MIN_OTHERS or self._count(k) < _MIN_OWN:
-            return None
-        found = recognise(self._catalogue, self._contacts(self._told, others), budget=self._budget)
-        return found if _has_witness(found) else None
+    @cached_property
+    def _others(self) -> dict[int, Recognition]:
+        """What the others' contacts leave, of each finger without which they agree."""
+        found = {}
+        for k in range(len(self._told)):
+            others = [j for j in range(len(self._told)) if j != k]
+            left = recognise(self._catalogue, self._contacts(self._told, others), budget=self._budget)
+            if _has_witness(left):
+                found[k] = left
+        return found
 
-    def _finger(self, k: int) -> list[SetUpDoubt]:
+    def _finger(self, k: int, known: Recognition) -> list[SetUpDoubt]:
         """A finger that contradicts all others, on edges that they touched, too."""
-        known, name = self._others(k), self._rig.fingers[k].name
-        assert known is not None, "only asked of fingers without which the others agree"
+        name = self._rig.fingers[k].name
         near = [
             replace(item, position_bound_mm=_OFFSET_MM, path_bound_mm=_OFFSET_MM, normal=None)
             for item in self._contacts(self._told, [k])
@@ -216,16 +229,21 @@ class _Doubter:
             return []
         return [SetUpDoubt(SetUpFault.FINGER, name, self._count() - self._count(k))]
 
-    def _offsets(self, k: int) -> Iterator[SetUpDoubt]:
+    def _offsets(self, k: int, known: Recognition) -> list[SetUpDoubt]:
         """Offsets of a finger's joints with which it agrees with the others."""
-        spec, known = self._rig.fingers[k], self._others(k)
-        assert known is not None, "only asked of fingers without which the others agree"
+        spec, fits = self._rig.fingers[k], dict[str, tuple[float, float]]()
         for joint, servo in spec.servos.items():
             turns = isinstance(servo, RotaryConfig)
             half = _OFFSET_RAD if turns else _OFFSET_MM
             value = self._fit(known, k, partial(with_offset, spec, joint), (-half, half))
-            if value is not None and not value[0] <= 0 <= value[1]:
-                yield SetUpDoubt(SetUpFault.JOINT_OFFSET, spec.name, self._count(), joint, value)
+            if value is not None:
+                fits[joint] = value
+        if any(lo <= 0 <= hi for lo, hi in fits.values()):
+            return []
+        return [
+            SetUpDoubt(SetUpFault.JOINT_OFFSET, spec.name, self._count(), joint, value)
+            for joint, value in fits.items()
+        ]
 
     def _fit(
         self,
@@ -234,8 +252,9 @@ class _Doubter:
         change: Callable[[float], FingerConfig],
         within: tuple[float, float],
     ) -> tuple[float, float] | None:
-        """Values between which all lie that make a finger agree with what is known; None if none surely do.
+        """Values between which all lie that make a finger agree with what is known; None if none does.
 
+        All values, if those that agree are too many, or do what a part does that is larger on one side.
         Intervals are halved as long as contacts, widened by what an interval moves them, agree.
         """
 
@@ -257,8 +276,10 @@ class _Doubter:
             elif _is_across(told, contacts((lo + hi) / 2)) or _shares_edges(both, name):
                 found.append((lo, hi))
             else:
-                return None
-        return None if left or not found else (min(lo for lo, _ in found), max(hi for _, hi in found))
+                return -math.inf, math.inf
+        if left:
+            return -math.inf, math.inf
+        return None if not found else (min(lo for lo, _ in found), max(hi for _, hi in found))
 
 
 def _has_witness(found: Recognition) -> bool:
