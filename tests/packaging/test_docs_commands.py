@@ -54,7 +54,6 @@ def parts_files(folder: Path) -> None:
     standing["configuration"]["x"] = 5.0
     metres = [[x / 1000, y / 1000] for x, y in plain_plate()["outline"]]  # type: ignore[attr-defined]
     crossed = [[0, 0], [70, 0], [55, 40], [70, 25], [0, 40]]
-    misspelt = {"hight" if key == "height" else key: value for key, value in plain_plate().items()}
     files = {
         "my-parts.json": objects,
         "my-scene.json": scene,
@@ -62,7 +61,6 @@ def parts_files(folder: Path) -> None:
         "with-sheet.json": catalogue(plain_plate(), plain_plate(name="sheet", height=6.0)),
         "metres.json": catalogue(plain_plate(outline=metres, height=0.02)),
         "crossed.json": catalogue(plain_plate(outline=crossed)),
-        "misspelt.json": catalogue(misspelt),
         "others.json": catalogue(plain_plate()),
     }
     for name, text in files.items():

@@ -2,6 +2,7 @@
 
 import math
 import re
+import runpy
 from dataclasses import fields
 from itertools import pairwise
 
@@ -26,7 +27,7 @@ from palpate.rig.diagnostics.array_examination import (
     is_rate_too_low,
 )
 from support.campaign.sampling import sample
-from support.commands.repository import ROOT
+from support.commands.repository import EXAMPLES, ROOT
 from support.oracles.array_contacts import (
     TARE_FRAMES,
     Session,
@@ -210,7 +211,7 @@ def test_full_counts_are_flagged_in_a_recording() -> None:
 
 
 # ----------------------------------------------------------------------------------------------------
-# The program in docs/contacts.md runs as it stands, and says what the page says.
+# examples/extract_contact.py runs, and says what docs/contacts.md says; what the page shows of it is of it.
 
 PAGE = (ROOT / "docs" / "contacts.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
@@ -221,10 +222,11 @@ def numbers(text: str) -> list[float]:
 
 
 def test_the_program_says_what_the_page_says(capsys: pytest.CaptureFixture[str]) -> None:
-    (program,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    exec(compile(program, "contacts.md", "exec"), {})
+    (excerpt,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert excerpt in (EXAMPLES / "extract_contact.py").read_text(encoding="utf-8")
+    runpy.run_path(str(EXAMPLES / "extract_contact.py"))
     said = capsys.readouterr().out
-    shown = PAGE[PAGE.index(program) :].split("```text\n")[1].split("```")[0]
+    shown = PAGE[PAGE.index(excerpt) :].split("```text\n")[1].split("```")[0]
     assert NUMBER.sub("#", said) == NUMBER.sub("#", shown)
     assert numbers(said) == pytest.approx(numbers(shown), rel=0.15)
     # The truths that the page names are inside.
