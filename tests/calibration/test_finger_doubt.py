@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from palpate.base.errors import InputError
-from palpate.calibration.consistency_checks import check_fit
-from palpate.calibration.finger_doubt import check_fit_of_all, with_sign, with_travel
-from palpate.calibration.finger_fit import fit_fingers
+from palpate.base.geometry.plane import wrap_angle
+from palpate.calibration.consistency_checks import FittedTouches, check_fit
+from palpate.calibration.finger_doubt import check_arrays, check_fit_of_all, with_sign, with_travel
+from palpate.calibration.finger_fit import FingerFit, TouchArrays, fit_fingers
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.slide_model import SlideModel
 from palpate.config import FingerConfig, SlideFingerConfig
 from support.benches.touched_references import (
@@ -41,12 +43,12 @@ def refusal(told: list[FingerConfig]) -> str | None:
     rng = np.random.default_rng(5)
     given = touches(values, some_places(rng), rng)
     fingers = [SlideModel.nominal(spec) for spec in told]
-    fit = fit_fingers(fingers, placings(), given)
+    fitted = FittedTouches(told, fingers, placings(), given, fit_fingers(fingers, placings(), given))
     try:
-        check_fit_of_all(told, fingers, placings(), given, fit)
+        check_fit_of_all(fitted)
     except InputError as error:
         with pytest.raises(InputError):
-            check_fit(told, fingers, placings(), given, fit)
+            check_fit(fitted)
         return str(error)
     return None
 
@@ -71,3 +73,41 @@ def test_the_wrong_finger_and_its_key_are_named(
     assert said is not None
     assert said.startswith(f"finger {told[1].name}: ")
     assert key in said
+
+
+def felt_by(given: TouchArrays, fit: FingerFit, seen: Callable[[float], float]) -> list[TouchMeasurement]:
+    """Touches of arrays that felt at `seen` (rad) what their tips met at another angle; the first is true."""
+    towards = np.arctan2(-fit.normal[:, 1], -fit.normal[:, 0])
+    found = []
+    for k, finger in enumerate(given.finger.tolist()):
+        servos = given.servos_rad[k : k + 1]
+        facing = models()[finger].facing_rad(fit.values[finger : finger + 1], servos, np.zeros((1, 2)))
+        spec = SPECS[finger]
+        met = float(wrap_angle(towards[k] - facing[0] - math.radians(spec.array.heading_deg)))
+        at, aim, slide = met if finger == 0 else seen(met), *servos[0].tolist()
+        found.append(TouchMeasurement(spec.name, 0, (aim, slide), 1, at, 0.1, 0.4, 0.1))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("seen", "refused"),
+    [
+        (lambda met: met + math.radians(15), False),  # a mounting that calibration finds
+        (lambda met: met + math.radians(54), True),  # turned by four columns
+        (lambda met: met - math.radians(108), True),
+        (lambda met: -met, True),  # mirrored, or upside down
+    ],
+)
+def test_an_array_that_feels_the_disc_elsewhere_is_refused_with_its_finger(
+    seen: Callable[[float], float], refused: bool
+) -> None:
+    values = np.array([model.prior for model in models()])
+    rng = np.random.default_rng(6)
+    given = touches(values, some_places(rng)[:1], rng)
+    fit = fit_fingers(models(), placings()[:1], given)
+    felt = felt_by(given, fit, seen)
+    if not refused:
+        check_arrays(SPECS, models(), felt, fit)
+        return
+    with pytest.raises(InputError, match=f"finger {SPECS[1].name}: its array felt the disc at "):
+        check_arrays(SPECS, models(), felt, fit)

@@ -16,6 +16,7 @@ from palpate.base.geometry import Floats, Ints
 from palpate.calibration.consistency_checks import (
     FALSE_ALARM_RATE,
     ContactUncertainty,
+    FittedTouches,
     SurfaceContacts,
     check_fit,
     check_still,
@@ -75,8 +76,12 @@ def fitted(where: list[Laid], given: TouchArrays) -> FingerFit:
     return fit_fingers(models(), placings(), given, nearly(where))
 
 
+def with_fit(where: list[Laid], given: TouchArrays) -> FittedTouches:
+    return FittedTouches(SPECS, models(), placings(), given, fitted(where, given))
+
+
 def checked(where: list[Laid], given: TouchArrays) -> None:
-    check_fit(SPECS, models(), placings(), given, fitted(where, given))
+    check_fit(with_fit(where, given))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -99,17 +104,17 @@ def test_one_of_another_size_is_refused(seed: int, grown_mm: tuple[float, float]
 @pytest.mark.parametrize("seed", range(3))
 def test_how_much_larger_one_is_comes_out(seed: int) -> None:
     where, given = touched(seed, (0.0, 0.05))
-    found, sigma = estimate_growth(models(), placings(), given, fitted(where, given), PLATES)
+    found, sigma = estimate_growth(with_fit(where, given), PLATES)
     assert abs(found - 0.05) < 4 * sigma
     assert sigma < 0.03
     # The same as seen from the other side.
-    other, again = estimate_growth(models(), placings(), given, fitted(where, given), ~PLATES)
+    other, again = estimate_growth(with_fit(where, given), ~PLATES)
     assert abs(other + 0.05) < 4 * again
 
 
 def test_what_was_never_touched_has_no_size() -> None:
     where, given = touched(0)
-    found, sigma = estimate_growth(models(), placings(), given, fitted(where, given), np.zeros(4, dtype=bool))
+    found, sigma = estimate_growth(with_fit(where, given), np.zeros(4, dtype=bool))
     assert (found, sigma) == (0.0, np.inf)
 
 
@@ -117,14 +122,14 @@ def test_a_tolerance_is_granted() -> None:
     where, given = touched(2, (-0.07, 0.0))
     fit = fitted(where, given)
     with pytest.raises(InputError, match="too large all round beside the disc"):
-        check_fit(SPECS, models(), placings(), given, fit)
+        check_fit(FittedTouches(SPECS, models(), placings(), given, fit))
     loose = [
         replace(placing, reference=ReferenceDisc("disc", 25.0, 0.1))
         if placing.reference.name == "disc"
         else placing
         for placing in placings()
     ]
-    check_fit(SPECS, models(), loose, given, fit)
+    check_fit(FittedTouches(SPECS, models(), loose, given, fit))
 
 
 @pytest.mark.parametrize("number", range(4))

@@ -62,17 +62,23 @@ def check_still(
             )
 
 
-def check_fit(
-    specs: Sequence[FingerConfig],
-    models: Sequence[FingerModel],
-    placings: Sequence[ReferencePlacement],
-    touches: TouchArrays,
-    fit: FingerFit,
-) -> None:
+@dataclass(frozen=True, eq=False)
+class FittedTouches:
+    """Touches of references that fingers were placed by: what was told of both, touches, and their fit."""
+
+    specs: Sequence[FingerConfig]
+    models: Sequence[FingerModel]
+    placings: Sequence[ReferencePlacement]
+    touches: TouchArrays
+    fit: FingerFit
+
+
+def check_fit(given: FittedTouches) -> None:
     """Refuse a fit whose touches do not agree with the references, or that leaves what the rig file allows.
 
     InputError names the reference or the finger.
     """
+    placings, touches, fit = given.placings, given.touches, given.fit
     for number, placing in enumerate(placings):
         mine = touches.placing == number
         out = int((fit.outlier & mine).sum())
@@ -82,8 +88,8 @@ def check_fit(
                 "place: it has moved between touches, or is not what was given; measure it, fix it, and "
                 "begin again"
             )
-    _check_sizes(models, placings, touches, fit)
-    _check_bounds(specs, models, fit)
+    _check_sizes(given)
+    _check_bounds(given)
     ratio = fit.chi_square / fit.freedom
     if ratio > _MAX_REDUCED_CHI_SQUARE:
         share = (fit.residual_mm / touches.sigma_mm) ** 2
@@ -94,18 +100,13 @@ def check_fit(
         )
 
 
-def estimate_growth(
-    models: Sequence[FingerModel],
-    placings: Sequence[ReferencePlacement],
-    touches: TouchArrays,
-    fit: FingerFit,
-    which: Bools,
-) -> tuple[float, float]:
+def estimate_growth(given: FittedTouches, which: Bools) -> tuple[float, float]:
     """Excess radius of the references of some placings (n,), as touches show it, and its deviation; mm.
 
     The value of one more unknown, by linear least squares round the fit.
     """
-    rows = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
+    touches, fit = given.touches, given.fit
+    rows = predict_residuals(given.models, given.placings, touches, fit.values, fit.poses)[3]
     used = touches.used & ~fit.outlier
     weight = 1 / touches.sigma_mm[used] ** 2
     slope = rows[used]
@@ -119,12 +120,8 @@ def estimate_growth(
     return found, 1 / math.sqrt(own)
 
 
-def _check_sizes(
-    models: Sequence[FingerModel],
-    placings: Sequence[ReferencePlacement],
-    touches: TouchArrays,
-    fit: FingerFit,
-) -> None:
+def _check_sizes(given: FittedTouches) -> None:
+    placings = given.placings
     names = list(dict.fromkeys(placing.reference.name for placing in placings))
     if len(names) < 2:
         return
@@ -134,7 +131,7 @@ def _check_sizes(
             next(p.reference.tolerance_mm for p in placings if p.reference.name == each)
             for each in (names[0], name)
         )
-        found, sigma = estimate_growth(models, placings, touches, fit, which)
+        found, sigma = estimate_growth(given, which)
         if abs(found) > _SIZE_SIGMAS * sigma + tolerance:
             raise InputError(
                 f"the {name} seems {abs(found):.3f} ± {sigma:.3f} mm too {_size_word(found)} all round "
@@ -142,8 +139,9 @@ def _check_sizes(
             )
 
 
-def _check_bounds(specs: Sequence[FingerConfig], models: Sequence[FingerModel], fit: FingerFit) -> None:
+def _check_bounds(given: FittedTouches) -> None:
     """Refuse values that the rig file rules out: they would come from references of a wrong size."""
+    specs, models, fit = given.specs, given.models, given.fit
     sigma = np.sqrt(np.diag(fit.covariance))
     nominal, found = nominal_poses(specs), poses_of(fit.values)
     frame = align_to_nominal(nominal, found)

@@ -2,11 +2,17 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from palpate.base.errors import InputError
-from palpate.calibration.consistency_checks import check_fit
-from palpate.calibration.finger_fit import FingerFit, ReferencePlacement, TouchArrays, fit_fingers
+from palpate.base.geometry import Floats
+from palpate.base.geometry.plane import wrap_angle
+from palpate.calibration.consistency_checks import FittedTouches, check_fit
+from palpate.calibration.finger_fit import FingerFit, fit_fingers
 from palpate.calibration.finger_model import FingerModel
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import FingerConfig
 from palpate.config.rig_servos import RotaryConfig, SlideConfig
 
@@ -55,24 +61,19 @@ def _with_servo(spec: FingerConfig, joint: str, **values: float) -> FingerConfig
     return spec.model_copy(update={joint: spec.servos[joint].model_copy(update=values)})
 
 
-def check_fit_of_all(
-    specs: Sequence[FingerConfig],
-    models: Sequence[FingerModel],
-    placings: Sequence[ReferencePlacement],
-    touches: TouchArrays,
-    fit: FingerFit,
-) -> None:
+def check_fit_of_all(given: FittedTouches) -> None:
     """Refuse a fit as `check_fit` does; InputError names a finger without which the others agree.
 
     And what is wrong with it, if touches agree with a rig file that is other in one thing only.
     """
+    specs, models, touches = given.specs, given.models, given.touches
     try:
-        check_fit(specs, models, placings, touches, fit)
+        check_fit(given)
     except InputError as error:
         alone = [
             k
             for k in range(len(models))
-            if _agree(specs, models, placings, touches.with_used(touches.used & (touches.finger != k)))
+            if _agree(replace(given, touches=touches.with_used(touches.used & (touches.finger != k))))
         ]
         if len(alone) != 1:
             raise
@@ -81,7 +82,7 @@ def check_fit_of_all(
         for what, other in _alternatives(specs[k]):
             model = type(models[k]).nominal(other).widen(len(models[k].prior))
             changed = [*models[:k], model, *models[k + 1 :]]
-            if _agree([*specs[:k], other, *specs[k + 1 :]], changed, placings, touches):
+            if _agree(replace(given, specs=[*specs[:k], other, *specs[k + 1 :]], models=changed)):
                 wrong = f"all agree if {what}: correct it"
                 break
         raise InputError(
@@ -101,14 +102,46 @@ def _alternatives(spec: FingerConfig) -> Iterator[tuple[str, FingerConfig]]:
             yield f"slide.mm_per_turn is {factor:.3g} times as large", other
 
 
-def _agree(
-    specs: Sequence[FingerConfig],
-    models: Sequence[FingerModel],
-    placings: Sequence[ReferencePlacement],
-    touches: TouchArrays,
-) -> bool:
+def _agree(given: FittedTouches) -> bool:
+    """Return whether all that is used agrees, once it is fitted anew."""
     try:
-        check_fit(specs, models, placings, touches, fit_fingers(models, placings, touches))
+        check_fit(replace(given, fit=fit_fingers(given.models, given.placings, given.touches)))
     except InputError:
         return False
     return True
+
+
+_MAX_ARRAY_OFF_RAD = math.radians(25.0)
+"""In the mean of a finger's touches: what headings, gains and friction make of a direction is less."""
+
+
+def check_arrays(
+    specs: Sequence[FingerConfig],
+    models: Sequence[FingerModel],
+    touched: Sequence[TouchMeasurement],
+    fit: FingerFit,
+) -> None:
+    """Refuse arrays that felt a disc elsewhere on their tips than these met it; InputError names the finger.
+
+    `fit`: its last touches are `touched`. Only tips' places and the disc tell where they met.
+    """
+    normal = fit.normal[len(fit.normal) - len(touched) :]
+    for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
+        own = [i for i, item in enumerate(touched) if item.finger == spec.name]
+        if not own:
+            continue
+        servos = np.array([touched[i].servos_rad for i in own])
+        facing = model.facing_rad(np.tile(fit.values[k], (len(own), 1)), servos, np.zeros_like(servos))
+        heading = math.radians(spec.array.heading_deg)
+        met = wrap_angle(np.arctan2(-normal[own, 1], -normal[own, 0]) - facing - heading)
+        felt = wrap_angle(np.array([touched[i].angle_rad for i in own]))
+        if float(np.abs(wrap_angle(felt - met)).mean()) > _MAX_ARRAY_OFF_RAD:
+            raise InputError(
+                f"finger {spec.name}: its array felt the disc at {_degrees(felt)} from its middle, where its "
+                f"tip met it at {_degrees(met)}: the array is turned or mirrored, or a joint goes the other "
+                f"way; palpate check --press --move shows which"
+            )
+
+
+def _degrees(angles_rad: Floats) -> str:
+    return ", ".join(f"{angle:+.0f}°" for angle in np.degrees(angles_rad))

@@ -20,7 +20,7 @@ from scipy.special import chdtri
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats
 from palpate.base.geometry.plane import rotate
-from palpate.calibration.consistency_checks import check_still
+from palpate.calibration.consistency_checks import FittedTouches, check_still
 from palpate.calibration.experiment_design import (
     choose_touches,
     locate_reference,
@@ -129,13 +129,8 @@ def touch_placing(
         touched += again
     every = [*known, *touched]
     touches = touch_arrays(every, models, placings, specs)
-    check_fit_of_all(
-        specs,
-        models,
-        placings,
-        touches,
-        fit_fingers(models, placings, touches, (found.fit.values, found.fit.poses[:number])),
-    )
+    fit = fit_fingers(models, placings, touches, (found.fit.values, found.fit.poses[:number]))
+    check_fit_of_all(FittedTouches(specs, models, placings, touches, fit))
     return touched
 
 
@@ -153,7 +148,7 @@ def fit_touches(
     """
     touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches, _begin_of_fit(specs, models, placings, touched))
-    check_fit_of_all(specs, models, placings, touches, fit)
+    check_fit_of_all(FittedTouches(specs, models, placings, touches, fit))
     share = max(_MIN_VARIANCE_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
     fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))

@@ -21,6 +21,7 @@ from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats
 from palpate.calibration.actuator_estimators import StopStalls, fit_stops
 from palpate.calibration.experiment_design import LocatedReference, locate_reference, probes_at_bearing
+from palpate.calibration.finger_doubt import check_arrays
 from palpate.calibration.finger_fit import ReferencePlacement
 from palpate.calibration.finger_model import ActuatorMeasurements, FingerModel, encoder_rate_sigma
 from palpate.calibration.idle_statistics import (
@@ -66,6 +67,7 @@ def measure_actuators(
     tell("disc in the middle: play, friction and stopping")
     prober.put(disc, (0.0, 0.0))
     found = locate_reference(prober, models, [ReferencePlacement(disc, (0.0, 0.0))], [], specs)
+    check_arrays(specs, models, found.touched, found.fit)
     presses = _presses(prober, models, found, tell)
     all_stops = _stops(prober, models, found, touch_speed_mm_s, approach_speed_mm_s, tell)
     stops = {spec.name: [stop for stop in all_stops if stop.finger == spec.name] for spec in specs}
@@ -357,6 +359,8 @@ def _press_at_bearings(
 ) -> list[PressAtBearing]:
     """Presses of all fingers at each bearing that they can reach."""
     found = locate_reference(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], specs)
+    if not reference.turns:
+        check_arrays(specs, models, found.touched, found.fit)
     result = []
     taken: set[int] = set()
     for number, wanted in enumerate(bearings_deg):
