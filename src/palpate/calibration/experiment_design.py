@@ -233,11 +233,13 @@ def locate_reference(
         begin = None if start is None else (start.values, start.poses)
         fit = fit_fingers(models, placings, touches, begin)
         values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
-    if fit is None or len({item.finger for item in touched}) < min(2, len(models)):
+    met = dict.fromkeys(item.finger for item in touched)
+    if fit is None or len(met) < min(2, len(models)):
         reference, (x, y) = placings[number].reference, placings[number].about_mm
         raise InputError(
-            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
-            "that looked for it met something; put it there and begin this step again"
+            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: of the fingers that looked for "
+            f"it {f'only {next(iter(met))}' if met else 'none'} met something; put it there and begin this "
+            "step again; if it is there, palpate check --press --move shows which finger stands where"
         )
     return LocatedReference(
         tuple(touched), fit, predict_touches(models, placings, fit, number, prober.approaches)

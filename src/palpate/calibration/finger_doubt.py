@@ -1,8 +1,9 @@
 """Doubt of one finger: rig files wrong in one thing of it, and whether touches of a calibration agree."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def check_fit_of_all(given: FittedTouches) -> None:
 
     And what is wrong with it, if touches agree with a rig file that is other in one thing only.
     """
-    specs, models, touches = given.specs, given.models, given.touches
+    models, touches = given.models, given.touches
     try:
         check_fit(given)
     except InputError as error:
@@ -79,11 +80,11 @@ def check_fit_of_all(given: FittedTouches) -> None:
             raise
         (k,) = alone
         wrong = "what the rig file says of it is wrong"
-        for what, other in _alternatives(specs[k]):
-            model = type(models[k]).nominal(other).widen(len(models[k].prior))
-            changed = [*models[:k], model, *models[k + 1 :]]
-            if _agree(replace(given, specs=[*specs[:k], other, *specs[k + 1 :]], models=changed)):
-                wrong = f"all agree if {what}: correct it"
+        for what, change in _alternatives(given.specs[k]):
+            if _agree(_changed(given, [k], change)):
+                every = _agree(_changed(given, range(len(models)), change))
+                whose = ", of it or of every finger" if every else ""
+                wrong = f"all agree if {what}{whose}: measure, correct it"
                 break
         raise InputError(
             f"finger {models[k].name}: its touches contradict those of the others, which agree with the "
@@ -91,15 +92,27 @@ def check_fit_of_all(given: FittedTouches) -> None:
         ) from None
 
 
-def _alternatives(spec: FingerConfig) -> Iterator[tuple[str, FingerConfig]]:
-    """Ways in which a finger's table may be wrong, and the finger as it then is."""
+_Change = Callable[[FingerConfig], FingerConfig]
+
+
+def _changed(given: FittedTouches, which: Sequence[int], change: _Change) -> FittedTouches:
+    """The same touches of a rig file some of whose fingers are told otherwise."""
+    specs, models = list(given.specs), list(given.models)
+    for k in which:
+        specs[k] = change(specs[k])
+        models[k] = type(models[k]).nominal(specs[k]).widen(len(models[k].prior))
+    return replace(given, specs=specs, models=models)
+
+
+def _alternatives(spec: FingerConfig) -> Iterator[tuple[str, _Change]]:
+    """Ways in which a finger's table may be wrong, and what it then is."""
     for joint in rotary_joints(spec):
-        yield f"{joint}.gear_ratio has the other sign", with_sign(spec, joint)
+        yield f"{joint}.gear_ratio has the other sign", partial(with_sign, joint=joint)
     for factor in SIZE_FACTORS:
-        yield f"tip.radius_mm is {factor:g} times as large", with_tip(spec, factor)
+        yield f"tip.radius_mm is {factor:g} times as large", partial(with_tip, factor=factor)
     for factor in TRAVEL_FACTORS:
-        if (other := with_travel(spec, factor)) is not spec:
-            yield f"slide.mm_per_turn is {factor:.3g} times as large", other
+        if with_travel(spec, factor) is not spec:
+            yield f"slide.mm_per_turn is {factor:.3g} times as large", partial(with_travel, factor=factor)
 
 
 def _agree(given: FittedTouches) -> bool:
@@ -111,7 +124,7 @@ def _agree(given: FittedTouches) -> bool:
     return True
 
 
-_MAX_ARRAY_OFF_RAD = math.radians(25.0)
+_MAX_ARRAY_OFF_RAD = math.radians(15.0)
 """In the mean of a finger's touches: what headings, gains and friction make of a direction is less."""
 
 

@@ -239,8 +239,9 @@ class SlideConfig(ServoConfig):
         # After power-up a servo knows its angle within one turn, so the finger must start in that one.
         if not 0 <= turns[0] < 1:
             raise problem(
-                f"is {self.zero_mm:g}: retracted, at {retracted:g} mm, the servo would stand at turn "
-                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
+                f"is {self.zero_mm:g}: retracted, at {retracted:g} mm, with mm_per_turn = "
+                f"{self.mm_per_turn:g}, the servo would stand at turn {turns[0]:.2f}; it must be in 0 … 1, "
+                "because a servo starts within one turn",
                 "zero_mm",
             )
         if self.stops_mm is not None:

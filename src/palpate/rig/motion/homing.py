@@ -129,8 +129,8 @@ def homing_problem(finger: HostFinger, angles_rad: Servos) -> str | None:
     if not back_stop_distances_mm(stops, kinematics.distance_mm(angles_rad[1])):
         return (
             f"its slide (servo {slide.dxl_id}) stands where it cannot be in any turn between its stops at "
-            f"{stops.back_mm:g} and {stops.front_mm:g} mm; check slide.stops_mm, slide.zero_mm "
-            "and slide.mm_per_turn"
+            f"{stops.back_mm:g} and {stops.front_mm:g} mm; {_see_wiring(slide)} slide.stops_mm, "
+            "slide.zero_mm and slide.mm_per_turn"
         )
     return None
 
@@ -184,7 +184,7 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
             return turns
     raise DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) went back over all its travel and met no "
-        "hard stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+        f"hard stop; {_see_wiring(slide)} slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
     )
 
 
@@ -236,9 +236,14 @@ def _held_error(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
     gone = from_mm - _stops(finger).kinematics.distance_mm(_angle_rad(hand, slide))
     return DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) is held {abs(gone):.1f} mm on its way back "
-        "to its stop, where no stop can be; clear its way; if it is clear, check slide.stops_mm and "
-        "slide.zero_mm, and raise max_force_n"
+        f"to its stop, where no stop can be; clear its way; if it is clear, {_see_wiring(slide)} "
+        "slide.stops_mm and slide.zero_mm, and raise max_force_n"
     )
+
+
+def _see_wiring(slide: Servo) -> str:
+    """What to do first about a slide that is not where its file says: homing sees servos, not fingers."""
+    return f"see with palpate check --press --move that servo {slide.dxl_id} moves this finger, then check"
 
 
 def _guarded_end(hand: _Hand, mover: ServoMover) -> MoveEnd:

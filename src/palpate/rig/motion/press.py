@@ -65,8 +65,10 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     speed = hand.rig.closing.approach_speed_mm_s
     if (near - now_at) * way > 0:
         slide.set_profile(speed / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
-        goals = {slide: kinematics.slide_servo_rad(near)}
-        hand.move_servos(goals, lambda servo: finger.drive.tolerance_rad(servo, ARRIVED_MM))
+        goal_rad = kinematics.slide_servo_rad(near)
+        mover = ServoMover(slide, goal_rad, finger.drive.tolerance_rad(slide, ARRIVED_MM))
+        if hand.guarded([mover])[mover] is not MoveEnd.REACHED:
+            raise _early_stop(hand, finger, stop_mm)
     slide.set_goal_current_a(_STALL_CURRENT_SHARE * full_a)
     # Soft limits end before the stop: this move alone may go past them.
     ends = sorted((kinematics.slide_servo_rad(near), kinematics.slide_servo_rad(past)))
@@ -81,6 +83,17 @@ def stall_at_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     retract_all(hand)
     hand.disarm()
     return at
+
+
+def _early_stop(hand: Hand, finger: HostFinger, stop_mm: float) -> DeviceError:
+    """Error of a slide that stands before it is near its stop, with where it stands."""
+    (slide,) = finger.drive.closing_servos
+    at_mm = _stops(finger).kinematics.distance_mm(hand.states([slide])[slide.dxl_id].position_rad)
+    return DeviceError(
+        f"finger {finger.name}: its slide (servo {slide.dxl_id}) stands at {at_mm:.1f} mm by the rig file, "
+        f"on its way to its stop at {stop_mm:g} mm, and does not go on; clear its way; if it is clear and "
+        "this is its stop, correct slide.mm_per_turn or slide.stops_mm, else loosen the slide"
+    )
 
 
 def swing_aims(hand: Hand) -> list[float]:
