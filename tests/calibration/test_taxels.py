@@ -265,6 +265,28 @@ def test_a_press_that_no_place_explains_is_left_out() -> None:
     assert np.array(found.gain) == pytest.approx(np.array(pressed.found.gain))
 
 
+def rolled(presses: Sequence[PressAtBearing], cols: int) -> list[PressAtBearing]:
+    """The same presses of an array that is turned by so many columns."""
+    return [
+        replace(at, press=replace(at.press, counts=np.roll(at.press.counts, cols, axis=2))) for at in presses
+    ]
+
+
+def test_an_array_that_looks_elsewhere_than_the_rig_file_allows_is_refused() -> None:
+    pressed = bench(11, bearings_deg=FEW_DEG)
+    with pytest.raises(InputError, match="middle of its array looks at"):
+        fit_gains(rolled(pressed.presses, 1), DESCRIPTION, pressed.idle, SPEC)
+    turned = SPEC.replace_in_tables(array={"heading_deg": -math.degrees(PITCH)})
+    found = fit_gains(rolled(pressed.presses, 1), DESCRIPTION, pressed.idle, turned)
+    assert found.phase_deg == pytest.approx(pressed.found.phase_deg - math.degrees(PITCH), abs=0.5)
+
+
+def test_an_array_that_was_not_pressed_where_its_columns_are_is_refused() -> None:
+    pressed = bench(11, bearings_deg=FEW_DEG)
+    with pytest.raises(InputError, match="do not fit where the reference pressed"):
+        fit_gains(rolled(pressed.presses, 8), DESCRIPTION, pressed.idle, SPEC)
+
+
 def test_bounds_hold_where_travels_are_not_well_known() -> None:
     errors = []
     for seed in range(21, 27):

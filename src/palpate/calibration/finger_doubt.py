@@ -125,7 +125,7 @@ def _agree(given: FittedTouches) -> bool:
 
 
 _MAX_ARRAY_OFF_RAD = math.radians(15.0)
-"""In the mean of a finger's touches: what headings, gains and friction make of a direction is less."""
+"""In the mean of a finger's touches: what places, gains and friction make of a direction is less."""
 
 
 def check_arrays(
@@ -148,7 +148,8 @@ def check_arrays(
         heading = math.radians(spec.array.heading_deg)
         met = wrap_angle(np.arctan2(-normal[own, 1], -normal[own, 0]) - facing - heading)
         felt = wrap_angle(np.array([touched[i].angle_rad for i in own]))
-        if float(np.abs(wrap_angle(felt - met)).mean()) > _MAX_ARRAY_OFF_RAD:
+        limit = _MAX_ARRAY_OFF_RAD + math.radians(spec.array.heading_bound_deg)
+        if float(np.abs(wrap_angle(felt - met)).mean()) > limit:
             raise InputError(
                 f"finger {spec.name}: its array felt the disc at {_degrees(felt)} from its middle, where its "
                 f"tip met it at {_degrees(met)}: the array is turned or mirrored, or a joint goes the other "

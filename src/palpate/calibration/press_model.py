@@ -117,13 +117,15 @@ def _quadrature(
     return depth.sum(axis=-1), (depth * np.cos(angle)).sum(axis=-1)
 
 
+HEADING_BOUND_DEG = 5.0
+"""Bound of an array's heading where the rig file gives none."""
+
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
 _MIN_LEVEL_SHARE = 0.2  # of a press's strongest level: levels below count as that one
 _DIFFERENCE_STEP = 1e-5  # of differences in place of derivatives
 _MIN_DENT_RADII, _MAX_DENT_RADII = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
-_HEADING_BOUND_DEG = 5.0  # where the rig file gives none
 _STRETCH_SIGMA = 0.005  # of a press's travel: joints and links that are not as described, the skin's evenness
 _MIN_LIT_SHARE = 0.1  # of the strongest column of a press: what a weaker one is off by says little
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
@@ -236,7 +238,7 @@ class _Model:
         self._levels, self._read, self._rows_used = levels, column_counts, rows_used
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
         self._phase_rad = math.radians(spec.array.heading_deg)
-        self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
+        self._phase_sigma = math.radians(spec.array.heading_bound_deg or HEADING_BOUND_DEG) / math.sqrt(3)
         # Softness: how far the tip gives way, sideways or all round, over how far the same force dents it.
         self._friction = spec.tip.max_friction / 2
         self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2

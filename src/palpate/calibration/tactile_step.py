@@ -35,7 +35,7 @@ from palpate.calibration.idle_statistics import (
     least_contact_force_n,
 )
 from palpate.calibration.measurements import LEG_IN, PressMeasurement, Prober, Reference, StopMeasurement
-from palpate.calibration.press_model import PressFit, dent_and_bearing, fit_presses
+from palpate.calibration.press_model import HEADING_BOUND_DEG, PressFit, dent_and_bearing, fit_presses
 from palpate.calibration.rig_models import nominal_model, nominal_models
 from palpate.config import FingerConfig, TactileCalibration, UnusableTaxel
 from palpate.config.calibration_finger import Actuators
@@ -178,13 +178,16 @@ def fit_gains(
         used = [*used[:worst], *used[worst + 1 :]]
         columns = _fit_columns(used, full, description, idle, spec)
     stiffness_sigma = math.hypot(columns.found.stiffness_log_sigma, encoder_rate_sigma(spec))
-    if (stiffness_bound := math.expm1(COVERAGE_SIGMAS * stiffness_sigma)) > _MAX_STIFFNESS_BOUND:
-        raise _unexplained(spec)
+    stiffness_bound = math.expm1(COVERAGE_SIGMAS * stiffness_sigma)
     levels, silent, found = columns.levels, columns.silent, columns.found
     usable = idle.live & ~silent
     ratio, ratio_sigma = _row_gains(levels, usable, columns.counts, found.counts, idle.noise_counts)
     bound = np.expm1(COVERAGE_SIGMAS * np.hypot(found.gain_log_sigma, ratio_sigma))
     pressed = usable & (bound < spec.array.gain_spread)
+    if stiffness_bound > _MAX_STIFFNESS_BOUND or not pressed.any():
+        raise _unexplained(spec)
+    phase_sigma_deg = math.hypot(math.degrees(found.phase_sigma_rad), nominal_model(spec).facing_sigma_deg)
+    _check_phase(spec, math.degrees(found.phase_rad), COVERAGE_SIGMAS * phase_sigma_deg)
     gain = np.where(pressed, found.gain * ratio, 1.0)
     lit = np.abs(found.counts) > _MIN_LIT_SHARE * found.counts.max(axis=1, keepdims=True)
     faults = ((idle.dead, "dead"), (idle.hot, "hot"), (np.argwhere(silent).tolist(), "unresponsive"))
@@ -207,7 +210,7 @@ def fit_gains(
         least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
         saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
         phase_deg=math.degrees(found.phase_rad),
-        phase_sigma_deg=math.hypot(math.degrees(found.phase_sigma_rad), nominal_model(spec).facing_sigma_deg),
+        phase_sigma_deg=phase_sigma_deg,
         presses=len(used),
         residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
     )
@@ -236,6 +239,17 @@ def _fit_columns(
     except np.linalg.LinAlgError as error:
         raise _unexplained(spec) from error
     return _Columns(levels, silent, counts, found)
+
+
+def _check_phase(spec: FingerConfig, phase_deg: float, bound_deg: float) -> None:
+    """Refuse an array that looks elsewhere than the rig file allows: its columns are not where it says."""
+    told, allowed = spec.array.heading_deg, spec.array.heading_bound_deg or HEADING_BOUND_DEG
+    if abs(math.remainder(phase_deg - told, 360)) > allowed + bound_deg:
+        raise InputError(
+            f"finger {spec.name}: by its presses the middle of its array looks at {phase_deg:.0f}° ± "
+            f"{bound_deg:.2g}°, and the rig file says {told:g}° ± {allowed:g}°; palpate check --press shows "
+            "whether the array is turned or mirrored"
+        )
 
 
 def _unexplained(spec: FingerConfig) -> InputError:
