@@ -14,6 +14,7 @@ surface.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,6 +29,7 @@ from palpate.config import FingerConfig
 _OUTLIER_SIGMAS = 4.5  # standard deviations
 _PLATE_STARTS = 12  # orientations from which a plate's is looked for
 _MAX_OUTLIER_ROUNDS = 6
+_MAX_EVALUATIONS = 1000  # right fits take 100 at most; more go on along a valley of a wrong one
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,11 +192,15 @@ class _Problem:
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
 
+        @lru_cache(maxsize=1)
+        def weighed(point: bytes) -> tuple[Floats, Floats]:
+            return self._weighed(np.frombuffer(point), used)
+
         def off(u: Floats) -> Floats:
-            return self._weighed(u, used)[0]
+            return weighed(u.tobytes())[0].copy()  # both are scaled in place
 
         def slope(u: Floats) -> Floats:
-            return self._weighed(u, used)[1]
+            return weighed(u.tobytes())[1].copy()
 
         found = least_squares(
             off,
@@ -202,6 +208,7 @@ class _Problem:
             jac=slope,
             loss="cauchy" if robust else "linear",
             f_scale=3.0 if robust else 1.0,
+            max_nfev=_MAX_EVALUATIONS,
             x_scale="jac",
         )
         result: Floats = found.x
