@@ -3,10 +3,11 @@
 import math
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
-from palpate.base.errors import DeviceError, InputError
+from palpate.base.errors import DeviceError, InputError, SafetyStop
 from palpate.calibration.measurements import Probe, ServoPath
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.config.commissioning_results import ScannedServoOut
@@ -116,6 +117,17 @@ def test_a_reference_that_is_gone_ends_a_stop(rig: ProbedRig) -> None:
     with pytest.raises(DeviceError, match="finger f1 detected no contact where"):
         rig.prober.stop(contacts, SPEED_MM_S)
     assert rig.hardest_n() == 0.0
+
+
+def test_a_reference_that_is_met_too_soon_ends_a_press(rig: ProbedRig) -> None:
+    """It presses no harder than a touch: on the way to a contact fingers went on to max_force_n."""
+    rig.put_disc()
+    rig.forget_forces()
+    contacts = [replace(item, end_mm=item.end_mm + 12.0) for item in rig.head_on()]
+    with pytest.raises(SafetyStop, match="finger f1 met something after"):
+        rig.prober.press(contacts, 0)
+    rig.hand.pause(0.2)  # until it stands
+    assert rig.hardest_n() < 0.75 * HARD_N
 
 
 def test_approaches_stay_within_the_rig_file_s_ranges() -> None:

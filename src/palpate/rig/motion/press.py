@@ -360,14 +360,29 @@ def _jacobian_mm(kinematics: FingerKinematics, servos_rad: Servos) -> Floats:
 
 
 def _approach_contacts(hand: Hand, ways: Contacts) -> list[ApproachState]:
-    """Fingers that have aimed and tared and gone so far along their ways."""
+    """Fingers that have aimed and tared and gone so far along their ways; SafetyStop if one touches there."""
     hand.arm()
     retract_all(hand)
     turn = Stage.of(hand.rig).planned_turn(0.0)
     runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item, _ in ways]
     aim_fingers(hand, runs)
     hand.tare()
-    move_along_lines(hand, {run: before for run, (_, before) in zip(runs, ways, strict=True)})
+    speed, contact_n = hand.rig.closing.approach_speed_mm_s, hand.rig.closing.contact_force_n
+    movers = [
+        TipMover(hand, run, before, speed, contact_n, runs)
+        for run, (_, before) in zip(runs, ways, strict=True)
+    ]
+    ends = move_tips(hand, movers)
+    _check_none_crowded(ends)
+    for mover in movers:
+        if ends[mover.run] is MoveEnd.CONTACT:
+            raise SafetyStop(
+                f"finger {mover.finger.name} met something after {mover.run.travel_mm:.1f} mm of its way, of "
+                f"which {mover.limit_mm:.1f} mm are free by touches of the reference; fingers were stopped; "
+                "if that has not moved, palpate check --press --move shows whether the frame is mirrored"
+            )
+    hand.pause(_SETTLE_S)
+    read_positions(hand, runs)
     return runs
 
 
