@@ -1,6 +1,6 @@
 """Moving picture of a recorded run, as in the README: `python docs/images/draw_run.py SESSION run.svg`.
 
-Fingers move as the session's log says, nine times as fast as the rig. Where pictures do not move, the end of
+Fingers move as the session's log says. Where pictures do not move, the end of
 the run is shown. `--at SECONDS` writes the picture as it stands at that time of the film, to look at.
 """
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.base.errors import DeviceError, SafetyStop
@@ -96,3 +97,24 @@ def test_readings_that_repeat_end_a_run_before_it_presses(
         a_grip(session)
     assert session.bench.fingers[0].hardest_n < 2.0
     assert not any(session.torque().values())
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_finger_whose_array_feels_nothing_is_stopped_by_its_currents(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Its board is healthy and sends noise, but lies beside the rig."""
+    right = drawn(firm_rig(), seed)
+    a_grip(right)
+    counts, known = Taxels.counts, list[Taxels]()
+
+    def of_a_spare(self: Taxels, force_n: np.ndarray, now: float = 0.0) -> object:
+        known.append(self)
+        return counts(self, 0.0 * force_n if self is known[0] else force_n, now)
+
+    monkeypatch.setattr(Taxels, "counts", of_a_spare)
+    wrong = drawn(firm_rig(), seed)
+    with pytest.raises(SafetyStop, match=r"is held: it needs .* its array feels nothing"):
+        a_grip(wrong)
+    assert hardest_n(wrong) <= hardest_n(right) + 1.0
+    assert not any(wrong.torque().values())

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, final
 
+import numpy as np
+
 from palpate.base.errors import SafetyStop
 from palpate.config import RigFile
 from palpate.drivers.dynamixel import MoveEnd, Servo, ServoGoals, ServoState
@@ -15,6 +17,7 @@ from palpate.rig.fingers import HostFinger
 from palpate.rig.mechanisms.swept_volume import is_apart
 from palpate.rig.motion.array_guard import ArrayReading
 from palpate.rig.motion.array_proof import SearchWatch
+from palpate.rig.motion.free_force import START_S, torques_nm
 from palpate.rig.motion.touch import ApproachState
 from palpate.rig.motion.touch_timing import touch_speed_mm_s
 
@@ -32,7 +35,9 @@ _SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos
 
 
 class SensingHand(Protocol):
-    """Part of a hand that movers need: its rig, and what arrays feel."""
+    """Part of a hand that movers need: its rig, and what arrays feel; `proven`: whose have answered."""
+
+    proven: set[HostFinger]
 
     @property
     def rig(self) -> RigFile:
@@ -41,6 +46,10 @@ class SensingHand(Protocol):
 
     def reading(self, finger: HostFinger, /) -> ArrayReading:
         """Reading of an array in the last pause."""
+        ...
+
+    def sampled_s(self, finger: HostFinger, /) -> float:
+        """Instant up to which all has been read that an array has sampled."""
         ...
 
     def take_reading(self, finger: HostFinger, /) -> ArrayReading:
@@ -241,10 +250,14 @@ class TipMover(_FingerMover):
         """End of the motion of a finger that stands still on its way: here of all motion."""
         # one that has not begun to move at all may be held by its own friction
         remedy = "" if self.run.travel_mm > _MAX_CROSS_TRACK_MM else "; if nothing is, raise max_force_n"
+        raise self.stop_where_held("stands", remedy)
+
+    def stop_where_held(self, seen: str, remedy: str = "") -> SafetyStop:
+        """End of all motion at something that the array does not feel; `seen`: what the finger does."""
         force_n, name = self.hand.reading(self.finger).force_n, self.finger.name
         felt = f"feels {force_n:.2g} N" if force_n else "feels nothing"
-        raise SafetyStop(
-            f"finger {name} is held: it stands after {self.run.travel_mm:.1f} mm of its way, and its array "
+        return SafetyStop(
+            f"finger {name} is held: it {seen} after {self.run.travel_mm:.1f} mm of its way, and its array "
             f"{felt}; fingers were stopped; look at it: if its tip has met something, see with palpate check "
             f"--press whether array {name} answers; if something else is in its way, clear it{remedy}"
         )
@@ -288,6 +301,7 @@ class SearchMover(TipMover):
         self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
         self._is_fast = run.travel_mm < self._slow_from_mm
         self._slows = self._turns = self.is_back = False
+        self._needs_n, self._needs_s = 0.0, math.inf
         speed = self._fast_mm_s if self._is_fast else self._search_mm_s
         super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
 
@@ -306,6 +320,7 @@ class SearchMover(TipMover):
         if suspect is not None and suspect is not self.finger:
             return MoveEnd.ENOUGH
         if super().sense(now) is None:
+            self._check_currents()
             return None
         if suspect is not None:
             return MoveEnd.CONTACT
@@ -314,10 +329,33 @@ class SearchMover(TipMover):
         self.is_back = self._turns = True
         return MoveEnd.TURN
 
+    def look(self, states: Mapping[int, ServoState], now: float) -> None:
+        """Note where the tip is; of an array not yet proven, since when currents show a contact."""
+        super().look(states, now)
+        if self.is_back or self.finger in self.hand.proven or now - self.started_s < START_S:
+            self._needs_n, self._needs_s = 0.0, math.inf
+            return
+        line, at_mm, angles = self.run.line, self.run.travel_mm, self.finger.kinematics.servos_rad
+        from_mm = max(0.0, min(at_mm, self.limit_mm) - 1.0)
+        ahead = np.subtract(angles(line, from_mm + 1.0), angles(line, from_mm))
+        torques = torques_nm({servo: states[servo.dxl_id] for servo in self.servos})
+        free = self.run.free_force
+        excess_n = free.excess_n(float(1000 * torques @ ahead), at_mm, now)  # of less than 0 while it brakes
+        contact_n = self._contact_n + free.contact_n
+        self._needs_n = excess_n if excess_n > contact_n else 0.0
+        self._needs_s = min(self._needs_s, now) if excess_n > contact_n / 3 else math.inf
+
+    def _check_currents(self) -> None:
+        """Raise SafetyStop for a contact that currents show and the array has not felt since."""
+        felt_s = self.hand.sampled_s(self.finger) - self.finger.spec.array.lag_s
+        if self._needs_n and self._needs_s < felt_s:
+            raise self.stop_where_held(f"needs {self._needs_n:.1f} N more than before")
+
     def until(self, now: float) -> MoveEnd | None:
         """Slower where free space ends; the end is that of either way."""
         if self._turns:
             return None
+        self._check_currents()
         if self._is_fast and not self.is_back and self.run.travel_mm >= self._slow_from_mm:
             self._is_fast, self._slows = False, True
         return super().until(now)

@@ -20,6 +20,7 @@ from palpate.rig.fingers import HostFinger, Stage
 from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD
 from palpate.rig.motion.array_proof import SearchWatch
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
+from palpate.rig.motion.free_force import START_S
 from palpate.rig.motion.hand import BUS_KEEPALIVE_S, Hand
 from palpate.rig.motion.load_meter import LIGHT_FORCE_FACTOR, TouchStage
 from palpate.rig.motion.touch import ApproachState, Touch, conclude
@@ -266,6 +267,11 @@ def _search_contacts(hand: Hand, runs: Sequence[ApproachState], *, stay: bool) -
         if own is not None:
             backed[own] = own.travel_mm
         left = [run for run in moved if run is not own]
+        # They speed up again where nothing is: currents show no contact meanwhile.
+        lead_mm, proven = hand.rig.closing.search_mm_s * START_S, hand.proven
+        move_along_lines(
+            hand, {run: max(0.0, run.travel_mm - lead_mm) for run in left if run.finger not in proven}
+        )
         for run in left:
             if run.meter is not None:
                 run.meter.resume(hand.clock.now())

@@ -431,13 +431,17 @@ class Hand:
             self.pause(BUS_KEEPALIVE_S)
             spoken_s = self._speak(spoken_s)
         self.pause(left_s)
-        while any(self._array_guard.sampled_s(finger) < rested_s for finger in fingers):
+        while any(self.sampled_s(finger) < rested_s for finger in fingers):
             spoken_s = self._speak(spoken_s)
             self.pause(1 / self.rig.closing.sample_rate_hz)
 
     def reading(self, finger: HostFinger) -> ArrayReading:
         """Reading of an array that streams, of the last pause."""
         return self._array_guard.reading(finger)
+
+    def sampled_s(self, finger: HostFinger) -> float:
+        """Instant up to which, at least, all has been read that an array has sampled."""
+        return self._array_guard.sampled_s(finger)
 
     def take_reading(self, finger: HostFinger) -> ArrayReading:
         """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""

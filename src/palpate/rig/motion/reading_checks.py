@@ -47,8 +47,7 @@ class ReadingChecks:
         pressed = finger.spec.tip.kind.has_face
         if not pressed and self.note_disturbance(finger, frames[:_WATCHED_FRAMES]) is not None:
             return
-        self._compare_zeros(finger, frames)
-        if slow is not None:
+        if not self._compare_zeros(finger, frames) and slow is not None:  # a drift changes readings, too
             self._note(finger, slow)
 
     def note_disturbance(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> str | None:
@@ -105,10 +104,11 @@ class ReadingChecks:
             )
             self._note(finger, f"has a noise of {noise:.2g} counts, and {known:.2g} {when}: {cause}")
 
-    def _compare_zeros(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> None:
+    def _compare_zeros(self, finger: HostFinger, frames: Sequence[TactileFrame]) -> bool:
+        """Note zeros that have moved; True if they have."""
         taxels, counts = finger.extractor.zero_shift(_newest(frames))
         if taxels < _MIN_MOVED_TAXELS:
-            return
+            return False
         allowed = finger.spec.array.drift_counts_per_s
         self._note(
             finger,
@@ -116,6 +116,7 @@ class ReadingChecks:
             f"{abs(counts):.0f} counts {'less' if counts < 0 else 'more'} than before the grip, and "
             f"drift_counts_per_s = {allowed:g} allows less; let it warm up, then run palpate doctor",
         )
+        return True
 
     def _note(self, finger: HostFinger, words: str) -> None:
         kind = finger.name, " ".join(words.split()[:3])

@@ -23,13 +23,11 @@ from palpate.rig.fingers import HostFinger
 from palpate.rig.mechanisms.mechanism import AIM_TOLERANCE_RAD, CIRCLE_SPEED_MM_S
 from palpate.rig.motion.array_guard import ArrayReading
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover
+from palpate.rig.motion.free_force import CURRENT_CONTACT_N, torques_nm
 from palpate.rig.reach.approaches import WaitingFingers
 from palpate.rig.reach.standby_ways import Standby, StandbyWay
 
 _MAX_WAYS_TRIED = 10  # ways of a finger, after which it is a person's turn
-_CURRENT_CONTACT_N = (
-    0.8  # what currents must show beyond friction; cogging and the steps of Present Current are less
-)
 _FRICTION_WINDOW_S = (0.15, 2.0)  # friction is the most that a servo has needed in this time
 _OBSTACLE_MARGIN_MM = 4.0  # a way must lead so far past what was met, once it is further off
 _MAX_BLIND_SHARE = 0.02  # share of the tip's leading half without taxels, below which its array is relied on
@@ -291,17 +289,11 @@ class _WayMover(FreeMover):
 
     def _forces_n(self) -> Floats:
         """Force at the tip by each servo's current, (2,), friction and all."""
-        levers_mm = self.finger.kinematics.levers_mm(self._at())
-        return np.array(
-            [
-                abs(self.states[servo].current_a * servo.model.known_torque.nm_per_a) / lever * 1000
-                for servo, lever in zip(self.servos, levers_mm, strict=True)
-            ]
-        )
+        return 1000 * np.abs(torques_nm(self.states)) / self.finger.kinematics.levers_mm(self._at())
 
     def _is_pressing(self, now: float) -> bool:
         """True if a servo needs more than its friction, as the last seconds have shown that."""
         before = [needed for when, needed in self._needed if when < now - _FRICTION_WINDOW_S[0]]
         if not before or now - self.started_s < 2 * _FRICTION_WINDOW_S[0]:
             return False
-        return bool((self._needed[-1][1] - np.max(before, axis=0) > _CURRENT_CONTACT_N).any())
+        return bool((self._needed[-1][1] - np.max(before, axis=0) > CURRENT_CONTACT_N).any())

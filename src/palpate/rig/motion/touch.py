@@ -33,6 +33,7 @@ from palpate.rig.conversion import (
     undetected_force_n,
 )
 from palpate.rig.fingers import HostFinger
+from palpate.rig.motion.free_force import FreeForce
 from palpate.rig.motion.load_meter import (
     ContactLoad,
     LoadMeter,
@@ -53,7 +54,8 @@ class ApproachState:
 
     `travel_mm` is how far along the line the tip is, `advance_mm` what it has come since the last look, 0 on
     its way back; `track` where it was seen, if it is steered along; `is_steady`: its array came
-    to rest with it; `meter`: what loads the part, None where loads are not asked for.
+    to rest with it; `meter`: what loads the part, None where loads are not asked for; `free_force`: what its
+    currents have shown on its way so far.
     """
 
     finger: HostFinger
@@ -69,6 +71,7 @@ class ApproachState:
     track: list[tuple[float, float]] = field(default_factory=list)
     is_steady: bool = True
     meter: LoadMeter | None = None
+    free_force: FreeForce = field(default_factory=FreeForce)
     _centre_mm: tuple[float, float] = (math.nan, math.nan)
     _last_mm: float = 0.0
     _body: tuple[Servos, FingerBody] | None = None
