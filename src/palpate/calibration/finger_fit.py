@@ -12,9 +12,10 @@ surface.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -191,21 +192,9 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
-
-        @lru_cache(maxsize=1)
-        def weighed(point: bytes) -> tuple[Floats, Floats]:
-            return self._weighed(np.frombuffer(point), used)
-
-        def off(u: Floats) -> Floats:
-            return weighed(u.tobytes())[0].copy()  # both are scaled in place
-
-        def slope(u: Floats) -> Floats:
-            return weighed(u.tobytes())[1].copy()
-
-        found = least_squares(
-            off,
+        found = _least_squares(
+            lambda u: self._weighed(u, used),
             x,
-            jac=slope,
             loss="cauchy" if robust else "linear",
             f_scale=3.0 if robust else 1.0,
             max_nfev=_MAX_EVALUATIONS,
@@ -265,6 +254,22 @@ class _Problem:
         )
 
 
+def _least_squares(both: Callable[[Floats], tuple[Floats, Floats]], x: Floats, **options: Any) -> Any:
+    """Least squares from `x` on of residuals, which `both` gives together with their derivatives."""
+
+    @lru_cache(maxsize=1)
+    def at(point: bytes) -> tuple[Floats, Floats]:
+        return both(np.frombuffer(point))
+
+    def off(u: Floats) -> Floats:
+        return at(u.tobytes())[0].copy()  # scipy scales both in place
+
+    def slope(u: Floats) -> Floats:
+        return at(u.tobytes())[1].copy()
+
+    return least_squares(off, x, jac=slope, **options)
+
+
 def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
     """Poses of all placings: those that are known, and the best of several starts for the others."""
     poses = np.zeros((len(problem.placings), 3))
@@ -282,24 +287,17 @@ def _fit_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     wanted = values[touches.finger[mine], RADIUS] - touches.dent_mm[mine]
     sigma = touches.sigma_mm[mine]
 
-    def off(pose: Floats) -> Floats:
-        distance = placing.reference.distance_mm((centre - pose[:2]) @ rotation_matrix(float(pose[2])))[0]
-        result: Floats = (distance - wanted) / sigma
-        return result
-
-    def slope(pose: Floats) -> Floats:
+    def both(pose: Floats) -> tuple[Floats, Floats]:
         turn, rel = rotation_matrix(float(pose[2])), centre - pose[:2]
-        normal = placing.reference.distance_mm(rel @ turn)[1] @ turn.T
+        distance, inside, _ = placing.reference.distance_mm(rel @ turn)
+        normal = inside @ turn.T
         turning = normal[:, 0] * rel[:, 1] - normal[:, 1] * rel[:, 0]
-        result: Floats = np.column_stack([-normal, turning]) / sigma[:, None]
-        return result
+        return (distance - wanted) / sigma, np.column_stack([-normal, turning]) / sigma[:, None]
 
     count = _PLATE_STARTS if placing.reference.turns else 1
     turns = 2 * math.pi / placing.reference.repeats / count * np.arange(count)
     found = [
-        least_squares(
-            off, np.array([*placing.about_mm, turn]), jac=slope, loss="soft_l1", x_scale=[1.0, 1.0, 0.02]
-        )
+        _least_squares(both, np.array([*placing.about_mm, turn]), loss="soft_l1", x_scale=[1.0, 1.0, 0.02])
         for turn in turns
     ]
     best: Floats = min(found, key=lambda item: float(item.cost)).x

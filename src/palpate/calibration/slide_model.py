@@ -117,20 +117,22 @@ class SlideModel(FingerModel):
 
     def centres(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Along the slide's direction."""
-        along = unit_vectors(self.facing_rad(values, servos_rad, ways))
-        result: Floats = values[:, BASE] + self._distance(values, servos_rad)[:, None] * along
+        angles = self.angles_rad(values, servos_rad)
+        along = unit_vectors(self._facing_rad(values, angles, ways))
+        result: Floats = values[:, BASE] + self._distance(values, angles)[:, None] * along
         return result
 
     def slopes(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Base, heading and play turn and shift it, zero and scale move it along."""
-        along = unit_vectors(self.facing_rad(values, servos_rad, ways))
-        across = left_normals(along) * self._distance(values, servos_rad)[:, None]
+        angles = self.angles_rad(values, servos_rad)
+        along = unit_vectors(self._facing_rad(values, angles, ways))
+        across = left_normals(along) * self._distance(values, angles)[:, None]
         result = np.zeros((len(values), 2, values.shape[1]))
         result[:, 0, 0] = result[:, 1, 1] = 1.0
         result[:, :, HEADING] = across
         result[:, :, ZERO] = along
         result[:, :, AIM_PLAY] = -ways[:, :1] * across
-        result[:, :, SCALE] = along * (self.mm_per_rad * self.angles_rad(values, servos_rad)[:, 1:])
+        result[:, :, SCALE] = along * (self.mm_per_rad * angles[:, 1:])
         per_rad = self.mm_per_rad * (1 + values[:, SCALE, None])
         turns = np.stack([across / self.gear_ratio, along * per_rad], axis=1)
         result[:, :, ENCODERS] = encoder_slopes(turns, servos_rad)
@@ -138,21 +140,25 @@ class SlideModel(FingerModel):
 
     def facing_rad(self, values: Floats, servos_rad: Floats, ways: Floats) -> Floats:
         """Direction of the slide."""
-        aim = (self.angles_rad(values, servos_rad)[:, 0] - self.aim_zero_rad) / self.gear_ratio
+        return self._facing_rad(values, self.angles_rad(values, servos_rad), ways)
+
+    def _facing_rad(self, values: Floats, angles_rad: Floats, ways: Floats) -> Floats:
+        aim = (angles_rad[:, 0] - self.aim_zero_rad) / self.gear_ratio
         result: Floats = values[:, HEADING] - ways[:, 0] * values[:, AIM_PLAY] + aim
         return result
 
     def travel_per_turn(self, values: Floats, servos_rad: Floats) -> Floats:
         """The aim turns it about the base, the slide moves it along."""
-        along = unit_vectors(self.facing_rad(values, servos_rad, np.zeros_like(servos_rad)))
-        aim = left_normals(along) * self._distance(values, servos_rad)[:, None]
+        angles = self.angles_rad(values, servos_rad)
+        along = unit_vectors(self._facing_rad(values, angles, np.zeros_like(servos_rad)))
+        aim = left_normals(along) * self._distance(values, angles)[:, None]
         return np.stack([aim, along * self.mm_per_rad], axis=1)
 
     def rounding_mm(self, values: Floats, servos_rad: Floats, _normal: Floats, /) -> Floats:
         """The slide is measured on the move, over several steps; the aim stands."""
         along = abs(self.mm_per_rad) * TICK_RAD * _STEP_SHARE
         # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
-        away = np.abs(self._distance(values, servos_rad))
+        away = np.abs(self._distance(values, self.angles_rad(values, servos_rad)))
         across = 0.5 * away * TICK_RAD / abs(self.gear_ratio) / math.sqrt(12)
         result: Floats = np.hypot(along, across)
         return result
@@ -167,8 +173,8 @@ class SlideModel(FingerModel):
         turned = 4 * float(self.prior[AIM_PLAY]) + apart / abs(self.gear_ratio)
         return off, limit + turned * distance * MAX_OBLIQUE_TANGENT
 
-    def _distance(self, values: Floats, servos_rad: Floats) -> Floats:
-        reach = self.mm_per_rad * self.angles_rad(values, servos_rad)[:, 1]
+    def _distance(self, values: Floats, angles_rad: Floats) -> Floats:
+        reach = self.mm_per_rad * angles_rad[:, 1]
         result: Floats = values[:, ZERO] + (1 + values[:, SCALE]) * reach
         return result
 
