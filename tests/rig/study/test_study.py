@@ -363,7 +363,7 @@ def test_a_height_that_tells_apart_what_the_fingers_do_not_is_found_and_tried(
 # ----------------------------------------------------------------------------------------------------
 # Studies on a cluster: killed workers cost nothing but time; what is amiss is one line.
 
-RUNS = 24
+RUNS = 16
 WORDS = ("study", "--rig", "rig.toml", "--objects", "small-parts.json", "--runs", RUNS, "--seed", 3)
 
 
@@ -398,7 +398,7 @@ def killed_while_it_runs(process: subprocess.Popen[str], on: Cluster, rng: rando
     """Kill a worker now and then until the study ends; how many."""
     killed = 0
     while process.poll() is None:
-        time.sleep(rng.uniform(0.5, 4.0))
+        time.sleep(rng.uniform(0.3, 1.5))
         # Not for ever: a worker takes seconds to start, and all of them at once would get nothing done.
         killed += killed < 2 and on.kill_one(rng)
     return killed
