@@ -92,8 +92,11 @@ class MockWire:
             return 0
         now, count = self.clock.now(), 0
         for burst in self._bursts:
+            arrived = _complete(burst, now)
             if burst.baudrate == baudrate:
-                count += _complete(burst, now) - burst.taken
+                count += arrived - burst.taken
+            if arrived < len(burst.data):
+                break  # the next one begins after it
         return count
 
     def take(self, count: int, baudrate: int) -> bytes:
