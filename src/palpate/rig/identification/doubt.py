@@ -114,7 +114,7 @@ class _WrongSetUp:
     @property
     def shared_by(self) -> str | None:
         """The finger that must have touched what others touched, too."""
-        return self.finger if self.what is SetUpFault.TIP_SIZE else None
+        return self.finger if self.what in (SetUpFault.TIP_SIZE, SetUpFault.TRAVEL_SCALE) else None
 
     def doubt(self, explains: int) -> SetUpDoubt:
         """The doubt, if it explains as many contacts."""
