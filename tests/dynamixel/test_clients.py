@@ -280,7 +280,6 @@ def test_whatever_is_written_is_read_back(bus: Bus) -> None:
 # examples/drive_servos.py as a user runs it, on emulated servos in another process.
 
 EXAMPLE = EXAMPLES / "drive_servos.py"
-PAGE = ROOT / "docs" / "servo-bus.md"
 RIG_IDS = (11, 12, 21, 22, 31, 32)
 
 
@@ -334,9 +333,3 @@ def test_interrupted_on_the_way_it_switches_torque_off(tmp_path: Path, number: s
         assert process.returncode != 0
         assert "reached" not in out
         assert torque(port) == [0] * 6
-
-
-@pytest.mark.realtime
-def test_the_page_shows_the_example() -> None:
-    (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    assert program.strip() in EXAMPLE.read_text(encoding="utf-8")

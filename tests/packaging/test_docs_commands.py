@@ -52,14 +52,12 @@ def parts_files(folder: Path) -> None:
     (scene,) = [text for text in blocks if "palpate/scene@1" in text]
     standing = json.loads(scene) | {"state": "standing"}
     standing["configuration"]["x"] = 5.0
-    metres = [[x / 1000, y / 1000] for x, y in plain_plate()["outline"]]  # type: ignore[attr-defined]
     crossed = [[0, 0], [70, 0], [55, 40], [70, 25], [0, 40]]
     files = {
         "my-parts.json": objects,
         "my-scene.json": scene,
         "my-standing-scene.json": json.dumps(standing),
         "with-sheet.json": catalogue(plain_plate(), plain_plate(name="sheet", height=6.0)),
-        "metres.json": catalogue(plain_plate(outline=metres, height=0.02)),
         "crossed.json": catalogue(plain_plate(outline=crossed)),
         "others.json": catalogue(plain_plate()),
     }
