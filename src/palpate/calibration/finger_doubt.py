@@ -81,8 +81,8 @@ def check_fit_of_all(given: FittedTouches) -> None:
         (k,) = alone
         wrong = "what the rig file says of it is wrong"
         for what, change in _alternatives(given.specs[k]):
-            if _agree(_changed(given, [k], change)):
-                every = _agree(_changed(given, range(len(models)), change))
+            if _agree(_with_change(given, [k], change)):
+                every = _agree(_with_change(given, range(len(models)), change))
                 whose = ", of it or of every finger" if every else ""
                 wrong = f"all agree if {what}{whose}: measure, correct it"
                 break
@@ -95,7 +95,7 @@ def check_fit_of_all(given: FittedTouches) -> None:
 _Change = Callable[[FingerConfig], FingerConfig]
 
 
-def _changed(given: FittedTouches, which: Sequence[int], change: _Change) -> FittedTouches:
+def _with_change(given: FittedTouches, which: Sequence[int], change: _Change) -> FittedTouches:
     """The same touches of a rig file some of whose fingers are told otherwise."""
     specs, models = list(given.specs), list(given.models)
     for k in which:

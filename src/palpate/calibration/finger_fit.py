@@ -105,7 +105,7 @@ def fit_fingers(
     for _ in range(_MAX_OUTLIER_ROUNDS):
         used = touches.used & ~outlier
         x = problem.solved(x, used, robust=False)
-        off = np.abs(problem.evaluated(x)[0]) / problem.deviation(x, used)
+        off = np.abs(problem.residuals(x)[0]) / problem.deviation(x, used)
         found = touches.used & (off > _OUTLIER_SIGMAS)
         if (found == outlier).all():
             break
@@ -155,7 +155,7 @@ class _Problem:
             result[mine] = model.centres(values[t.finger[mine]], t.servos_rad[mine], t.ways[mine])
         return result
 
-    def evaluated(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    def residuals(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Residuals (n,), normals (n, 2) in W, room (n,), centres (n, 2)."""
         values, poses = self.split(x)
         t = self.touches
@@ -174,7 +174,7 @@ class _Problem:
         """Residuals, normals, room, and the derivatives of residuals (n, unknowns)."""
         values, poses = self.split(x)
         t = self.touches
-        residual, normal, room, centre = self.evaluated(x)
+        residual, normal, room, centre = self.residuals(x)
         result = np.zeros((len(residual), len(x)))
         for number, model in enumerate(self._models):
             mine = np.flatnonzero(t.finger == number)
@@ -193,7 +193,7 @@ class _Problem:
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
         found = _least_squares(
-            lambda u: self._weighed(u, used),
+            lambda u: self._whitened_residuals(u, used),
             x,
             loss="cauchy" if robust else "linear",
             f_scale=3.0 if robust else 1.0,
@@ -203,7 +203,7 @@ class _Problem:
         result: Floats = found.x
         return result
 
-    def _weighed(self, x: Floats, used: Bools) -> tuple[Floats, Floats]:
+    def _whitened_residuals(self, x: Floats, used: Bools) -> tuple[Floats, Floats]:
         values, poses = self.split(x)
         residual, _, _, slope = self.derived(x)
         weight = 1 / self.touches.sigma_mm[used]
@@ -225,7 +225,7 @@ class _Problem:
 
     def deviation(self, x: Floats, used: Bools) -> Floats:
         """Expected deviation (n,) of residuals: as declared, or as the used touches show if larger."""
-        share = np.abs(self.evaluated(x)[0][used]) / self.touches.sigma_mm[used]
+        share = np.abs(self.residuals(x)[0][used]) / self.touches.sigma_mm[used]
         factor = max(1.0, 1.4826 * float(np.median(share))) if used.any() else 1.0
         result: Floats = self.touches.sigma_mm * factor
         return result
@@ -233,9 +233,9 @@ class _Problem:
     def result(self, x: Floats, used: Bools, outlier: Bools) -> FingerFit:
         """Fit that has been found."""
         values, poses = self.split(x)
-        slope = self._weighed(x, used)[1]
+        slope = self._whitened_residuals(x, used)[1]
         covariance = np.asarray(np.linalg.pinv(slope.T @ slope, hermitian=True), dtype=np.float64)
-        residual, normal, room, centre = self.evaluated(x)
+        residual, normal, room, centre = self.residuals(x)
         square = float(((residual[used] / self.touches.sigma_mm[used]) ** 2).sum())
         # Fitted touches less the unknowns that they, not the priors, have determined.
         touched = slope[: int(used.sum())]

@@ -49,7 +49,7 @@ from palpate.rig.motion.touch import Touch
 _MIN_GRIPS, _MIN_CONTACTS = 3, 6  # fewer are explained by something too often
 _MIN_OF_ARRAY = 10  # the same, without a finger's normals
 _MIN_OTHERS, _MIN_OWN = 7, 3  # contacts of other fingers and of one that is doubted alone
-_MANY = 3  # fingers without any of which the others agree: their contacts contradict too little
+_MOST_SUSPECTS = 2  # fingers without any of which the others agree: more contradict too little
 _MAX_DOUBTS = 3  # what more set-ups explain says nothing of any
 _MAX_STATES, _MAX_STATES_OF_TIPS = 150, 40  # of a catalogue: more take longer than is worth a hint
 _FINEST_MM = 0.3  # to which values are looked for
@@ -148,7 +148,7 @@ class _Doubter:
         if len(self._catalogue.states) > _MAX_STATES or self._explains(self._told):
             return ()
         known = self._others
-        if len(known) >= _MANY:
+        if len(known) > _MOST_SUSPECTS:
             return ()
         found = self._of_few_ways({None, *(self._rig.fingers[k].name for k in known)})
         for k, others in known.items() if len(known) == 1 else ():
