@@ -62,6 +62,13 @@ class SetUpFault(StrEnum):
     FINGER = "finger"
 
 
+class RunLimit(StrEnum):
+    """Limit of a rig file that ended an identification though another grip was wanted."""
+
+    MAX_GRIPS = "max_grips"
+    MAX_SECONDS = "max_seconds"
+
+
 class PartMotion(StrEnum):
     """Assumption on whether fingers move the parts that they push."""
 

@@ -9,6 +9,7 @@ from palpate.base.vocabulary import (
     IdentificationVerdict,
     PushResponse,
     RecognitionVerdict,
+    RunLimit,
     SetUpFault,
     Strategy,
 )
@@ -345,7 +346,11 @@ class IdentificationOut(Out):
     when fingers push it; all bounds are for a part that does neither. `setup_doubts`: where nothing fits,
     wrong set-ups that would explain it. `unfinished`: what the work budget did
     not suffice for; null if it did. `notices`: what devices showed in the run that is not as the rig file
-    declares, and that bounds may not cover.
+    declares, and that bounds may not cover. `goal_met`: `bounds`, and those of the alternatives, are as
+    narrow as the rig file's goals; null without an answer. `limit`: the rig file's limit that the run
+    came to before its goal. Where that is null and `goal_met` false, the part was within the goals when it
+    was touched last and may have been moved since, or no grip within reach promised to place it much more
+    finely.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -380,3 +385,5 @@ class IdentificationOut(Out):
     setup_doubts: tuple[SetUpDoubtOut, ...] = ()
     notices: tuple[str, ...] = ()
     unfinished: UnfinishedOut | None = None
+    goal_met: bool | None = None
+    limit: RunLimit | None = None

@@ -118,6 +118,10 @@ class SearchConfig(FileModel):
     max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         description="Grips before giving up."
     )
+    max_seconds: Positive | None = Field(
+        default=None,
+        description="After so many seconds of rig time no further grip begins.",
+    )
     false_match_probability: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
         default=0.01,
         description="No answer is given while something that is not in the catalogue, different by 2 mm or "

@@ -90,6 +90,11 @@ class Answer:
         return self.result.alternatives
 
     @property
+    def goal_met(self) -> bool | None:
+        """True if `bounds` are as narrow as the rig file's goals; None without an answer."""
+        return self.result.goal_met
+
+    @property
     def session(self) -> str | None:
         """Folder of the session log; None if none was kept."""
         return self.result.session

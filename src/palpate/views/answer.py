@@ -25,7 +25,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     `advice`: what to check if hardly anything was touched (`untouched_lines`).
     """
     lines = [*_verdict_lines(out), *(f"  {_doubt_words(item)}" for item in out.setup_doubts)]
-    lines += _place_lines(out)
+    lines += [*_place_lines(out), *_goal_lines(out)]
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
         lines += [f"  {line}" for line in advice]
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_MAX_ALTERNATIVES]]
@@ -119,6 +119,16 @@ def _place_lines(out: IdentificationOut) -> list[str]:
     if out.symmetry_order > 1:
         lines.append(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")
     return lines
+
+
+def _goal_lines(out: IdentificationOut) -> list[str]:
+    """Say that the goal was missed, and which limit ended the run."""
+    if out.goal_met is False:
+        ended = f": the run came to {out.limit}" if out.limit else ""
+        return [f"  wider than the rig file's goal{ended}"]
+    if out.limit and out.verdict is IdentificationVerdict.UNRESOLVED:
+        return [f"  ended by {out.limit} of the rig file"]
+    return []
 
 
 def _verdict_lines(out: IdentificationOut) -> list[str]:

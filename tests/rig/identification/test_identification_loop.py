@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import OutputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
-from palpate.base.vocabulary import IdentificationVerdict, Strategy
+from palpate.base.vocabulary import IdentificationVerdict, RunLimit, Strategy
 from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, Contact, Finger, FingerApproach, Grip
 from palpate.rig.identification.exploration import (
@@ -24,7 +24,17 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.loop import Event, Identification, MoveEvent, Observers, PlanEvent, search
+from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
+from palpate.rig.identification.loop import (
+    Event,
+    Identification,
+    MoveEvent,
+    Observers,
+    PlanEvent,
+    PushTables,
+    search,
+    search_with,
+)
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
@@ -237,8 +247,42 @@ def test_too_few_grips_leave_it_unresolved_with_what_is_possible() -> None:
     for seed in range(6):
         table = Table(placed_by(seed, SIX), seed=seed)
         result = search(with_search(max_grips=1), REACH, table, Catalogue(models), seed=seed)
+        assert result.limit is RunLimit.MAX_GRIPS
         assert result.outcome is IdentificationVerdict.UNRESOLVED
         assert len(result.grips) == 1
+
+
+def test_a_run_says_whether_it_came_to_its_goal_and_what_ended_it_before() -> None:
+    """By the rig's goals alone, in bounds of the pose that the answer states."""
+    met = Counter[tuple[bool | None, RunLimit | None]]()
+    for seed in range(6):
+        placed = placed_by(seed, SIX)
+        rig = with_search(goal_position_mm=0.8 if seed % 2 else 0.01)
+        result = search(rig, REACH, Table(placed, seed=seed), Catalogue(SIX), seed=seed)
+        if result.outcome not in ANSWERS:
+            assert result.goal_met is None
+            continue
+        assert result.recognition is not None
+        bounds = [item.search_bounds for item in result.recognition.hypotheses]
+        fine = [
+            item.position_half_mm <= rig.search.goal_position_mm
+            and item.orientation_half_rad <= math.radians(rig.search.goal_orientation_deg)
+            for item in bounds
+        ]
+        assert result.goal_met == all(fine)
+        assert result.goal_met is False or result.limit is None
+        met[result.goal_met, result.limit] += 1
+    assert {True, False} <= {goal for goal, _ in met}
+
+
+def test_no_grip_begins_after_the_rigs_seconds() -> None:
+    table = Table(placed_by(1, SIX), seed=1)
+    rig, catalogue = with_search(max_seconds=5.0), Catalogue(SIX)
+    pushes = PushTables.of(rig, catalogue)
+    chooser = GripChooser(rig, REACH, Strategy.PLANNED, strategy_rng(1))
+    result = search_with(chooser, table, catalogue, pushes, now=lambda: 10.0 * table.grips)
+    assert (len(result.grips), result.limit) == (1, RunLimit.MAX_SECONDS)
+    assert result.outcome is IdentificationVerdict.UNRESOLVED
 
 
 def test_exact_twins_end_indistinguishable() -> None:

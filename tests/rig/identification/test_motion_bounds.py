@@ -1,5 +1,6 @@
 """Motion bounds: what supports do to forces and work, what loads allow, and searches for parts that move."""
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
@@ -17,7 +20,7 @@ from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import search
-from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.motion_bounds import MotionBounds, _Pushed
 from palpate.rig.identification.pushing_mechanics import StateSupport, support_of
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.load_meter import TIP_FRICTION, LoadTrace, drag_shares, friction_factor
@@ -239,6 +242,35 @@ def test_forces_add_up_where_they_are_at_the_same_time() -> None:
     assert not bounds.of_grip([one]).whole
     assert not bounds.of_grip([one, later]).whole
     assert bounds.of_grip([one, other]).whole
+
+
+@given(
+    st.lists(
+        st.tuples(st.booleans(), st.booleans(), st.floats(0, 1), st.floats(0, 1)), min_size=2, max_size=9
+    ),
+    st.data(),
+)
+def test_dissipation_is_the_least_of_all_intervals_that_hold_the_motion(
+    rows: list[tuple[bool, bool, float, float]], data: st.DataObject
+) -> None:
+    """Beside every way to choose periods that hold all in which the part may move."""
+    moving, listed, work, stored = (np.array(column) for column in zip(*rows, strict=True))
+    periods = np.flatnonzero(moving | listed)
+    begin, end = sorted(data.draw(st.integers(0, len(rows))) for _ in range(2))
+    pushed = _Pushed(periods, moving[periods][None], work, stored)
+
+    def cost(held: Sequence[bool]) -> float:
+        begun = [k for k in range(begin, end) if held[k] and (k == begin or not held[k - 1])]
+        return sum(stored[max(k - 1, 0)] for k in begun) + sum(work[begin:end] * held[begin:end])
+
+    free = [k for k in range(begin, end) if not moving[k]]
+    costs = []
+    for chosen in itertools.product([False, True], repeat=len(free)):
+        held = moving.copy()
+        held[free] = chosen
+        costs.append(cost(held))
+    found = float(pushed.dissipation_mj(begin, end)[0])
+    assert min(costs) - 1e-9 <= found <= cost(moving) + 1e-9
 
 
 def test_without_a_declared_force_nothing_is_bounded_and_nothing_moves() -> None:

@@ -2,13 +2,15 @@
 
 It connects hand, recogniser and planner, and always ends with a verdict: identified, indistinguishable (no
 reachable approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict
-each other, again and again, though each can be explained by itself), or unresolved after the rig's
-`max_grips`. Before it says that nothing fits it makes a few more grips, by which the set-up can be doubted
-(`doubt`). An answer is given only after some touches have matched its predictions: bounds prove which of
-the catalogue's objects it is, but not that it is in the catalogue. If a grip contradicts the earlier ones,
-the part may have been moved; the search then begins again with that grip. If the rig file or an object
-declares the force at which parts slide, the motion that fingers may have caused is bounded and taken into
-account (`motion_bounds`). A rig that is known too inaccurately to tell parts apart is refused beforehand.
+each other, again and again, though each can be explained by itself), or unresolved. It ends when there is
+one answer, placed as finely as the rig's goals ask when it was touched last; when no reachable grip promises
+to place it much more finely; or, between two grips, by the rig's `max_grips` or `max_seconds`. Before it says
+that nothing fits it makes a few more grips, by which the set-up can be doubted (`doubt`). An answer is given
+only after some touches have matched its predictions: bounds prove which of the catalogue's objects it is, but
+not that it is in the catalogue. If a grip contradicts the earlier ones, the part may have been moved; the
+search then begins again with that grip. If the rig file or an object declares the force at which parts slide,
+the motion that fingers may have caused is bounded and taken into account (`motion_bounds`). A rig that is
+known too inaccurately to tell parts apart is refused beforehand.
 
 *Observers* are called with each event, beside the thread that drives devices.
 """
@@ -25,7 +27,7 @@ import numpy as np
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.geometry import Ints
 from palpate.base.short_repr import ShortRepr
-from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
+from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, RunLimit, Strategy
 from palpate.config import RigFile
 from palpate.recognizer import (
     Budget,
@@ -172,7 +174,9 @@ class Identification:
     part at most, None where that has no bound; empty if `assumed_holds_n` is None: the part is taken to lie
     still. `hold_contradicted`: it was moved by more than that force allows, or it is none of the catalogue.
     `stranger_probability`: that something outside the catalogue which agreed with the first contacts would
-    have agreed with all touches since; None if nothing was predicted or nothing agrees.
+    have agreed with all touches since; None if nothing was predicted or nothing agrees. `goal_met`: the
+    answer is placed as finely as the rig's goals ask; None without an answer. `limit`: what the run
+    came to before its goal.
     """
 
     outcome: IdentificationVerdict
@@ -187,6 +191,8 @@ class Identification:
     assumed_holds_n: float | None = None
     hold_contradicted: bool = False
     stranger_probability: float | None = None
+    goal_met: bool | None = None
+    limit: RunLimit | None = None
 
     @property
     def touches(self) -> int:
@@ -218,9 +224,10 @@ class _Search:
         catalogue: Catalogue,
         observers: Observers,
         bounds: MotionBounds,
+        now: Callable[[], float],
     ) -> None:
         self._chooser, self._observers = chooser, observers
-        self._execute = execute
+        self._execute, self._now = execute, now
         self._rig, self._reach, self._catalogue = chooser.rig, chooser.reach, catalogue
         self._grips: list[tuple[Touch, ...]] = []
         self._moved_before: list[int] = []
@@ -234,13 +241,16 @@ class _Search:
         self._understood = 0  # grips that hypotheses rest on
 
     def run(self) -> Identification:
-        verdict = None
+        verdict, limit, begun_s = None, None, self._now()
         _ = self._bounds.supports  # of all states: worked out before a touched part has to wait for it
-        while verdict is None and len(self._grips) < self._rig.search.max_grips:
+        while verdict is None and limit is None:
             verdict, grip = self._next()
             if verdict is None:
                 self._carry_out(grip)
+                limit = self._limit(self._now() - begun_s)
         verdict, recognition = verdict or self._last_verdict(), self._final_recognition()
+        answered = verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+        fine = recognition is not None and self._chooser.is_fine(recognition)
         states = self._states(recognition)
         assumed = self._bounds.holds_n(states)
         return Identification(
@@ -256,7 +266,16 @@ class _Search:
             assumed,
             self._hold_contradicted,
             self._evidence.stranger_probability,
+            fine if answered else None,
+            None if answered and fine else limit,
         )
+
+    def _limit(self, passed_s: float) -> RunLimit | None:
+        """The rig's limit that is reached after so many seconds."""
+        limits = self._rig.search
+        if len(self._grips) >= limits.max_grips:
+            return RunLimit.MAX_GRIPS
+        return RunLimit.MAX_SECONDS if passed_s >= (limits.max_seconds or math.inf) else None
 
     def _no_evidence(self) -> GripEvidence:
         budget = Budget(self._rig.search.budget)
@@ -433,8 +452,9 @@ def identify(
     `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `carry_out_grip`
     raises, and OutputError before a grip once an observer has raised.
     """
-    reach, execute = reach_of(hand.rig), partial(carry_out_grip, hand)
-    return search(hand.rig, reach, execute, catalogue, observers, strategy=strategy, seed=seed)
+    chooser, pushes = _prepare(hand.rig, reach_of(hand.rig), catalogue, strategy, seed)
+    execute = partial(carry_out_grip, hand)
+    return search_with(chooser, execute, catalogue, pushes, observers, hand.clock.now)
 
 
 def search(
@@ -447,10 +467,16 @@ def search(
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
 ) -> Identification:
-    """Identify as `identify` does, with a function that carries out grips."""
-    pushes = PushTables.of(rig, catalogue)
-    chooser = GripChooser(rig, reach, strategy, strategy_rng(seed), None, {catalogue: pushes.stability})
+    """Identify as `identify` does, with a function that carries out grips, whatever time they take."""
+    chooser, pushes = _prepare(rig, reach, catalogue, strategy, seed)
     return search_with(chooser, execute, catalogue, pushes, observers)
+
+
+def _prepare(
+    rig: RigFile, reach: Reach, catalogue: Catalogue, strategy: Strategy, seed: int
+) -> tuple[GripChooser, PushTables]:
+    pushes = PushTables.of(rig, catalogue)
+    return GripChooser(rig, reach, strategy, strategy_rng(seed), None, {catalogue: pushes.stability}), pushes
 
 
 def search_with(
@@ -459,9 +485,13 @@ def search_with(
     catalogue: Catalogue,
     pushes: PushTables,
     observers: Observers | None = None,
+    now: Callable[[], float] = lambda: 0.0,
 ) -> Identification:
-    """Search as `search` does, with what may be prepared once for many searches of a rig and a catalogue."""
-    return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds).run()
+    """Search as `search` does, with what may be prepared once for many searches of a rig and a catalogue.
+
+    `now`: the rig's clock (s), by which `max_seconds` counts.
+    """
+    return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds, now).run()
 
 
 def check_accuracy(rig: RigFile, file: str | None) -> None:

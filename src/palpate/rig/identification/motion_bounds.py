@@ -102,14 +102,18 @@ class _Pushed:
     def dissipation_mj(self, begin: int, end: int) -> Floats:
         """Most that friction at the table can have taken (n,) from one period to another.
 
-        While the part may move: what fingers do, and what their skin has stored when it begins to.
+        While the part may move: what fingers do, and what their skin has stored when it begins to. Where it
+        may have stood in between, the least of what skin has stored then and what fingers have done since:
+        any interval with all of the motion in it is a bound.
         """
         some = slice(*np.searchsorted(self.periods, [begin, end]))
         periods, moving = self.periods[some], self.moving[:, some]
-        begins = moving.copy()
-        begins[:, 1:] &= ~(moving[:, :-1] & (np.diff(periods) == 1))
         stored = self.stored_mj[np.maximum(periods - 1, 0)]
-        result: Floats = begins @ stored + moving @ self.work_mj[periods]
+        done = np.append(0.0, np.cumsum(self.work_mj))
+        last = np.maximum.accumulate(np.where(moving, periods + 1, 0), axis=1)  # 1: the first period
+        before = np.column_stack([np.zeros(len(moving), dtype=np.int64), last[:, :-1]])
+        again = np.where(before > 0, np.minimum(done[periods] - done[before], stored), stored)
+        result: Floats = (moving * again).sum(axis=1) + moving @ self.work_mj[periods]
         return result
 
 

@@ -157,6 +157,8 @@ class IdentificationRun(ShortRepr):
             setup_doubts=tuple(SetUpDoubtOut.of(item) for item in self.doubts),
             notices=self.notices,
             unfinished=None if result.recognition is None else unfinished_out(result.recognition),
+            goal_met=result.goal_met,
+            limit=result.limit,
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )
 

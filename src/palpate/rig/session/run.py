@@ -137,6 +137,8 @@ _LATER_KEYS = frozenset(
         "loaded_mm",
         "setup_doubts",
         "notices",
+        "goal_met",
+        "limit",
     }
 )  # not written by older versions
 

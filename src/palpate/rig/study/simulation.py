@@ -191,7 +191,12 @@ class Simulation:
         watch = _RivalRecorder((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
         result = search_with(
-            self._chooser(number), touches, self._catalogue, self._pushes, Observers(record=watch)
+            self._chooser(number),
+            touches,
+            self._catalogue,
+            self._pushes,
+            Observers(record=watch),
+            lambda: touches.seconds or 0.0,
         )
         hypotheses = hypotheses_of(result)
         truth = compare_answer(touches.placement, hypotheses)
