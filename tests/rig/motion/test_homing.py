@@ -142,6 +142,33 @@ def test_a_slide_that_is_held_on_its_way_back_is_no_stop() -> None:
         assert off_mm(session, hand) < 1.5
 
 
+SKIN_N_PER_MM = 5.0  # the stiffer than the skin of any shipped bench
+
+
+def test_a_slide_that_meets_something_on_its_way_back_presses_it_softly() -> None:
+    """It presses with 3 N, and without a look at currents with 13 N."""
+    session = session_of(1)
+    servo, finger = session.servos[12], RIG.fingers[0]
+    assert isinstance(finger, SlideFingerConfig)
+    mm_per_rad = finger.slide.mm_per_turn / math.tau
+    at_rad = servo.shaft_rad - 35.0 / mm_per_rad
+    pressed_n = [0.0]
+
+    def thing(angle_rad: float, _speed: float) -> float:
+        deep_mm = max(0.0, (at_rad - angle_rad) * mm_per_rad)
+        pressed_n.append(SKIN_N_PER_MM * deep_mm)
+        return pressed_n[-1] * mm_per_rad / 1000
+
+    servo.hold(thing)
+    with (
+        pytest.raises(DeviceError, match=r"finger f1: its slide \(servo 12\) is held .* N more than before"),
+        connect(session.bench_rig) as hand,
+    ):
+        hand.prepare()
+    assert 0.5 < max(pressed_n) < 4.5
+    assert not any(session.torque().values())
+
+
 def test_an_aim_outside_its_range_is_refused_before_torque() -> None:
     session = session_of(1)
     narrow = [

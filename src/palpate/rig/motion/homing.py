@@ -7,7 +7,8 @@ or a calibration says.
 
 Going back is free whatever the turn and wherever other fingers stand: a finger's body reaches straight from
 its base to its tip, so a tip that goes back with its aim held goes where its own body has been. Aims must
-not turn before all slides are back.
+not turn before all slides are back. Where the rig file is wrong, it may be another finger that goes, and
+forwards: a slide that needs more force than on its way so far is stopped.
 """
 
 import math
@@ -35,8 +36,10 @@ from palpate.drivers.dynamixel import (
 )
 from palpate.drivers.kinematics import Servos
 from palpate.drivers.slide_kinematics import SlideKinematics
+from palpate.drivers.transport import Clock
 from palpate.rig.fingers import HostFinger
 from palpate.rig.mechanisms.mechanism import ACCELERATION_RAD_S2, HardStops
+from palpate.rig.motion.free_force import START_S, FreeForce
 
 _PERIOD_S = 0.01
 _ARRIVED_MM = 0.8
@@ -66,6 +69,9 @@ class _Hand(Protocol):
     @property
     def bus(self) -> Bus: ...
 
+    @property
+    def clock(self) -> Clock: ...
+
     def states(self, servos: Sequence[Servo], /) -> Mapping[int, ServoState]: ...
 
     def guarded(
@@ -77,6 +83,42 @@ class _Hand(Protocol):
     def arm(self) -> None: ...
 
     def disarm(self) -> None: ...
+
+
+class _BackWatch:
+    """Watch over the current of a slide that goes back: what exceeds its way so far, it has met.
+
+    What it needs to speed up is compared with what it needed to speed up before.
+    """
+
+    def __init__(self, clock: Clock, finger: HostFinger) -> None:
+        (self._slide,) = finger.drive.closing_servos
+        self._clock, self._kinematics = clock, _stops(finger).kinematics
+        self._any, self._under_way = FreeForce(), FreeForce()
+        self._begun_s = -math.inf
+        self.excess_n = 0.0
+
+    def begin(self) -> None:
+        """Begin a leg."""
+        self._begun_s = self._clock.now()
+
+    def has_met(self, state: ServoState) -> bool:
+        """True if the slide needs more force than friction and cogging explain."""
+        now, kinematics = self._clock.now(), self._kinematics
+        torque_nm = state.current_a * self._slide.model.known_torque.nm_per_a
+        needed_n = -1000 * torque_nm / kinematics.mm_per_rad
+        at_mm = kinematics.distance_mm(state.position_rad)
+        met = self._exceeds(self._any, needed_n, at_mm, now)
+        if now - self._begun_s >= START_S:
+            met = self._exceeds(self._under_way, needed_n, at_mm, now) or met
+        return met
+
+    def _exceeds(self, free: FreeForce, needed_n: float, at_mm: float, now: float) -> bool:
+        excess_n = free.excess_n(needed_n, at_mm, now)
+        if excess_n <= free.contact_n:
+            return False
+        self.excess_n = excess_n
+        return True
 
 
 def recall_turn(bus: Bus, finger: HostFinger) -> bool:
@@ -179,8 +221,9 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     """Go back until a stop is met where one may be; how many turns the servo counts ahead."""
     slide, stops = finger.drive.closing_servos[0], _stops(finger)
     reading_mm = stops.kinematics.distance_mm(_angle_rad(hand, slide))
+    watch = _BackWatch(hand.clock, finger)
     for stop_mm, turns in back_stop_distances_mm(stops, reading_mm):
-        if _meets_stop(hand, finger, stop_mm):
+        if _meets_stop(hand, finger, stop_mm, watch):
             return turns
     raise DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) went back over all its travel and met no "
@@ -188,7 +231,7 @@ def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
     )
 
 
-def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
+def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float, watch: _BackWatch) -> bool:
     """Go to where the back stop may be, then slowly on; whether the slide stalls there."""
     slide, stops = finger.drive.closing_servos[0], _stops(finger)
     kinematics, half = stops.kinematics, _stop_tolerance_mm(stops)
@@ -201,43 +244,58 @@ def _meets_stop(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
     if at_mm > near:
         finger.drive.retract()  # its profile: as fast as through free space
         free = Guard(stall_s=_FREE_STALL_S)
-        leg = ServoMover(homing, kinematics.slide_servo_rad(near), _ARRIVED_MM * per_mm, free)
+        goal_rad = kinematics.slide_servo_rad(near)
+        leg = ServoMover(homing, goal_rad, _ARRIVED_MM * per_mm, free, watch.has_met)
+        watch.begin()
         if _guarded_end(hand, leg) is not MoveEnd.REACHED:
-            raise _held_error(hand, finger, at_mm)
-    end, at_rad = creep_to_stall(hand, homing, kinematics, past)
+            raise _held_error(hand, finger, at_mm, watch)
+
+    def has_met(state: ServoState) -> bool:
+        is_stop = abs(kinematics.distance_mm(state.position_rad) - stop_mm) <= half
+        return watch.has_met(state) and not is_stop
+
+    watch.begin()
+    end, at_rad = creep_to_stall(hand, homing, kinematics, past, has_met)
     if end is MoveEnd.REACHED:
         return False
     if end is not MoveEnd.STALL or abs(kinematics.distance_mm(at_rad) - stop_mm) > half:
-        raise _held_error(hand, finger, at_mm)
+        raise _held_error(hand, finger, at_mm, watch)
     return True
 
 
 def creep_to_stall(
-    hand: _Hand, slide: Servo, kinematics: SlideKinematics, past_mm: float
+    hand: _Hand,
+    slide: Servo,
+    kinematics: SlideKinematics,
+    past_mm: float,
+    contact: Callable[[ServoState], bool] = lambda _: False,
 ) -> tuple[MoveEnd, float]:
     """Go slowly towards `past_mm` until the slide stalls; how it ends, and the servo's angle there (rad).
 
-    The angle is the mean of what is read while it stands; nan if it gets there.
+    `contact` judges each state, and ends it, too. The angle is the mean of what is read while it stands; nan
+    if it did not stall.
     """
     per_mm = abs(1 / kinematics.mm_per_rad)
     slide.set_profile(_SLOW_MM_S * per_mm, ACCELERATION_RAD_S2)
     guard = Guard(moved_rad=_MOTION_THRESHOLD_MM * per_mm, stall_s=_STALL_S)
-    mover = ServoMover(slide, kinematics.slide_servo_rad(past_mm), _PASSED_TOLERANCE_MM * per_mm, guard)
+    goal_rad = kinematics.slide_servo_rad(past_mm)
+    mover = ServoMover(slide, goal_rad, _PASSED_TOLERANCE_MM * per_mm, guard, contact)
     end = _guarded_end(hand, mover)
-    if end is MoveEnd.REACHED:
+    if end is not MoveEnd.STALL:
         return end, math.nan
     # It may have crept on by less than what counts as motion.
     since = mover.moved_s + _STALL_S / 2
     return end, float(np.mean([state.position_rad for when, state in mover.seen if when > since]))
 
 
-def _held_error(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
+def _held_error(hand: _Hand, finger: HostFinger, from_mm: float, watch: _BackWatch) -> DeviceError:
     slide = finger.drive.closing_servos[0]
     gone = from_mm - _stops(finger).kinematics.distance_mm(_angle_rad(hand, slide))
+    seen = f", and needs {watch.excess_n:.1f} N more than before" if watch.excess_n else ""
     return DeviceError(
         f"finger {finger.name}: its slide (servo {slide.dxl_id}) is held {abs(gone):.1f} mm on its way back "
-        f"to its stop, where no stop can be; clear its way; if it is clear, {_see_wiring(slide)} "
-        "slide.stops_mm and slide.zero_mm, and raise max_force_n"
+        f"to its stop, where no stop can be{seen}; clear its way; if it is clear, {_see_wiring(slide)} "
+        "slide.stops_mm and slide.zero_mm" + ("" if seen else ", and raise max_force_n")
     )
 
 
