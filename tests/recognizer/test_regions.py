@@ -499,7 +499,8 @@ def test_bounds_of_many_hypotheses_are_those_of_their_cells() -> None:
     while len((answer := asked(drawn(5, index, ("memo",)))).hypotheses) <= 32:
         index += 1
     hypotheses = answer.hypotheses
-    lo, hi = enclosures(hypotheses.constraints, hypotheses.regions)
+    found = enclosures(hypotheses.constraints, hypotheses.regions)
+    lo, hi = found.lo, found.hi
     cells, first = hypotheses.regions.cells, hypotheses.regions.first
     assert lo[:, 2] == pytest.approx(np.minimum.reduceat(cells.lo, first[:-1]))
     assert hi[:, 2] == pytest.approx(np.maximum.reduceat(cells.hi, first[:-1]))

@@ -15,6 +15,7 @@ import numpy as np
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer.approach import Approach
 from palpate.recognizer.budget import Budget
+from palpate.recognizer.carried_region import CarriedRegion
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
@@ -41,12 +42,14 @@ class Constraints:
 
     Interpretations, `nodes`, pair the contacts of `paired`. Touched contacts of the `evidence` that are not
     among these are paired with nothing; what satisfies all constraints exactly satisfies them, too. A contact
-    that an interpretation takes as spurious is no evidence for its cells.
+    that an interpretation takes as spurious is no evidence for its cells. `carried`: where the part may be by
+    what was known before it was moved; None if it was not.
     """
 
     paired: Query
     nodes: Interpretations
     evidence: Query
+    carried: CarriedRegion | None = None
 
     @property
     def catalogue(self) -> Catalogue:

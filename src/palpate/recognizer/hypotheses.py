@@ -19,7 +19,7 @@ from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.model_test import sinusoid_maximum
 from palpate.recognizer.pose_region import Cells, Regions
 from palpate.recognizer.tables import round_to_nine_digits
-from palpate.recognizer.witness_search import enclosures
+from palpate.recognizer.witness_search import Enclosures, enclosures
 
 _PARALLEL_SINE = 1e-6  # sine of the angle between edges that count as parallel
 
@@ -212,11 +212,20 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
         """Largest x, y (mm) and θ (rad), (h, 3)."""
         return self._bounds[1]
 
+    @property
+    def cells(self) -> Cells:
+        """Cells of all, on the branches of their interpretations, as fine as those that bounds are of."""
+        return self._enclosures.cells
+
+    @cached_property
+    def _enclosures(self) -> Enclosures:
+        return enclosures(self.constraints, self.regions)
+
     @cached_property
     def _bounds(self) -> tuple[Floats, Floats]:
-        lo, hi = enclosures(self.constraints, self.regions)
+        found = self._enclosures
         witness = np.column_stack([self.position_mm, self.regions.theta])
-        return np.minimum(lo, witness), np.maximum(hi, witness)
+        return np.minimum(found.lo, witness), np.maximum(found.hi, witness)
 
     @cached_property
     def _views(self) -> tuple[Hypothesis, ...]:

@@ -12,7 +12,7 @@ from palpate.recognizer.constraints import free_paths_of
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.interpretations import Interpretations, Query
 from palpate.recognizer.model_test import all_half_planes, narrow, sinusoid_maximum
-from palpate.recognizer.pose_region import MAX_TRIPLED_CONTACTS, Cells, Intervals, pad_polygons
+from palpate.recognizer.pose_region import MAX_TRIPLED_CONTACTS, Cells, Intervals, clip_polygons
 from palpate.recognizer.tables import expand_ranges
 
 _FURTHEST_SHARE = 1 - 1e-9  # of the furthest vertex: of those that are, but for rounding, the first is taken
@@ -35,7 +35,7 @@ def cut_cells(query: Query, nodes: Interpretations, intervals: Intervals) -> tup
     cutting = np.flatnonzero(np.any(height[alive] > 0, axis=(0, 1))) + 4
     polygon, g, limit = polygon[alive], g[alive], limit[alive]
     for side in cutting:
-        polygon, kept = _clip(polygon, g[:, side], limit[:, side])
+        polygon, kept = clip_polygons(polygon, g[:, side], limit[:, side])
         if not kept.all():
             alive, g, limit = alive[kept], g[kept], limit[kept]
     node = node[alive]
@@ -51,54 +51,6 @@ def _rectangle(g: Floats, limit: Floats) -> Floats:
         across[a][:, None] * inner + length[b][:, None] * along for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))
     ]
     return np.stack(corners, axis=1)
-
-
-def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
-    """Clip convex polygons (k, v, 2) by g·s ≤ limit, one half-plane each; returns those left, and a mask.
-
-    The polygons given are overwritten.
-    """
-    height = np.einsum("kvj,kj->kv", polygon, g) - limit[:, None]
-    cut = np.flatnonzero(np.any(height > 0, axis=1))
-    kept = np.ones(len(polygon), dtype=bool)
-    if not len(cut):
-        return polygon, kept
-    clipped, left = _clip_crossed(polygon[cut], height[cut])
-    vertices = max(clipped.shape[1], polygon.shape[1])
-    polygon, clipped = pad_polygons(polygon, vertices), pad_polygons(clipped, vertices)
-    rows = cut[left]
-    polygon[rows] = clipped
-    if len(rows) == len(cut):
-        return polygon, kept
-    kept[cut[~left]] = False
-    return polygon[kept], kept
-
-
-def _clip_crossed(polygon: Floats, height: Floats) -> tuple[Floats, Bools]:
-    """Parts of convex polygons (k, v, 2) where the height (k, v), linear in between, is not positive.
-
-    Returns those that have one and a mask of which these are.
-    """
-    count, vertices = height.shape
-    after = np.arange(1, vertices + 1) % vertices
-    inside, following = height <= 0, height[:, after]
-    crossing = inside != (following <= 0)
-    fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
-    emit = np.empty((count, vertices, 2), dtype=bool)
-    emit[..., 0], emit[..., 1] = inside, crossing
-    point = np.empty((count, vertices, 2, 2))
-    point[:, :, 0] = polygon
-    point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
-    emitted, points = emit.reshape(count, -1), point.reshape(count, -1, 2)
-    left: Bools = np.any(emitted, axis=1)
-    if not left.all():
-        emitted, points = emitted[left], points[left]
-    slot = np.cumsum(emitted, axis=1) - 1
-    rows, columns = np.nonzero(emitted)
-    leading = points[np.arange(len(points)), np.argmax(emitted, axis=1)]
-    clipped = np.repeat(leading[:, None], int(slot.max(initial=0)) + 1, axis=1)
-    clipped[rows, slot[rows, columns]] = points[rows, columns]
-    return clipped, left
 
 
 def refine_intervals(
@@ -147,7 +99,7 @@ def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints
         # The outermost parts have no limit, and what is divided by orientation has none at all.
         cut = sign * (least[owner] + edge * step[owner])
         cut = np.where(turned[owner] | (edge == outermost), np.inf, cut)
-        polygon, kept = _clip(polygon, sign * along[owner[row]], cut[row])
+        polygon, kept = clip_polygons(polygon, sign * along[owner[row]], cut[row])
         row = row[kept]
     return replace(fine.select(row), polygon=polygon), owner[row]
 

@@ -115,6 +115,54 @@ def pad_polygons(polygon: Floats, vertices: int) -> Floats:
     return np.concatenate([polygon, np.repeat(polygon[:, :1], missing, axis=1)], axis=1)
 
 
+def clip_polygons(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
+    """Clip convex polygons (k, v, 2) by g·s ≤ limit, one half-plane each; returns those left, and a mask.
+
+    The polygons given are overwritten.
+    """
+    height = np.einsum("kvj,kj->kv", polygon, g) - limit[:, None]
+    cut = np.flatnonzero(np.any(height > 0, axis=1))
+    kept = np.ones(len(polygon), dtype=bool)
+    if not len(cut):
+        return polygon, kept
+    clipped, left = _clip_crossed(polygon[cut], height[cut])
+    vertices = max(clipped.shape[1], polygon.shape[1])
+    polygon, clipped = pad_polygons(polygon, vertices), pad_polygons(clipped, vertices)
+    rows = cut[left]
+    polygon[rows] = clipped
+    if len(rows) == len(cut):
+        return polygon, kept
+    kept[cut[~left]] = False
+    return polygon[kept], kept
+
+
+def _clip_crossed(polygon: Floats, height: Floats) -> tuple[Floats, Bools]:
+    """Parts of convex polygons (k, v, 2) where the height (k, v), linear in between, is not positive.
+
+    Returns those that have one and a mask of which these are.
+    """
+    count, vertices = height.shape
+    after = np.arange(1, vertices + 1) % vertices
+    inside, following = height <= 0, height[:, after]
+    crossing = inside != (following <= 0)
+    fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
+    emit = np.empty((count, vertices, 2), dtype=bool)
+    emit[..., 0], emit[..., 1] = inside, crossing
+    point = np.empty((count, vertices, 2, 2))
+    point[:, :, 0] = polygon
+    point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
+    emitted, points = emit.reshape(count, -1), point.reshape(count, -1, 2)
+    left: Bools = np.any(emitted, axis=1)
+    if not left.all():
+        emitted, points = emitted[left], points[left]
+    slot = np.cumsum(emitted, axis=1) - 1
+    rows, columns = np.nonzero(emitted)
+    leading = points[np.arange(len(points)), np.argmax(emitted, axis=1)]
+    clipped = np.repeat(leading[:, None], int(slot.max(initial=0)) + 1, axis=1)
+    clipped[rows, slot[rows, columns]] = points[rows, columns]
+    return clipped, left
+
+
 @dataclass(frozen=True, eq=False)
 class Intervals(Table):
     """Orientation intervals [`lo`, `hi`] (k,) rad of interpretations `node` (k,): cells not yet cut."""

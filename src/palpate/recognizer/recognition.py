@@ -20,6 +20,7 @@ from palpate.base.geometry import Floats, Ints
 from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
+from palpate.recognizer.carried_region import CarriedRegion
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import LARGEST_MM, Contact, NormalRange
@@ -223,19 +224,25 @@ class Recognition(ShortRepr):
         `motion`: of the part since the last of the earlier contacts was measured; None if it lay still.
         """
         earlier = self.move(motion) if motion else self
-        return earlier._with(contacts, branches_of(earlier.interpretations, earlier.cells))
+        branches = branches_of(earlier.interpretations, earlier.cells)
+        return earlier._with(contacts, branches, earlier.constraints.carried)
 
     def move(self, motion: Motion) -> "Recognition":
-        """All that is known after a motion of the part; its earlier contacts are widened by it."""
+        """All that is known after a motion of the part; its earlier contacts are widened by it.
+
+        So is the region in which it was.
+        """
         if not motion:
             return self
+        cells = self.hypotheses.cells
+        region = CarriedRegion.of(cells, motion.shift_mm[cells.state], motion.turn_rad[cells.state])
         states = np.unique(self.interpretations.state)
         carried = tuple(
             contact_after_motion(motion, self.catalogue, contact, states, self._distance_mm(contact))
             for contact in self.contacts
         )
         nodes = self.interpretations.turn(motion.turn_rad[self.interpretations.state])
-        return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells))
+        return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells), region)
 
     def _distance_mm(self, contact: Contact) -> Floats:
         """Largest distance of a contact from each state's centroid (S,); 0 for states that are ruled out."""
@@ -244,9 +251,11 @@ class Recognition(ShortRepr):
         np.maximum.at(result, self.cells.state, np.hypot(*point.T) + reach)
         return result
 
-    def _with(self, contacts: Sequence[Contact], branches: list[Branch]) -> "Recognition":
+    def _with(
+        self, contacts: Sequence[Contact], branches: list[Branch], region: CarriedRegion | None
+    ) -> "Recognition":
         known = _SearchState(self.contacts, self.unpaired, branches, self.levels)
-        return _search(self.constraints.paired, self.max_spurious, known, contacts)
+        return _search(self.constraints.paired, self.max_spurious, known, contacts, region)
 
 
 def recognise(
@@ -335,11 +344,18 @@ def _interpretations(branches: Sequence[Branch]) -> int:
     return sum(len(branch.nodes) for branch in branches)
 
 
-def _search(query: Query, max_spurious: int, known: _SearchState, new: Sequence[Contact]) -> Recognition:
-    """Pair every new contact in turn; hypotheses of what is left are worked out later."""
+def _search(
+    query: Query,
+    max_spurious: int,
+    known: _SearchState,
+    new: Sequence[Contact],
+    region: CarriedRegion | None = None,
+) -> Recognition:
+    """Pair every new contact in turn; hypotheses of what is left, in the `region`, are worked out later."""
     for contact in new:
         known = known.with_contact(contact, query, max_spurious)
     paired = replace(query, contacts=known.paired)
     evidence = replace(query, contacts=known.evidence(max_spurious))
-    constraints = Constraints(paired, join_branches(known.branches, len(paired.contacts)), evidence)
+    nodes = join_branches(known.branches, len(paired.contacts))
+    constraints = Constraints(paired, nodes, evidence, region)
     return Recognition(constraints, known.contacts, known.levels, max_spurious, known.unpaired)

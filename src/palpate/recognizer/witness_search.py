@@ -9,7 +9,7 @@ hypotheses are being distinguished, but it widens the bounds of the last ones: t
 narrower cells, without those that cannot contain a configuration which satisfies every contact exactly.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,14 +35,19 @@ _CELLS_WORTH_REFINING = 16  # cells of a region: with fewer little is gained
 
 def connected_regions(constraints: Constraints, intervals: Intervals) -> Regions:
     """The connected regions of the intervals' cells, without those that prove to be empty."""
-    found, done = STEPS.sift_intervals(constraints, intervals, corners=False), []
+    found, done = _clipped(constraints, STEPS.sift_intervals(constraints, intervals, corners=False)), []
     for nth in range(_MAX_REFINEMENTS + 1):
         regions, again = STEPS.search_round(constraints, found, refinable=nth < _MAX_REFINEMENTS)
         done.append(regions)
         if not len(again):
             break
-        found = cut_finer(constraints, again, at_first=nth == 0)
+        found = _clipped(constraints, cut_finer(constraints, again, at_first=nth == 0))
     return Regions.join(done)
+
+
+def _clipped(constraints: Constraints, found: WitnessedCells) -> WitnessedCells:
+    """What the carried region leaves of cells."""
+    return found if constraints.carried is None else constraints.carried.clip_witnessed(found)
 
 
 def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
@@ -54,11 +59,20 @@ def cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> Witn
     return STEPS.sift_intervals(constraints, finer, corners=True)
 
 
-def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floats]:
-    """Least and largest x and y (mm) and θ (rad) of all regions, (h, 3) each, rounded outward.
+@dataclass(frozen=True, eq=False)
+class Enclosures:
+    """Least and largest x and y (mm) and θ (rad) of h regions, `lo` and `hi` (h, 3), rounded outward.
 
-    Of finer cells for those with a witness, where there are few.
+    `cells`: all of their configurations, on the branches of their interpretations.
     """
+
+    lo: Floats
+    hi: Floats
+    cells: Cells
+
+
+def enclosures(constraints: Constraints, regions: Regions) -> Enclosures:
+    """Enclosures of all regions, of finer cells for those with a witness, where there are few."""
     lo, hi = _region_boxes(constraints, regions.cells, regions.first)
     rows = np.flatnonzero(regions.verified)
     room = constraints.budget.fine
@@ -67,20 +81,30 @@ def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floa
         or len(regions.cells) > _MAX_BUDGET_SHARES * room
         or not len(rows)
     ):
-        return lo, hi
-    cells, first = _refine_cells(constraints, regions.select(rows))
-    kept = np.flatnonzero(np.diff(first))
-    low, high = _region_boxes(constraints, cells, first[np.append(kept, -1)])
+        return Enclosures(lo, hi, regions.unturned)
+    fine = _refine_cells(constraints, regions.select(rows))
+    kept = np.flatnonzero(np.diff(fine.first))
+    low, high = _region_boxes(constraints, fine.turned, fine.first[np.append(kept, -1)])
     lo[rows[kept]] = np.maximum(lo[rows[kept]], low)
     hi[rows[kept]] = np.minimum(hi[rows[kept]], high)
-    return lo, hi
+    others = regions.select(np.setdiff1d(np.arange(len(regions)), rows[kept]))
+    return Enclosures(lo, hi, Cells.join([fine.cells, others.unturned]))
 
 
-def _refine_cells(constraints: Constraints, regions: Regions) -> tuple[Cells, Ints]:
-    """The regions' cells in so many narrower ones, on the regions' branches of the symmetry.
+@dataclass(frozen=True, eq=False)
+class _FineCells:
+    """Narrower `cells` of regions, ordered by region: region i's begin at `first`[i].
 
-    They are ordered by region; those of region i begin at item i of the second array, (h + 1,).
+    `turned`: the same on the regions' branches of the symmetry.
     """
+
+    cells: Cells
+    turned: Cells
+    first: Ints
+
+
+def _refine_cells(constraints: Constraints, regions: Regions) -> _FineCells:
+    """The regions' cells in so many narrower ones."""
     size = np.diff(regions.first)
     region = np.repeat(np.arange(len(size)), size)
     room = constraints.budget.fine
@@ -89,6 +113,9 @@ def _refine_cells(constraints: Constraints, regions: Regions) -> tuple[Cells, In
     paired, nodes, unturned = constraints.paired, constraints.nodes, regions.unturned
     intervals, owner = STEPS.refine_intervals(paired, nodes, unturned, parts)
     cells, of = STEPS.cut_cells(paired, nodes, intervals)
+    if constraints.carried is not None:
+        cells, rows = constraints.carried.clip(cells)
+        of = of[rows]
     cells, owner = _drop_empty_cells(constraints, cells, owner[of])
     cells, of = STEPS.divide_cells(cells, LEVER_MM, _PARTS_PER_FINE_CELL)
     cells, owner = _drop_empty_cells(constraints, cells, owner[of])
@@ -96,7 +123,7 @@ def _refine_cells(constraints: Constraints, regions: Regions) -> tuple[Cells, In
     turned = replace(
         cells, lo=cells.lo - shift, hi=cells.hi - shift, polygon=rotate(cells.polygon, shift[:, None])
     )
-    return turned, np.searchsorted(region[owner], np.arange(len(size) + 1))
+    return _FineCells(cells, turned, np.searchsorted(region[owner], np.arange(len(size) + 1)))
 
 
 def _drop_empty_cells(constraints: Constraints, cells: Cells, owner: Ints) -> tuple[Cells, Ints]:
