@@ -3,9 +3,9 @@
 It connects hand, recogniser and planner, and always ends with a verdict: identified, indistinguishable (no
 reachable approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict
 each other, again and again, though each can be explained by itself), or unresolved. It ends when there is
-one answer, placed as finely as the rig's goals ask when it was touched last; when no reachable grip promises
-to place it much more finely; or, between two grips, by the rig's `max_grips` or `max_seconds`. Before it says
-that nothing fits it makes a few more grips, by which the set-up can be doubted (`doubt`). An answer is given
+one answer, placed as finely as the rig's goals ask, as it lies now; when no reachable grip promises to place
+it much more finely; or, between two grips, by the rig's `max_grips` or `max_seconds`. Before it says that
+nothing fits it makes a few more grips, by which the set-up can be doubted (`doubt`). An answer is given
 only after some touches have matched its predictions: bounds prove which of the catalogue's objects it is, but
 not that it is in the catalogue. If a grip contradicts the earlier ones, the part may have been moved; the
 search then begins again with that grip. If the rig file or an object declares the force at which parts slide,
@@ -159,6 +159,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 _MAX_MOVES = 1
 _DOUBT_GRIPS, _MAX_DOUBTING_GRIPS = 4, 3  # that met something, by which the set-up is doubted; to get there
 _LIGHTER_SPEED_SHARE = 0.5  # of the touch speed, once the part has moved
+_LONGEST_CREEP_S = 8.0
 _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
 
@@ -239,6 +240,7 @@ class _Search:
         self._hold_contradicted = False
         self._doubted: IdentificationVerdict | None = None
         self._understood = 0  # grips that hypotheses rest on
+        self._present: tuple[int, Recognition | None] = 0, None  # after so many grips
 
     def run(self) -> Identification:
         verdict, limit, begun_s = None, None, self._now()
@@ -248,7 +250,7 @@ class _Search:
             if verdict is None:
                 self._carry_out(grip)
                 limit = self._limit(self._now() - begun_s)
-        verdict, recognition = verdict or self._last_verdict(), self._final_recognition()
+        verdict, recognition = verdict or self._last_verdict(), self._present_recognition()
         answered = verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
         fine = recognition is not None and self._chooser.is_fine(recognition)
         states = self._states(recognition)
@@ -297,11 +299,12 @@ class _Search:
         if recognition is None:
             grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
-        choice = self._chooser.choose(self._evidence, recognition)
+        now = self._present_recognition() or recognition
+        choice = self._chooser.choose(self._evidence, now)
         if choice.grip is None:
             return choice.verdict, ()
         self._evidence.checks += choice.is_check
-        reason = self._chooser.reason(choice, self._evidence, recognition)
+        reason = self._chooser.reason(choice, self._evidence, now)
         self._observers(PlanEvent(len(self._grips) + 1, choice.grip, reason))
         return None, choice.grip.limited_approaches
 
@@ -370,7 +373,7 @@ class _Search:
         """Do the grip and interpret its contacts."""
         number = len(self._grips) + 1
         self._observers.check()
-        gently = [replace(approach, touch_mm_s=self._touch_mm_s()) for approach in grip]
+        gently = [replace(approach, touch_mm_s=self._touch_mm_s(approach)) for approach in grip]
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
         since = self._motions[-1].after if self._motions else None
@@ -381,14 +384,20 @@ class _Search:
             self._understood = number
             self._understand()
 
-    def _touch_mm_s(self) -> float:
-        """Speed at which the next grip may meet the part."""
+    def _touch_mm_s(self, approach: FingerApproach) -> float:
+        """Speed at which an approach of the next grip may meet the part.
+
+        As long as it may be several, it lies in wide intervals, and no pose is spoilt: fingers do not creep long.
+        """
         closing, lighter = self._rig.closing, _LIGHTER_SPEED_SHARE if self._moved_before else 1.0
-        if (
-            self._evidence.recognition is None
-        ):  # ways are long, and hardly anything is known that it may spoil
+        known = self._evidence.recognition
+        if known is None:  # ways are long, and hardly anything is known that it may spoil
             return lighter * closing.search_mm_s
-        return lighter * (self._bounds.touch_mm_s(self._states()) or closing.search_mm_s)
+        gentle = self._bounds.touch_mm_s(self._states()) or closing.search_mm_s
+        if known.verdict is RecognitionVerdict.AMBIGUOUS:
+            in_time = (approach.travel_mm - approach.fast_mm) / _LONGEST_CREEP_S
+            gentle = min(max(gentle, in_time), closing.search_mm_s)
+        return lighter * gentle
 
     def _contacts(self) -> list[Contact]:
         """Contacts of the last grip, of the part as it lay when they were measured."""
@@ -428,15 +437,17 @@ class _Search:
     def _is_bounded(self, motion: Motion) -> bool:
         return motion.furthest_mm(self._catalogue, self._states()) <= _MAX_CARRIED_MOTION_MM
 
-    def _final_recognition(self) -> Recognition | None:
+    def _present_recognition(self) -> Recognition | None:
         """Recognition of the part as it lies when the fingers have left; None if it may be anywhere."""
-        recognition = self._evidence.recognition
-        if recognition is None or not self._motions:
+        recognition, grips = self._evidence.recognition, len(self._motions)
+        if recognition is None or not grips:
             return recognition
-        after = self._motions[self._understood - 1].after
-        for motion in self._motions[self._understood :]:
-            after += motion.whole
-        return recognition.move(after) if self._is_bounded(after) else None
+        if self._present[0] != grips:
+            after = self._motions[self._understood - 1].after
+            for motion in self._motions[self._understood :]:
+                after += motion.whole
+            self._present = grips, recognition.move(after) if self._is_bounded(after) else None
+        return self._present[1]
 
 
 def identify(
