@@ -387,7 +387,7 @@ class _Search:
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
 
-        As long as it may be several, it lies in wide intervals, and no pose is spoilt: fingers do not creep long.
+        As long as it may be several, intervals are wide, and there is no pose to spoil: none creeps long.
         """
         closing, lighter = self._rig.closing, _LIGHTER_SPEED_SHARE if self._moved_before else 1.0
         known = self._evidence.recognition
