@@ -348,9 +348,8 @@ class IdentificationOut(Out):
     not suffice for; null if it did. `notices`: what devices showed in the run that is not as the rig file
     declares, and that bounds may not cover. `goal_met`: `bounds`, and those of the alternatives, are as
     narrow as the rig file's goals; null without an answer. `limit`: the rig file's limit that the run
-    came to before its goal. Where that is null and `goal_met` false, the part was within the goals when it
-    was touched last and may have been moved since, or no grip within reach promised to place it much more
-    finely.
+    came to before its goal. Where that is null and `goal_met` false, no grip within reach promised to place
+    it much more finely.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
