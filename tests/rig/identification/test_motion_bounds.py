@@ -139,7 +139,7 @@ def press(
         advance_mm,
         hidden,
         *np.zeros((3, len(time_s))),
-        1.5,
+        np.full(len(time_s), 1.5),
         begin_s + 0.8 * last_s,
         math.inf,
         *np.zeros((2, len(time_s))),

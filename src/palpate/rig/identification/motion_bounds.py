@@ -259,7 +259,8 @@ def _finger_loads(
     # Between two frames force grows.
     gap_s = np.diff(trace.time_s, prepend=-math.inf, append=math.inf)
     gap_s = np.where(np.isfinite(gap_s), np.maximum(gap_s, period_s), period_s)
-    advance = np.maximum(trace.touch_mm_s * gap_s, [*trace.advance_mm, 0.0])
+    touch_mm_s = np.append(trace.touch_mm_s, trace.touch_mm_s[-1])
+    advance = np.maximum(touch_mm_s * gap_s, [*trace.advance_mm, 0.0])
     grown = np.where(trace.force_n > 0, stiff * np.maximum(advance[:-1], advance[1:]), 0.0)
     there = np.zeros(len(trace.time_s), dtype=bool)
     if math.isfinite(trace.measured_s):

@@ -340,7 +340,9 @@ def _back_off_and_touch(
     for run in runs:
         if run.meter is not None:
             met_mm = min(begun[run] + back_mm, run.unfelt_mm)
-            run.meter.begin(TouchStage.SLOW, hand.clock.now(), met_mm - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM)
+            free, now = (met_mm - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM), hand.clock.now()
+            speed = touch_speed_mm_s(run.approach, hand.rig.closing.touch_speed_mm_s)
+            run.meter.begin(TouchStage.SLOW, now, *free, speed)
     _touch_slowly(hand, runs)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _MIN_FREE_SHARE * back_mm]

@@ -67,7 +67,8 @@ class LoadTrace:
     `any_zero_doubt_n` (n,) if no way was free; `free_within_mm` (n,): the way there is free of a part that
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
-    `touch_mm_s`: how fast at most where it might meet the part; `measured_s`: when the grip's contacts were
+    `touch_mm_s` (n,): how fast at most since the frame before, where it might meet the part; `measured_s`:
+    when the grip's contacts were
     measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
     infinite if nothing was; `retreat_mm` (n,): how far it can have gone back since the frame before;
     `dragging_n` (n,): what the force that was noticed may drag the part with then, as much as all of it where
@@ -84,7 +85,7 @@ class LoadTrace:
     zero_doubt_n: Floats
     any_zero_doubt_n: Floats
     free_within_mm: Floats
-    touch_mm_s: float
+    touch_mm_s: Floats
     measured_s: float
     unfelt_mm: float
     retreat_mm: Floats
@@ -172,7 +173,7 @@ class LoadMeter:
         friction: float = TIP_FRICTION,
     ) -> None:
         """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
-        `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
+        `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: of the quick stage;
         `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames;
         `drags` (cols,): see `ApproachState.drags`; None: all of any force may drag the part along;
         `friction`: of the tip on parts, at most.
@@ -191,21 +192,29 @@ class LoadMeter:
         # Plain numbers one after another: a grip has tens of thousands of frames.
         self._forces = array("d")  # by frames: latest_s, force_n, steady_n, doubts_n and dragging_n
         self._seen_s, self._seen_mm, self._aside_mm = array("d"), array("d"), array("d")
-        self._begun: list[tuple[float, TouchStage, float, float]] = []
+        self._begun: list[tuple[float, TouchStage, float, float, float]] = []
         self._quiet, self._quiet_behind = QuietMean(), QuietMean()
         self._measured_s = math.nan
 
-    def begin(self, stage: TouchStage, now: float, free_mm: float = 0.0, free_within_mm: float = 0.0) -> None:
+    def begin(
+        self,
+        stage: TouchStage,
+        now: float,
+        free_mm: float = 0.0,
+        free_within_mm: float = 0.0,
+        touch_mm_s: float | None = None,
+    ) -> None:
         """Begin a stage; one that is begun again is a touch of its own.
 
         `free_mm`: so much of the way is free of a part that the grip has moved by `free_within_mm` at most.
+        `touch_mm_s`: its speed, if it is not that of the quick stage.
         """
-        self._begun.append((now, stage, free_mm, free_within_mm))
+        speed = self._touch_mm_s if touch_mm_s is None else touch_mm_s
+        self._begun.append((now, stage, free_mm, free_within_mm, speed))
 
     def resume(self, now: float) -> None:
         """Go on with a stage after the finger was stopped on its way."""
-        _, stage, free_mm, free_within_mm = self._begun[-1]
-        self.begin(stage, now, free_mm, free_within_mm)
+        self._begun.append((now, *self._begun[-1][1:]))
 
     def quiet_mean(self, readings: Floats, force_n: float) -> tuple[Floats, int] | None:
         """Mean readings (n,) of the newest frames without a force, and how many; None at a frame with one.
@@ -250,7 +259,7 @@ class LoadMeter:
         if not self._begun or not self._seen_s:
             return True
         begun = [at for at, *_ in self._begun]
-        free_mm = min(free for _, _, free, _ in self._begun[_last_before(begun, since_s) :])
+        free_mm = min(free for _, _, free, *_ in self._begun[_last_before(begun, since_s) :])
         seen_mm = max(self._seen_mm[_last_before(self._seen_s, since_s) :])
         return seen_mm + _MAX_LEAD_MM > free_mm
 
@@ -324,7 +333,7 @@ class LoadMeter:
             _window_maximum(doubt),
             _window_maximum(any_doubt),
             self._free_within(times),
-            self._touch_mm_s,
+            self._touch_speeds_mm_s(times),
             self._measured_s,
             self._unfelt_mm(times, noticed),
             self._retreats(times, travels),
@@ -356,7 +365,7 @@ class LoadMeter:
         A read of the servos may be as old as the read before it, so that the second one after an instant
         is the first that is certainly younger.
         """
-        begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
+        begun, _, free, within, _ = (np.array(column) for column in zip(*self._begun, strict=True))
         reads, travels = np.array(self._seen_s), np.array(self._seen_mm)
         begin_s, end_s = times - self._late_s / 2, times + self._late_s / 2
         last = np.minimum(np.searchsorted(reads, end_s, side="right") + 1, len(reads) - 1)
@@ -370,13 +379,25 @@ class LoadMeter:
     def _shares(self) -> Floats:
         return np.array([1.0] + [self._noise_share(frames) for frames in range(1, STEADY_FRAMES + 1)])
 
+    def _touch_speeds_mm_s(self, times: Floats) -> Floats:
+        """Speed of the stage that each frame (n,) was sampled in, of the quickest since the frame before."""
+        begun, speed = (np.array([stage[column] for stage in self._begun]) for column in (0, -1))
+        since = np.append(times[:1], times[:-1]) - self._late_s / 2
+        first, last = (
+            np.searchsorted(begun, at, side="right") - 1 for at in (since, times + self._late_s / 2)
+        )
+        return _largest_between(speed, first, last)
+
     def _advances(self, times: Floats, travels: Floats) -> Floats:
         """Largest advance of the tip before each frame (n,).
 
         By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
         """
-        passed = np.diff(times, prepend=times[0])
-        result: Floats = _CATCH_UP_SPEED_FACTOR * self._touch_mm_s * passed
+        passed, fastest = (
+            np.diff(times, prepend=times[0]),
+            _CATCH_UP_SPEED_FACTOR * self._touch_speeds_mm_s(times),
+        )
+        result: Floats = fastest * passed
         result += _excess_travel(np.diff(travels, prepend=travels[0]) - result, self._step_mm)
         for stopped in self._stopped:
             begun = [at for at, *_ in self._begun if at > stopped]
@@ -388,7 +409,7 @@ class LoadMeter:
                 result[rows] = np.diff(reached)
                 if rows[0] > 0:  # of that gap the beginning was before the finger stood
                     moving_s = max(stopped + _BRAKING_FRAMES * self._period_s - times[rows[0] - 1], 0.0)
-                    result[rows[0]] += _CATCH_UP_SPEED_FACTOR * self._touch_mm_s * moving_s
+                    result[rows[0]] += fastest[rows[0]] * moving_s
         return result
 
     def _sideways(self, times: Floats) -> Floats:

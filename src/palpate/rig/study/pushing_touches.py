@@ -116,9 +116,16 @@ class SimulatedFinger:
         arrival = abs(self.goal_mm - self.travel_mm) / self.speed_mm_s if self.is_moving else math.inf
         return min(arrival, max(self._stop_s - now, 0.0) or math.inf)
 
-    def begin(self, stage: TouchStage, now: float, free_mm: float, free_within_mm: float) -> None:
+    def begin(
+        self,
+        stage: TouchStage,
+        now: float,
+        free_mm: float,
+        free_within_mm: float,
+        touch_mm_s: float | None = None,
+    ) -> None:
         """Begin a stage of the grip, as the meter has it."""
-        self.meter.begin(stage, now, free_mm, free_within_mm)
+        self.meter.begin(stage, now, free_mm, free_within_mm, touch_mm_s)
         self.meter.see(self.travel_mm, now)
 
     def begin_search(self, stage: TouchStage, now: float) -> None:
@@ -307,9 +314,9 @@ class _Grip:
         again = [finger for finger in fingers if finger.is_back]
         for finger in again:
             met = finger.travel_mm + closing.back_off_mm
-            finger.begin(TouchStage.SLOW, self._now, met - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM)
-            finger.touched = False
             speed = touch_speed_mm_s(finger.approach, closing.touch_speed_mm_s)
+            finger.begin(TouchStage.SLOW, self._now, met - RETOUCH_MARGIN_MM, RETOUCH_MARGIN_MM, speed)
+            finger.touched = False
             finger.go(finger.approach.travel_mm, speed, sensing=True)
         if again:
             self._move()
