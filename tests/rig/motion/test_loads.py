@@ -209,6 +209,30 @@ def test_a_finger_that_is_faster_than_its_touch_has_gone_as_far_as_it_is_seen(
     assert -2 * step_mm < trace.advance_mm.sum() - gone_mm < step_mm
 
 
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_each_stage_counts_with_its_own_speed(late_s: float) -> None:
+    """And where a frame may be of either, with that of the quicker one."""
+    slow_s = 0.4
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=4.0, step_mm=0.02)
+    meter.late_by(late_s)
+    meter.begin(TouchStage.QUICK, 0.0)
+    for k in range(200):
+        t = k * PERIOD_S
+        if k == 100:
+            meter.begin(TouchStage.SLOW, t, touch_mm_s=1.0)
+        meter.see(min(4.0 * t, 4.0 * slow_s + (t - slow_s)), t)
+        meter.feel(0.5, t + PERIOD_S)
+    meter.resume(0.9)
+    trace = meter.trace()
+    assert trace is not None
+    slow = trace.time_s > slow_s + late_s / 2 + 3 * PERIOD_S
+    assert set(trace.touch_mm_s[slow]) == {1.0}
+    assert set(trace.touch_mm_s[trace.time_s < slow_s - late_s / 2]) == {4.0}
+    assert trace.advance_mm[slow].sum() == pytest.approx(1.1 * PERIOD_S * slow.sum(), rel=0.05)
+    true_mm = 4.0 * slow_s + (200 * PERIOD_S - slow_s)
+    assert trace.advance_mm.sum() > true_mm
+
+
 def test_a_tip_that_is_steered_sideways_drags_the_part_with_all_that_presses() -> None:
     """An arm wanders by half a step of its joints as it stands and goes back."""
     meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0, step_mm=0.15)
