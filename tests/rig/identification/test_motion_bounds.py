@@ -313,6 +313,7 @@ def test_lost_frames_hide_no_work(lost: int) -> None:
         "zero_doubt_n",
         "any_zero_doubt_n",
         "free_within_mm",
+        "touch_mm_s",
         "retreat_mm",
         "dragging_n",
         "quiet",
