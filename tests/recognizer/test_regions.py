@@ -12,7 +12,7 @@ from palpate.recognizer import Finger, Hypothesis, Recognition, numpy_steps
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.interpretation_tree import first_level, second_level, third_level
+from palpate.recognizer.interpretation_tree import first_level, second_level, split_into_runs, third_level
 from palpate.recognizer.interpretations import Interpretations, Query
 from palpate.recognizer.numpy_witnesses import corner_means, probe_cells
 from palpate.recognizer.pose_region import Cells, Intervals, divide_orientations
@@ -48,6 +48,19 @@ def contains(cells: Cells, row: int, theta: float, position: np.ndarray) -> bool
     return bool(
         np.all(leg[:, 0] * rel[:, 1] - leg[:, 1] * rel[:, 0] >= -1e-7 * (1 + np.abs(leg).sum(axis=1)))
     )
+
+
+def test_runs_reach_as_far_as_their_widest_cell() -> None:
+    """Refined cells may lie within others; a run that ended with one of these has lost the truth."""
+    spans = [(0.0, 1.0), (0.2, 0.4), (0.9, 1.2), (1.0, 1.1), (1.5, 2.0), (1.6, 1.7), (0.1, 0.3), (0.1, 0.2)]
+    lo, hi = np.array(spans).T
+    node = np.array([0, 0, 0, 0, 0, 0, 1, 1])
+    cells = Cells(node, np.zeros(8, np.int64), lo, hi, np.zeros((8, 1, 2)))
+    nodes = Interpretations(np.zeros(2, np.int64), np.array([[3], [5]]), np.full(2, -1.0), np.full(2, 3.0))
+    runs, renumbered = split_into_runs(nodes, cells)
+    assert list(zip(runs.lo.tolist(), runs.hi.tolist(), strict=True)) == [(0.0, 1.2), (1.5, 2.0), (0.1, 0.3)]
+    assert runs.edges.ravel().tolist() == [3, 3, 5]
+    assert renumbered.node.tolist() == [0, 0, 0, 0, 1, 1, 2, 2]
 
 
 def feasible(

@@ -162,16 +162,20 @@ def _extend_by_region(
 def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
     """Narrow interpretations to their cells; one with a gap between its cells becomes one for each run.
 
-    Cells must be ordered by interpretation and orientation, as they are built.
+    Cells must be ordered by interpretation and least orientation. Finer ones may lie within wider ones.
     """
     if not len(cells):
         return nodes.select(np.empty(0, np.int64)), cells
+    order = np.lexsort((cells.hi, cells.node))
+    rank = np.empty(len(cells), np.int64)
+    rank[order] = np.arange(len(cells))
+    reach = cells.hi[order[np.maximum.accumulate(rank)]]  # of all cells of the interpretation so far
     begins = np.ones(len(cells), dtype=bool)
-    begins[1:] = (np.diff(cells.node) != 0) | (cells.lo[1:] > cells.hi[:-1] + 1e-12)
+    begins[1:] = (np.diff(cells.node) != 0) | (cells.lo[1:] > reach[:-1] + 1e-12)
     first = np.flatnonzero(begins)
     last = np.append(first[1:], len(cells)) - 1
     owner = cells.node[first]
-    split = Interpretations(nodes.state[owner], nodes.edges[owner], cells.lo[first], cells.hi[last])
+    split = Interpretations(nodes.state[owner], nodes.edges[owner], cells.lo[first], reach[last])
     renumbered = Cells(np.cumsum(begins) - 1, cells.state, cells.lo, cells.hi, cells.polygon)
     return split, renumbered
 
