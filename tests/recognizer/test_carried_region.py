@@ -86,6 +86,21 @@ def test_a_moved_part_is_in_the_clipped_cells(
         assert region.clip_witnessed(spots).holds.all()
 
 
+@pytest.mark.parametrize("turn_rad", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize("new_half", [0.01, 0.5, 3.1])
+def test_wide_intervals_of_orientations_lose_nothing(turn_rad: float, new_half: float) -> None:
+    cells = square(0, 0.3, 0.02, np.zeros(2), 0.2)
+    region = CarriedRegion.of(cells, np.array([0.1]), np.array([turn_rad]))
+    assert region is not None
+    for theta in np.linspace(0.3 - turn_rad, 0.3 + turn_rad, 41):
+        for off in (-0.9, 0.0, 0.9):
+            middle = theta + off * new_half
+            left, rows = region.clip(square(0, middle, new_half, np.zeros(2), 0.1))
+            assert rows.tolist() == [0]
+            turns = (theta - left.middle[0] + math.pi) % (2 * math.pi) - math.pi
+            assert abs(turns) <= left.half_width[0] + 1e-9
+
+
 def test_cells_where_the_part_cannot_be_are_left_out() -> None:
     cells = square(3, 0.0, 0.01, np.array([5.0, 5.0]), 0.2)
     region = CarriedRegion.of(cells, np.array([0.1]), np.array([0.01]))

@@ -17,6 +17,7 @@ from palpate.recognizer.pose_region import Cells, WitnessedCells, clip_polygons
 
 _MOST_CELLS = 1024  # more are of hypotheses that are many still, or wide: they would clip little
 _DIRECTIONS = 16
+_WIDEST_RAD = np.pi / 2  # half of an interval; wider ones may meet another from both sides
 _ROUNDING_MM, _ROUNDING_RAD = 1e-9, 1e-12
 
 _ANGLES = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
@@ -82,7 +83,9 @@ class CarriedRegion:
         limit = np.full((len(cells), _DIRECTIONS), -np.inf)
         for state in np.unique(cells.state):
             own, rows = np.flatnonzero(self.state == state), np.flatnonzero(cells.state == state)
-            apart, half = wrap_angle(self.middle[own] - cells.middle[rows][:, None]), self.half_width[own]
+            apart = wrap_angle(self.middle[own] - cells.middle[rows][:, None])
+            wide = np.maximum(cells.half_width[rows][:, None], self.half_width[own]) > _WIDEST_RAD
+            half = np.where(wide, np.inf, self.half_width[own])
             near: Bools = np.abs(apart) <= cells.half_width[rows][:, None] + half
             lo[rows] = np.where(near, apart - half, np.inf).min(axis=1, initial=np.inf)
             hi[rows] = np.where(near, apart + half, -np.inf).max(axis=1, initial=-np.inf)
