@@ -68,9 +68,9 @@ class LoadTrace:
     the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
     on its way; `advance_mm` (n,): how far it can have gone forward since the frame before, or sideways;
     `touch_mm_s` (n,): how fast at most since the frame before, where it might meet the part; `measured_s`:
-    when the grip's contacts were
-    measured, nan if never; `unfelt_mm`: so far the tip had come at least before anything was noticed,
-    infinite if nothing was; `retreat_mm` (n,): how far it can have gone back since the frame before;
+    when the grip's contacts were measured, nan if never; `unfelt_mm`: so far the tip had come at least before
+    anything was noticed, infinite if nothing was; `retreat_mm` (n,): how far it can have gone back since the
+    frame before;
     `dragging_n` (n,): what the force that was noticed may drag the part with then, as much as all of it where
     the tip's back may hook the part, 0 where none was; `quiet` (n,): nothing was noticed in the frame by
     itself.
