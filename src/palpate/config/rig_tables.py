@@ -58,6 +58,10 @@ class ClosingConfig(FileModel):
         default=None,
         description="Speed where a finger may first meet the part; by default approach_speed_mm_s.",
     )
+    retract_speed_mm_s: Annotated[Positive, Field(le=1000)] | None = Field(
+        default=None,
+        description="Speed on the way back from the part; by default approach_speed_mm_s.",
+    )
     touch_speed_mm_s: Annotated[Positive, Field(le=100)] = Field(
         description="Speed when a contact is measured."
     )
@@ -73,6 +77,11 @@ class ClosingConfig(FileModel):
     def search_mm_s(self) -> float:
         """Speed (mm/s) at which a finger may meet the part for the first time."""
         return self.approach_speed_mm_s if self.search_speed_mm_s is None else self.search_speed_mm_s
+
+    @property
+    def retract_mm_s(self) -> float:
+        """Speed (mm/s) on the way back from the part, which has just been gone."""
+        return self.approach_speed_mm_s if self.retract_speed_mm_s is None else self.retract_speed_mm_s
 
     @model_validator(mode="after")
     def _grows_in_order(self) -> Self:

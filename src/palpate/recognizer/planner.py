@@ -36,7 +36,7 @@ from palpate.recognizer.touch_model import (
 _MAX_TWIN_PAIRS = 200  # pairs among which twins are looked for; where more are confused, not all are twins
 _OUTCOMES_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
 _APPROACHES_AT_ONCE = 8
-FREE_MARGIN_MM = 2.0  # before the earliest predicted stop, for a part that earlier touches have nudged
+FREE_MARGIN_MM = 1.0  # before the earliest predicted stop, for a part that earlier touches have nudged
 _PERCEPTIBLE_SIMILARITY = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
 

@@ -54,6 +54,7 @@ def port_latency_s(port: str) -> float:
 
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
+_SPEED_HALVINGS = 12  # to find a speed by its peak
 _CATCH_UP_FACTOR = 2.0  # times the profile's speed, at most, while a servo catches up with its trajectory
 
 
@@ -68,6 +69,17 @@ def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
         )
         for finger in rig.fingers
     )
+
+
+def quickest_mm_s(rig: RigFile, peak_n: float) -> float:
+    """Speed (mm/s) from touch_speed_mm_s to the search's at which that peak is no more than `peak_n`."""
+    slow, quick = rig.closing.touch_speed_mm_s, rig.closing.search_mm_s
+    if expected_peak_n(rig, quick) <= peak_n:
+        return quick
+    for _ in range(_SPEED_HALVINGS):
+        middle = (slow + quick) / 2
+        slow, quick = (middle, quick) if expected_peak_n(rig, middle) <= peak_n else (slow, middle)
+    return slow
 
 
 def unstopped_peak_n(rig: RigFile) -> float:

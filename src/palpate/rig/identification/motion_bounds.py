@@ -17,7 +17,7 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue, Contact, Hypotheses, Motion, Recognition
-from palpate.rig.contact_peak import expected_peak_n
+from palpate.rig.contact_peak import quickest_mm_s
 from palpate.rig.conversion import SHEAR_SHARE, measured_force_share
 from palpate.rig.identification.pushing_mechanics import MAX_TABLE_FRICTION, SupportTable, supports_of
 from palpate.rig.motion.load_meter import HIDDEN_FACTOR, LoadTrace, friction_factor, tip_friction
@@ -162,15 +162,13 @@ class MotionBounds:
     def touch_mm_s(self, states: Ints) -> float | None:
         """Speed at which to meet a part in one of `states` (indices) that has been found; None: any.
 
-        The rig's slow one, but for a part that the rig's search does not move.
+        The quickest at which its expected peak force does not move the part, if that is any.
         """
         holds = self.holds_n(states)
         if holds is None:
             return None
-        peak = expected_peak_n(self.rig, self.rig.closing.search_mm_s)
-        peak *= max(friction_factor(tip_friction(finger.tip)) for finger in self.rig.fingers)
-        leverage = float(self.supports.leverage[states].max())
-        return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
+        sheared = max(friction_factor(tip_friction(finger.tip)) for finger in self.rig.fingers)
+        return quickest_mm_s(self.rig, holds / (sheared * float(self.supports.leverage[states].max())))
 
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""

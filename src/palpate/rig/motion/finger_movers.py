@@ -31,7 +31,7 @@ _MOVE_TIMEOUT_S = 60.0  # no move takes so long, but a slow one over a long way:
 _DEADLINE_FACTOR = 2.0  # than way over speed says
 _STALL_S = 0.6
 _MAX_CROSS_TRACK_MM = 3.0
-_SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos, their lag behind goals
+_SLOWING_LAG_S = 0.045  # until a finger begins to slow down: the order's way to the servos, their lag behind it
 
 
 class SensingHand(Protocol):
@@ -300,8 +300,9 @@ class SearchMover(TipMover):
         self._slow_from_mm = approach.fast_mm - _SLOWING_LAG_S * self._fast_mm_s
         self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
         self._is_fast = run.travel_mm < self._slow_from_mm
-        self._slows = self._turns = self.is_back = False
+        self._turns = self.is_back = False
         self._needs_n, self._needs_s = 0.0, math.inf
+        self._looked_s = math.inf
         speed = self._fast_mm_s if self._is_fast else self._search_mm_s
         super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
 
@@ -332,6 +333,7 @@ class SearchMover(TipMover):
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Note where the tip is; of an array not yet proven, since when currents show a contact."""
         super().look(states, now)
+        self._looked_s = now
         if self.is_back or self.finger in self.hand.proven or now - self.started_s < START_S:
             self._needs_n, self._needs_s = 0.0, math.inf
             return
@@ -352,12 +354,10 @@ class SearchMover(TipMover):
             raise self.stop_where_held(f"needs {self._needs_n:.1f} N more than before")
 
     def until(self, now: float) -> MoveEnd | None:
-        """Slower where free space ends; the end is that of either way."""
+        """The end is that of either way."""
         if self._turns:
             return None
         self._check_currents()
-        if self._is_fast and not self.is_back and self.run.travel_mm >= self._slow_from_mm:
-            self._is_fast, self._slows = False, True
         return super().until(now)
 
     def stream(self, now: float) -> ServoGoals:
@@ -367,8 +367,9 @@ class SearchMover(TipMover):
             self.limit_mm = max(0.0, self.run.travel_mm - self.hand.rig.closing.back_off_mm)
             self._speed_mm_s = self._fast_mm_s
             return self.start(now)
-        if self._slows:
-            self._slows = False
+        came_mm = self._fast_mm_s * max(now - self._looked_s, 0.0)  # at most, since the last look
+        if self._is_fast and self.run.travel_mm + came_mm >= self._slow_from_mm:
+            self._is_fast = False
             return self.finger.drive.slow_down(self._search_mm_s, now)
         return super().stream(now)
 

@@ -135,9 +135,8 @@ def _carry_out(
     turned = hand.turn
     touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(GripPhase.RETRACTING)
-    move_along_lines(
-        hand, dict.fromkeys(runs, 0.0)
-    )  # arrays are guarded until every finger has left the part
+    # Arrays are guarded until every finger has left the part.
+    move_along_lines(hand, dict.fromkeys(runs, 0.0), hand.rig.closing.retract_mm_s)
     hand.finish_grip()
     hand.disarm()
     return [
@@ -208,9 +207,14 @@ def aim_fingers(hand: Hand, runs: Sequence[ApproachState]) -> None:
         run.begin(found[run.finger])
 
 
-def move_along_lines(hand: Hand, travels_mm: Mapping[ApproachState, float]) -> None:
-    """Move along lines through space that is known to be free, and wait until fingers are there."""
-    speed = hand.rig.closing.approach_speed_mm_s
+def move_along_lines(
+    hand: Hand, travels_mm: Mapping[ApproachState, float], speed_mm_s: float | None = None
+) -> None:
+    """Move along lines through space that is known to be free, and wait until fingers are there.
+
+    `speed_mm_s`: None, that of approaches.
+    """
+    speed = speed_mm_s or hand.rig.closing.approach_speed_mm_s
 
     def begin(run: ApproachState, to_mm: float) -> Callable[[float], ServoGoals]:
         return lambda now: run.finger.drive.go(run.line, run.travel_mm, to_mm, speed, now)

@@ -358,9 +358,10 @@ class Reach:
     def seconds(self, travels_mm: Floats) -> Floats:
         """Rough time (n,) that each approach takes for a travel (n,): aim, close, touch twice, go back."""
         closing = self.closing
-        there = np.asarray(travels_mm) / closing.approach_speed_mm_s
+        way_mm = np.asarray(travels_mm)
+        there, back = way_mm / closing.approach_speed_mm_s, way_mm / closing.retract_mm_s
         again = closing.back_off_mm * (1 / closing.approach_speed_mm_s + 1 / closing.touch_speed_mm_s)
-        result: Floats = self.aiming_s + 2 * there + again + _OVERHEAD_S
+        result: Floats = self.aiming_s + there + back + again + _OVERHEAD_S
         return result
 
     @cached_property

@@ -329,7 +329,7 @@ class _Grip:
         """Let all go back to where they wait."""
         self._pass(_TURN_S)
         for finger in self._fingers:
-            finger.go(0.0, self._closing.approach_speed_mm_s, sensing=False)
+            finger.go(0.0, self._closing.retract_mm_s, sensing=False)
         self._move()
 
     def _search(self, *, may_stay: bool) -> None:
