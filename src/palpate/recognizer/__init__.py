@@ -44,7 +44,13 @@ from palpate.recognizer.recognition import (
     contact_in_motion,
     recognise,
 )
-from palpate.recognizer.strategy import Confirmation, confirmation_grip, heuristic_grip, used_approaches
+from palpate.recognizer.strategy import (
+    Confirmation,
+    confirmation_grip,
+    extend_to_confirm,
+    heuristic_grip,
+    used_approaches,
+)
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_obstacle import ball_obstacle, is_exact
@@ -98,6 +104,7 @@ __all__ = [
     "contact_in_motion",
     "detectable_shift_mm",
     "explain_object",
+    "extend_to_confirm",
     "face_offsets_mm",
     "grips_before_move",
     "heuristic_grip",

@@ -230,6 +230,7 @@ _MAX_COMPARISONS = 250_000  # where there is more to compare, only the most prom
 _SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
+_SECONDS_TO_GOAL = float(__import__("os").environ.get("STG", 40.0))
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
@@ -292,6 +293,8 @@ class _GripSearch:
         self.seconds = reachable.seconds(self.furthest)
         self.hazard: Floats = np.zeros(len(self.open_to))
         if limits is not None:
+            searched_mm = _searched_mm(self.outcome, self.poses.weight)
+            self.seconds = self.seconds + searched_mm / limits.touch_mm_s(recognition.hypotheses.state)
             self.hazard = push_hazard(
                 limits, reachable.approaches, self.poses, recognition.anchor_mm, self.outcome
             )
@@ -326,6 +329,8 @@ class _GripSearch:
         if least > self.remaining - worth:
             return None
         weighed = scores + _HAZARD_WEIGHT * self.remaining * self.hazard[rows]
+        later_s = np.maximum(self.seconds[rows] - self.seconds[taken].max(initial=0.0), 0.0)
+        weighed += self.remaining * later_s / _SECONDS_TO_GOAL
         good = np.flatnonzero(weighed <= weighed.min() + _EQUAL_PLAN_SHARE * self.remaining)
         row = good[np.argmin(self.seconds[rows[good]])]
         return int(rows[row]), alike[row], float(scores[row])
@@ -344,6 +349,14 @@ class _GripSearch:
         self.chosen.append(one)
         every = np.arange(len(self.open_to))
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
+
+
+def _searched_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
+    """Expected travel (n,) of candidates from the earliest stop under any pose (p,) on, and a margin before."""
+    first = np.where(outcome.hit, outcome.travel, np.inf).min(axis=1, initial=np.inf)
+    beyond = np.where(outcome.hit, outcome.travel - first[:, None], 0.0)
+    result: Floats = FREE_MARGIN_MM + beyond @ weight
+    return result
 
 
 def meets_other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:

@@ -183,6 +183,48 @@ def confirmation_grip(
     return make_grip(recognition, reachable, [found.at(k) for k in chosen], resolution, 1.0)
 
 
+def extend_to_confirm(
+    grip: Grip,
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    wanted: Confirmation,
+    limits: PushLimits | None = None,
+) -> Grip:
+    """A planned grip with as many touches of further fingers as confirm the answer; the grip alone if none do.
+
+    A touch that places a part confirms it, too: a grip that is made only to confirm costs as much time again.
+    """
+    found = _candidates(recognition, reachable, resolution, limits)
+    if found is None:
+        return grip
+    index = {id(item): k for k, item in enumerate(reachable.approaches)}
+    planned = [
+        PredictedApproach(index[id(item)], grip.predictions.select([k]), grip.travels_mm[k])
+        for k, item in enumerate(grip.approaches)
+    ]
+    rows = [item.index for item in planned]
+    left, strangers = ~np.isin(found.rows, rows), wanted.strangers
+    chosen: list[int] = []
+    for k in np.flatnonzero(~left).tolist():  # others of the grip may miss
+        strangers = strangers.after(found.touches.agreement(chosen)[:, k][None])
+        chosen.append(k)
+    known_mm = [item.end_mm for item in recognition.contacts if item.touched]
+    added: list[int] = []
+    while _more_wanted(found, chosen, strangers, wanted):
+        agreeing = found.touches.agreement(chosen)
+        best = found.best(left, strangers.different_kinds @ agreeing, chosen, known_mm)
+        if best is None:
+            return grip
+        left[best] = False
+        if fits_together(reachable, found.at(best), [*planned, *map(found.at, added)]):
+            chosen.append(best)
+            added.append(best)
+            strangers = strangers.after(agreeing[:, best][None])
+    together = [*planned, *map(found.at, added)]
+    return make_grip(recognition, reachable, together, resolution, grip.remaining)
+
+
 @dataclass(frozen=True, eq=False)
 class _Candidates:
     """c approaches that surely meet the first hypothesis: `rows` (c,) of the reachable ones.

@@ -285,6 +285,10 @@ class PushLimits(Protocol):
         """
         ...
 
+    def touch_mm_s(self, states: Ints) -> float:
+        """Speed at which a finger meets a part in one of `states` (n,)."""
+        ...
+
 
 def push_hazard(
     limits: PushLimits,

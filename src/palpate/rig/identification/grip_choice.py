@@ -4,6 +4,7 @@ Of good grips such are preferred as do not tip or roll parts: a table of all sta
 rig's fingers says which, and which states of an answer motion bounds do not cover.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +28,7 @@ from palpate.recognizer import (
     Resolution,
     StrangerEvidence,
     confirmation_grip,
+    extend_to_confirm,
     heuristic_grip,
     plan_grip,
     recognise,
@@ -84,12 +86,19 @@ class StabilityTable:
         """As `palpate.recognizer.PushLimits` has it."""
         return self._slide_shares[states]
 
+    def touch_mm_s(self, states: Ints) -> float:
+        """As `palpate.recognizer.PushLimits` has it."""
+        return self._bounds.touch_mm_s(states) or self.rig.closing.search_mm_s
+
+    @cached_property
+    def _bounds(self) -> MotionBounds:
+        return self.bounds or MotionBounds(self.rig, self.catalogue)
+
     @cached_property
     def _slide_shares(self) -> Floats:
-        bounds = self.bounds or MotionBounds(self.rig, self.catalogue)
-        force_n = expected_peak_n(self.rig, self.rig.closing.touch_speed_mm_s)
-        slide = force_n / bounds.supports.holds_n
-        return np.column_stack([slide, slide * bounds.supports.turn_rad_per_mm])
+        supports = self._bounds.supports
+        slide = expected_peak_n(self.rig, self.rig.closing.touch_speed_mm_s) / supports.holds_n
+        return np.column_stack([slide, slide * supports.turn_rad_per_mm])
 
     def not_bounded(self, recognition: Recognition | None, pushed_n: float) -> tuple[NotBounded, ...]:
         """States that are left in which the part may have tipped or rolled, each once, the heaviest first.
@@ -173,8 +182,10 @@ class GripChooser:
         if settled and self.is_confirmed(evidence):
             return GripChoice(answer)
         grip = None if settled else self._plan(recognition, one_class=answer is not None)
-        if grip is not None and not (answer is not None and self._is_vain(grip)):
+        if grip is not None and answer is None:
             return GripChoice(None, grip)
+        if grip is not None and not self._is_vain(grip):
+            return GripChoice(None, self._extended(grip, evidence, recognition))
         if self.is_confirmed(evidence):
             return GripChoice(answer or IdentificationVerdict.UNRESOLVED)
         grip = self._check(evidence, recognition)
@@ -237,14 +248,24 @@ class GripChooser:
     def _check(self, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
-            wanted = Confirmation(
-                self.rig.search.detectable_shift_mm,
-                evidence.strangers or StrangerEvidence.none(),
-                self.rig.search.false_match_probability,
-            )
-            limits = self._limits(recognition)
+            wanted, limits = self._wanted(evidence), self._limits(recognition)
             return confirmation_grip(recognition, self.reach, self.resolution, wanted, limits)
         return self._plan(recognition, one_class=True)
+
+    def _extended(self, grip: Grip, evidence: GripEvidence, recognition: Recognition) -> Grip:
+        """A grip that places the answer, with what else confirms it at the same time."""
+        if self.strategy is not Strategy.PLANNED or self.is_confirmed(evidence):
+            return grip
+        wanted, limits = self._wanted(evidence), self._limits(recognition)
+        return extend_to_confirm(grip, recognition, self.reach, self.resolution, wanted, limits)
+
+    def _wanted(self, evidence: GripEvidence) -> Confirmation:
+        """What touches must show before the answer is given."""
+        return Confirmation(
+            math.inf if evidence.is_bounded else self.rig.search.detectable_shift_mm,
+            evidence.strangers or StrangerEvidence.none(),
+            self.rig.search.false_match_probability,
+        )
 
     def _limits(self, recognition: Recognition) -> PushLimits:
         """Limits of what pushes may do to the parts of the recognition's catalogue."""
