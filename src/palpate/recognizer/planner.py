@@ -230,7 +230,7 @@ _MAX_COMPARISONS = 250_000  # where there is more to compare, only the most prom
 _SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
-_SECONDS_TO_GOAL = float(__import__("os").environ.get("STG", 40.0))
+_SECONDS_TO_GOAL = 60.0  # a plan may take this share of it longer that leaves as much less of the confusion
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
@@ -352,7 +352,7 @@ class _GripSearch:
 
 
 def _searched_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
-    """Expected travel (n,) of candidates from the earliest stop under any pose (p,) on, and a margin before."""
+    """Expected travel (n,) of candidates that is searched: from before the earliest stop of any pose on."""
     first = np.where(outcome.hit, outcome.travel, np.inf).min(axis=1, initial=np.inf)
     beyond = np.where(outcome.hit, outcome.travel - first[:, None], 0.0)
     result: Floats = FREE_MARGIN_MM + beyond @ weight

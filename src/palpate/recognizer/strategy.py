@@ -130,17 +130,17 @@ def _first_compatible(
     return make_grip(recognition, reachable, chosen, resolution, 1.0) if chosen else None
 
 
-_LEAST_CHECKS = 2  # touches that confirm an answer
 _EQUAL_HAZARD = 0.1  # hazards that differ by less are alike
 _LEAST_FACING = 0.5  # cosine: a check meets its surface at least this squarely
 
 
 @dataclass(frozen=True, eq=False)
 class Confirmation:
-    """Aims of confirming touches: to notice a shift of the part by `shift_mm`, and to bring what
-    `strangers` says down to `probability`.
+    """Aims of confirming touches: `touches` at least, to notice a shift of the part by `shift_mm`, and to
+    bring what `strangers` says down to `probability`.
     """
 
+    touches: int
     shift_mm: float
     strangers: StrangerEvidence
     probability: float
@@ -155,7 +155,7 @@ def confirmation_grip(
 ) -> Grip | None:
     """Touches where the first hypothesis must be met, and strangers would least agree.
 
-    Two of them, or more until both aims of `wanted` are met; None if there are none. Where `limits` are
+    As many as it takes until all aims of `wanted` are met; None if there are none. Where `limits` are
     given, those that are more likely to tip or roll the part are the last to be taken.
     """
     found = _candidates(recognition, reachable, resolution, limits)
@@ -191,7 +191,7 @@ def extend_to_confirm(
     wanted: Confirmation,
     limits: PushLimits | None = None,
 ) -> Grip:
-    """A planned grip with as many touches of further fingers as confirm the answer; the grip alone if none do.
+    """A planned grip with touches of further fingers that confirm the answer; the grip alone if none do.
 
     A touch that places a part confirms it, too: a grip that is made only to confirm costs as much time again.
     """
@@ -273,7 +273,7 @@ class _Candidates:
 def _more_wanted(
     found: _Candidates, chosen: Sequence[int], strangers: StrangerEvidence, wanted: Confirmation
 ) -> bool:
-    if len(chosen) < _LEAST_CHECKS or found.hidden_mm(chosen) > wanted.shift_mm:
+    if len(chosen) < wanted.touches or found.hidden_mm(chosen) > wanted.shift_mm:
         return True
     return strangers.probability > wanted.probability
 

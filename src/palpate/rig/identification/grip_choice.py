@@ -137,6 +137,7 @@ class StabilityTable:
 
 
 _MAX_IDLE_TOUCHES = 3  # as many without gain, and more will not help
+_CHECKS, _CHECKS_IN_MOTION = 2, 3  # touches that confirm an answer, at least
 _MAX_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
 _VAIN_SHARE = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
@@ -260,8 +261,12 @@ class GripChooser:
         return extend_to_confirm(grip, recognition, self.reach, self.resolution, wanted, limits)
 
     def _wanted(self, evidence: GripEvidence) -> Confirmation:
-        """What touches must show before the answer is given."""
+        """What touches must show before the answer is given.
+
+        A grip moves the part: one more touch of it places the part more finely than it moves it.
+        """
         return Confirmation(
+            _CHECKS_IN_MOTION if evidence.is_bounded else _CHECKS,
             math.inf if evidence.is_bounded else self.rig.search.detectable_shift_mm,
             evidence.strangers or StrangerEvidence.none(),
             self.rig.search.false_match_probability,

@@ -31,7 +31,7 @@ _MOVE_TIMEOUT_S = 60.0  # no move takes so long, but a slow one over a long way:
 _DEADLINE_FACTOR = 2.0  # than way over speed says
 _STALL_S = 0.6
 _MAX_CROSS_TRACK_MM = 3.0
-_SLOWING_LAG_S = 0.045  # until a finger begins to slow down: the order's way to the servos, their lag behind it
+_SLOWING_LAG_S = 0.045  # until a finger begins to slow down: the order's way, the servo's lag behind it
 
 
 class SensingHand(Protocol):
