@@ -15,7 +15,8 @@ from palpate.base.geometry.plane import rotate, wrap_angle
 from palpate.recognizer.model_test import sinusoid_maximum
 from palpate.recognizer.pose_region import Cells, WitnessedCells, clip_polygons
 
-_MOST_CELLS = 1024  # more are of hypotheses that are many still, or wide: they would clip little
+_MOST_CELLS = 16384  # more are of hypotheses that are many still, or wide: they would clip little
+_MOST_PARTS = 512  # of the region, which every cell is compared with: neighbours in orientation are one
 _DIRECTIONS = 16
 _WIDEST_RAD = np.pi / 2  # half of an interval; wider ones may meet another from both sides
 _ROUNDING_MM, _ROUNDING_RAD = 1e-9, 1e-12
@@ -26,7 +27,7 @@ _AWAY = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 @dataclass(frozen=True, eq=False)
 class CarriedRegion:
-    """Union of k cells, grown by a motion.
+    """Union of cells, grown by a motion, in k parts.
 
     `state` (k,); orientations within `half_width` (k,) rad of `middle` (k,); how far from the anchor the
     centroid may be in each of n directions in W, `limit_mm` (k, n).
@@ -50,7 +51,19 @@ class CarriedRegion:
         lo, hi = cells.lo[:, None, None], cells.hi[:, None, None]
         reach = sinusoid_maximum(x * cos + y * sin, x * sin - y * cos, lo, hi).max(axis=1)
         grown = reach + (shift_mm + _ROUNDING_MM)[:, None]
-        return cls(cells.state, cells.middle, cells.half_width + turn_rad + _ROUNDING_RAD, grown)
+        wide = turn_rad + _ROUNDING_RAD
+        return cls._merged(cells.state, cells.lo - wide, cells.hi + wide, grown)
+
+    @classmethod
+    def _merged(cls, state: Ints, lo: Floats, hi: Floats, limit_mm: Floats) -> Self:
+        """Region of parts of a state (k,) with orientations in [lo, hi] (k,), some of which are joined."""
+        order = np.lexsort((lo + hi, state))
+        state, lo, hi, limit_mm = state[order], lo[order], hi[order], limit_mm[order]
+        row = np.arange(len(state))
+        at_state = np.maximum.accumulate(np.where(np.diff(state, prepend=-1) != 0, row, 0))
+        first = np.flatnonzero((row - at_state) % -(-len(state) // _MOST_PARTS) == 0)
+        lo, hi = np.minimum.reduceat(lo, first), np.maximum.reduceat(hi, first)
+        return cls(state[first], (lo + hi) / 2, (hi - lo) / 2, np.maximum.reduceat(limit_mm, first, axis=0))
 
     def clip(self, cells: Cells) -> tuple[Cells, Ints]:
         """What the region leaves of cells (k,), those that it leaves nothing of left out; their rows."""

@@ -6,7 +6,7 @@ A confirmation touches where strangers, or a part that has been moved, would har
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -130,6 +130,7 @@ def _first_compatible(
     return make_grip(recognition, reachable, chosen, resolution, 1.0) if chosen else None
 
 
+_RESERVE = 0.5  # of the probability that is wanted: touches agree a little less clearly than predicted
 _EQUAL_HAZARD = 0.1  # hazards that differ by less are alike
 _LEAST_FACING = 0.5  # cosine: a check meets its surface at least this squarely
 
@@ -190,14 +191,14 @@ def extend_to_confirm(
     resolution: Resolution,
     wanted: Confirmation,
     limits: PushLimits | None = None,
-) -> Grip:
-    """A planned grip with touches of further fingers that confirm the answer; the grip alone if none do.
+) -> Grip | None:
+    """A planned grip with touches of further fingers that confirm the answer, too; None if none do.
 
     A touch that places a part confirms it, too: a grip that is made only to confirm costs as much time again.
     """
     found = _candidates(recognition, reachable, resolution, limits)
     if found is None:
-        return grip
+        return None
     index = {id(item): k for k, item in enumerate(reachable.approaches)}
     planned = [
         PredictedApproach(index[id(item)], grip.predictions.select([k]), grip.travels_mm[k])
@@ -211,16 +212,19 @@ def extend_to_confirm(
         chosen.append(k)
     known_mm = [item.end_mm for item in recognition.contacts if item.touched]
     added: list[int] = []
-    while _more_wanted(found, chosen, strangers, wanted):
+    with_reserve = replace(wanted, probability=_RESERVE * wanted.probability)
+    while _more_wanted(found, chosen, strangers, with_reserve):
         agreeing = found.touches.agreement(chosen)
         best = found.best(left, strangers.different_kinds @ agreeing, chosen, known_mm)
         if best is None:
-            return grip
+            break
         left[best] = False
         if fits_together(reachable, found.at(best), [*planned, *map(found.at, added)]):
             chosen.append(best)
             added.append(best)
             strangers = strangers.after(agreeing[:, best][None])
+    if _more_wanted(found, chosen, strangers, wanted):
+        return None
     together = [*planned, *map(found.at, added)]
     return make_grip(recognition, reachable, together, resolution, grip.remaining)
 

@@ -138,6 +138,7 @@ class StabilityTable:
 
 _MAX_IDLE_TOUCHES = 3  # as many without gain, and more will not help
 _CHECKS, _CHECKS_IN_MOTION = 2, 3  # touches that confirm an answer, at least
+_PLACED_SHARE = 0.5  # of the goals, to which a grip that confirms what was placed places it again
 _MAX_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
 _VAIN_SHARE = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
@@ -186,7 +187,7 @@ class GripChooser:
         if grip is not None and answer is None:
             return GripChoice(None, grip)
         if grip is not None and not self._is_vain(grip):
-            return GripChoice(None, self._extended(grip, evidence, recognition))
+            return GripChoice(None, self._extended(grip, evidence, recognition) or grip)
         if self.is_confirmed(evidence):
             return GripChoice(answer or IdentificationVerdict.UNRESOLVED)
         grip = self._check(evidence, recognition)
@@ -234,10 +235,12 @@ class GripChooser:
         strangers = evidence.strangers
         return steady and strangers is not None and strangers.probability <= limits.false_match_probability
 
-    def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
+    def _plan(self, recognition: Recognition, *, one_class: bool, share: float = 1.0) -> Grip | None:
+        """The grip that tells most apart, down to a share of the goals."""
         if self.strategy is not Strategy.PLANNED:
             return heuristic_grip(self.strategy, recognition, self.reach, self.resolution, self.rng)
-        used, goals = used_approaches(recognition.contacts, self.reach.approaches), goals_of(self.rig)
+        used = used_approaches(recognition.contacts, self.reach.approaches)
+        goals = goals_of(self.rig).share(share)
         # A grip that may be the last one has to meet the part from two sides.
         fingers, limits = 2 if one_class else 1, self._limits(recognition)
         return plan_grip(recognition, self.reach, self.resolution, goals, used, fingers, limits)
@@ -250,13 +253,18 @@ class GripChooser:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
             wanted, limits = self._wanted(evidence), self._limits(recognition)
+            if evidence.is_bounded:  # what it moves the part by must not spoil what was placed before
+                placing = self._plan(recognition, one_class=True, share=_PLACED_SHARE)
+                both = None if placing is None else self._extended(placing, evidence, recognition)
+                if both is not None:
+                    return both
             return confirmation_grip(recognition, self.reach, self.resolution, wanted, limits)
         return self._plan(recognition, one_class=True)
 
-    def _extended(self, grip: Grip, evidence: GripEvidence, recognition: Recognition) -> Grip:
-        """A grip that places the answer, with what else confirms it at the same time."""
+    def _extended(self, grip: Grip, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
+        """A grip that places the answer, with what confirms it at the same time; None if nothing does."""
         if self.strategy is not Strategy.PLANNED or self.is_confirmed(evidence):
-            return grip
+            return None
         wanted, limits = self._wanted(evidence), self._limits(recognition)
         return extend_to_confirm(grip, recognition, self.reach, self.resolution, wanted, limits)
 
