@@ -7,7 +7,7 @@ for the facets of arcs; plans are compared by them. Guaranteed enclosures over w
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
@@ -160,10 +160,6 @@ class Goals:
 
     position_mm: float
     orientation_rad: float
-
-    def share(self, share: float) -> Self:
-        """Goals that are a share of these."""
-        return Goals(share * self.position_mm, share * self.orientation_rad)
 
     def are_met_by(self, bounds: Bounds) -> bool:
         """Return whether bounds are fine enough."""

@@ -136,11 +136,10 @@ class StabilityTable:
         return self._by_state[state]
 
 
-_MAX_IDLE_TOUCHES = 3  # as many without gain, and more will not help
+_MAX_IDLE_GRIPS = 2  # as many in a row without gain, and more will not help
 _CHECKS, _CHECKS_IN_MOTION = 2, 3  # touches that confirm an answer, at least
-_PLACED_SHARE = 0.5  # of the goals, to which a grip that confirms what was placed places it again
 _MAX_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
-_VAIN_SHARE = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
+_VAIN_SHARE = float(__import__("os").environ.get("VAIN", "0.15"))  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +179,7 @@ class GripChooser:
     def choose(self, evidence: GripEvidence, recognition: Recognition) -> GripChoice:
         """The next grip, or the verdict; `recognition` must have hypotheses."""
         answer = self.answer(recognition)
-        settled = answer is not None and (self.is_fine(recognition) or evidence.idle >= _MAX_IDLE_TOUCHES)
+        settled = answer is not None and (self.is_fine(recognition) or evidence.idle >= _MAX_IDLE_GRIPS)
         if settled and self.is_confirmed(evidence):
             return GripChoice(answer)
         grip = None if settled else self._plan(recognition, one_class=answer is not None)
@@ -235,12 +234,10 @@ class GripChooser:
         strangers = evidence.strangers
         return steady and strangers is not None and strangers.probability <= limits.false_match_probability
 
-    def _plan(self, recognition: Recognition, *, one_class: bool, share: float = 1.0) -> Grip | None:
-        """The grip that tells most apart, down to a share of the goals."""
+    def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
         if self.strategy is not Strategy.PLANNED:
             return heuristic_grip(self.strategy, recognition, self.reach, self.resolution, self.rng)
-        used = used_approaches(recognition.contacts, self.reach.approaches)
-        goals = goals_of(self.rig).share(share)
+        used, goals = used_approaches(recognition.contacts, self.reach.approaches), goals_of(self.rig)
         # A grip that may be the last one has to meet the part from two sides.
         fingers, limits = 2 if one_class else 1, self._limits(recognition)
         return plan_grip(recognition, self.reach, self.resolution, goals, used, fingers, limits)
@@ -253,11 +250,6 @@ class GripChooser:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
             wanted, limits = self._wanted(evidence), self._limits(recognition)
-            if evidence.is_bounded:  # what it moves the part by must not spoil what was placed before
-                placing = self._plan(recognition, one_class=True, share=_PLACED_SHARE)
-                both = None if placing is None else self._extended(placing, evidence, recognition)
-                if both is not None:
-                    return both
             return confirmation_grip(recognition, self.reach, self.resolution, wanted, limits)
         return self._plan(recognition, one_class=True)
 

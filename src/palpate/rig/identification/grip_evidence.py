@@ -38,7 +38,7 @@ _PATH_EXTENSION_MM = 50.0  # than a finger got: it might have been stopped there
 class GripEvidence:
     """Evidence of some grips, those before a move of the part left out.
 
-    `recognition`: None before enough contacts were made. `idle`: touches in a row without gain. `predicted`:
+    `recognition`: None before enough contacts were made. `idle`: grips in a row without gain. `predicted`:
     touches that came out as the hypotheses had predicted, and `strangers`: how probable that is if the part
     is none of the catalogue; None before `recognition`. `narrowest`: the least extent that the present
     hypotheses had.
@@ -125,7 +125,7 @@ class GripEvidence:
         best, new = self.narrowest or _extent(before), _extent(after)
         narrower = any(now < (1 - _MIN_GAIN_SHARE) * least for least, now in zip(best, new, strict=True))
         self.narrowest = new if fewer else (min(best[0], new[0]), min(best[1], new[1]))
-        self.idle = 0 if fewer or narrower else self.idle + len(touches)
+        self.idle = 0 if fewer or narrower else self.idle + 1
         self.predicted += sum(touch.touched for touch in touches)
         predictions = _predictions(moved, touches)
         self.strangers = self._with_strangers(moved, touches, predictions)
