@@ -2,13 +2,14 @@
 
     python benchmarks/bench_strangers.py --size 10 --size 60 --size 129 --runs 150 --out strangers.jsonl
 
-Catalogues are sets of the shared outlines. What lies on the table is, by turns, an outline of other sets (at
-129, which are all: a shipped or a drawn one), one of the catalogue scaled by 3 to 15 %, a mirrored one, and
-every fourth time a part of the catalogue itself, for the price in touches. Touches are simulated by shapely,
-with errors within their bounds. A run depends on its seed only. With `--out FILE` every run is kept as a line
-of JSON, and a campaign that was stopped goes on where it was. The tables say how often strangers were named,
-those apart that differ by 2 mm or more over a fifth of the outline from every part; and, over all touches of
-strangers, what was stated against how many agreed.
+Catalogues are sets of the shared outlines. What lies still on the table is, by turns, an outline of other
+sets (at 129, which are all: a shipped or a drawn one), one of the catalogue scaled by 3 to 15 %, a mirrored
+one, one with a feature moved by 2 to 5 mm, added or missing, and every eighth time a part of the catalogue
+itself, for the price in touches. Touches are simulated by shapely, with errors within their bounds. A run
+depends on its seed only. With `--out FILE` every run is kept as a line of JSON, and a campaign that was
+stopped goes on where it was. The tables say how often strangers were named, and how often they were said to
+move, those apart that differ by 2 mm or more over a fifth of the outline from every part; and, over all
+touches of strangers, what was stated against how many agreed.
 """
 
 import argparse
@@ -24,6 +25,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.geometry import Floats, ObjectModel
@@ -52,9 +54,11 @@ from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, outlines, pla
 FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 ALL = 129  # shared outlines
 CATALOGUES = 6  # different ones of each size, but for all of them
-LYING = ("other", "scaled", "other", "true", "mirrored", "other", "scaled", "true")
+LYING = ("other", "moved", "scaled", "true", "mirrored", "added", "moved", "missing")
+ALTERED = ("mirrored", "moved", "added", "missing")
 SAME = 0.02  # share of the outline: what differs over less is no stranger (a mirrored part may look the same)
 LARGE_MM, SHARE = 2.0, 0.2
+_MAX_DRAWS = 200  # of an alteration
 NAMED = (IdentificationVerdict.IDENTIFIED.value, IdentificationVerdict.INDISTINGUISHABLE.value)
 
 
@@ -110,16 +114,19 @@ def stranger(
     """What lies on the table."""
     part = own[int(rng.integers(len(own)))]
     ring = ring_of(part)
-    match kind:
-        case "true":
-            return part
-        case "scaled":
-            factor = 1.0 + float(rng.choice([-1, 1])) * float(rng.uniform(0.03, 0.15))
-            return flat(f"{part.name} x {factor:.3f}", ring * factor)
-        case "mirrored":
-            return flat(f"{part.name} mirrored", ring[::-1] * [-1.0, 1.0])
-        case "other" if others:
-            return others[int(rng.integers(len(others)))]
+    if kind == "true":
+        return part
+    if kind == "scaled":
+        factor = 1.0 + float(rng.choice([-1, 1])) * float(rng.uniform(0.03, 0.15))
+        return flat(f"{part.name} x {factor:.3f}", ring * factor)
+    if kind in ALTERED:
+        changed = ring[::-1] * [-1.0, 1.0] if kind == "mirrored" else altered(ring, kind, rng)
+        return flat(f"{part.name} {kind}", changed)
+    return others[int(rng.integers(len(others)))] if others else any_part(rng)
+
+
+def any_part(rng: np.random.Generator) -> ObjectModel:
+    """A shipped part, or a drawn one."""
     shipped = outlines(SHIPPED_OBJECTS)
     pick = int(rng.integers(4 * len(shipped)))
     if pick < len(shipped):
@@ -128,6 +135,43 @@ def stranger(
         drawn = random_model(str(rng.choice(["star", "oval", "near-regular"])), rng, 5.0)
         if len(ring_of(drawn)) <= 60:
             return drawn
+
+
+def altered(ring: Floats, kind: str, rng: np.random.Generator) -> Floats:
+    """A ring with a feature moved by 2 to 5 mm, added (a tab or a notch), or missing (cut off or filled)."""
+    count = len(ring)
+    for _ in range(_MAX_DRAWS):
+        at, size = int(rng.integers(count)), int(rng.integers(1, 4))
+        rolled, depth = np.roll(ring, -at, axis=0), float(rng.uniform(2, 5))
+        if kind == "missing":
+            changed = rolled[min(size, max(count - 3, 0)) :]
+        elif kind == "moved":
+            angle = rng.uniform(0, 2 * math.pi)
+            changed = rolled.copy()
+            changed[:size] += depth * np.array([math.cos(angle), math.sin(angle)])
+        else:
+            changed = np.vstack([rolled[:1], _tab(rolled[0], rolled[1], depth, rng), rolled[1:]])
+        shape = shapely.Polygon(changed)
+        if (
+            len(changed) > 2
+            and shape.is_valid
+            and shape.buffer(-4.0).area > 0
+            and shapely.hausdorff_distance(shape.boundary, shapely.LinearRing(ring)) >= LARGE_MM
+        ):
+            return np.asarray(changed)
+        kind = "moved" if kind == "missing" and count < 5 else kind
+    raise RuntimeError(f"no {kind} feature fits this outline")
+
+
+def _tab(one: Floats, other: Floats, depth: float, rng: np.random.Generator) -> Floats:
+    """Corners (4, 2) of a tab or a notch between two vertices."""
+    along = other - one
+    length = float(np.hypot(*along))
+    half = float(rng.uniform(0.1, 0.4)) * min(length, 30.0)
+    middle = float(rng.uniform(half, length - half))
+    aside = np.array([along[1], -along[0]]) / length * depth * float(rng.choice([-1, 1]))
+    ends = one + along / length * np.array([[middle - half], [middle + half]])
+    return np.vstack([ends[0], ends[0] + aside, ends[1] + aside, ends[1]])
 
 
 def ring_of(model: ObjectModel) -> Floats:
@@ -243,11 +287,12 @@ def print_bins(title: str, touches: Sequence[tuple[float, bool]]) -> None:
 def print_tables(rows: Sequence[Row]) -> None:
     """All of them."""
     strangers = [row for row in rows if row.kind != "true" and row.difference > SAME]
-    print("parts   what lies there                      runs   named   touches beyond the first grip")
+    print("parts   what lies there                      runs   named  moving   touches beyond the first grip")
     for size in sorted({row.size for row in rows}):
         for title, some in (
             ("stranger, 2 mm over a fifth", [row for row in strangers if row.difference >= SHARE]),
             ("stranger, less", [row for row in strangers if row.difference < SHARE]),
+            *((f"  {kind}", [row for row in strangers if row.kind == kind]) for kind in sorted(set(LYING))),
             ("part of the catalogue", [row for row in rows if row.kind == "true"]),
         ):
             own = [row for row in some if row.size == size]
@@ -255,6 +300,7 @@ def print_tables(rows: Sequence[Row]) -> None:
                 beyond = [row.beyond for row in own]
                 print(
                     f"{size:>5}   {title:<34} {len(own):>6} {sum(row.is_named for row in own):>7}"
+                    f" {sum(row.outcome == IdentificationVerdict.MOVING.value for row in own):>7}"
                     f"   mean {np.mean(beyond):.2f}, 90 % {np.percentile(beyond, 90):.0f}, most {max(beyond)}"
                 )
     far = [pair for row in strangers if row.difference >= SHARE for pair in row.touches]

@@ -32,6 +32,14 @@ class IdentificationVerdict(StrEnum):
     MOVING = "moving"
 
 
+class ContradictionCause(StrEnum):
+    """Reason why nothing in a catalogue explains grips together; the last where touches do not say which."""
+
+    MOVED = "moved"
+    NOT_IN_CATALOGUE = "not-in-catalogue"
+    EITHER = "either"
+
+
 class Strategy(StrEnum):
     """Choice of the next grip (memo §3.2)."""
 

@@ -2,15 +2,16 @@
 
 It connects hand, recogniser and planner, and always ends with a verdict: identified, indistinguishable (no
 reachable approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict
-each other, again and again, though each can be explained by itself), or unresolved. It ends when there is
-one answer, placed as finely as the rig's goals ask, as it lies now; when no reachable grip promises to place
-it much more finely; or, between two grips, by the rig's `max_grips` or `max_seconds`. Before it says that
-nothing fits it makes a few more grips, by which the set-up can be doubted (`doubt`). An answer is given
+each other, again and again, and touches made again show that the part moved), or unresolved. It ends when
+there is one answer, placed as finely as the rig's goals ask, as it lies now; when no reachable grip promises
+to place it much more finely; or, between two grips, by the rig's `max_grips` or `max_seconds`. Before it says
+that nothing fits it makes a few more grips, by which the set-up can be doubted (`doubt`). An answer is given
 only after some touches have matched its predictions: bounds prove which of the catalogue's objects it is, but
-not that it is in the catalogue. If a grip contradicts the earlier ones, the part may have been moved; the
-search then begins again with that grip. If the rig file or an object declares the force at which parts slide,
-the motion that fingers may have caused is bounded and taken into account (`motion_bounds`). A rig that is
-known too inaccurately to tell parts apart is refused beforehand.
+not that it is in the catalogue. If a grip contradicts the earlier ones, touches are made again
+(`contradiction`); the search then begins again with that grip, unless they show that nothing moved. If the
+rig file or an object declares the force at which parts slide, the motion that fingers may have caused is
+bounded and taken into account (`motion_bounds`). A rig that is known too inaccurately to tell parts apart is
+refused beforehand.
 
 *Observers* are called with each event, beside the thread that drives devices.
 """
@@ -27,7 +28,13 @@ import numpy as np
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.geometry import Ints
 from palpate.base.short_repr import ShortRepr
-from palpate.base.vocabulary import IdentificationVerdict, RecognitionVerdict, RunLimit, Strategy
+from palpate.base.vocabulary import (
+    ContradictionCause,
+    IdentificationVerdict,
+    RecognitionVerdict,
+    RunLimit,
+    Strategy,
+)
 from palpate.config import RigFile
 from palpate.recognizer import (
     Budget,
@@ -42,6 +49,7 @@ from palpate.recognizer import (
     is_explained,
 )
 from palpate.rig.conversion import finger_of, tip_bound_mm
+from palpate.rig.identification.contradiction import Contradiction, RepeatedTouches
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -177,7 +185,8 @@ class Identification:
     `stranger_probability`: that something outside the catalogue which agreed with the first contacts would
     have agreed with all touches since; None if nothing was predicted or nothing agrees. `goal_met`: the
     answer is placed as finely as the rig's goals ask; None without an answer. `limit`: what the run
-    came to before its goal.
+    came to before its goal. `contradictions`: grips that contradicted earlier ones, and what touches made
+    again say of the reason.
     """
 
     outcome: IdentificationVerdict
@@ -194,6 +203,7 @@ class Identification:
     stranger_probability: float | None = None
     goal_met: bool | None = None
     limit: RunLimit | None = None
+    contradictions: tuple[Contradiction, ...] = ()
 
     @property
     def touches(self) -> int:
@@ -231,6 +241,8 @@ class _Search:
         self._execute, self._now = execute, now
         self._rig, self._reach, self._catalogue = chooser.rig, chooser.reach, catalogue
         self._grips: list[tuple[Touch, ...]] = []
+        self._made: list[Sequence[FingerApproach]] = []
+        self._contradictions: list[Contradiction] = []
         self._moved_before: list[int] = []
         self._eliminated: list[tuple[int, Hypothesis]] = []
         self._swept = False
@@ -240,6 +252,8 @@ class _Search:
         self._hold_contradicted = False
         self._doubted: IdentificationVerdict | None = None
         self._understood = 0  # grips that hypotheses rest on
+        self._repeated: int | None = None  # grip (index) whose touches are made again
+        self._doubting = 0  # grips by which the set-up is doubted
         self._present: tuple[int, Recognition | None] = 0, None  # after so many grips
 
     def run(self) -> Identification:
@@ -270,6 +284,7 @@ class _Search:
             self._evidence.stranger_probability,
             fine if answered else None,
             None if answered and fine else limit,
+            tuple(self._contradictions),
         )
 
     def _limit(self, passed_s: float) -> RunLimit | None:
@@ -289,13 +304,9 @@ class _Search:
         if self._doubted is not None:
             return self._doubt(self._doubted)
         if recognition is not None and recognition.verdict is RecognitionVerdict.NONE:
-            if not self._may_have_moved():
-                return self._doubt(IdentificationVerdict.UNKNOWN)
-            self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
-            self._begin_again(None)
-            recognition = self._evidence.recognition
+            return self._contradicted()
         if len(self._moved_before) > _MAX_MOVES:
-            return self._doubt(IdentificationVerdict.MOVING)
+            return self._doubt(self._moving())
         if recognition is None:
             grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
@@ -308,14 +319,68 @@ class _Search:
         self._observers(PlanEvent(len(self._grips) + 1, choice.grip, reason))
         return None, choice.grip.limited_approaches
 
+    def _repeat(self) -> bool:
+        """Choose the grip whose touches are made again: the first of those with the most that met something.
+
+        None, if nothing was met before the last grip.
+        """
+        begin = self._moved_before[-1] - 1 if self._moved_before else 0
+        met = [sum(touch.contact.touched for touch in grip) for grip in self._grips[begin:-1]]
+        if any(met):
+            self._repeated = begin + met.index(max(met))
+        return self._repeated is not None
+
+    def _touches_again(self) -> list[FingerApproach]:
+        """The approaches of the chosen grip; nothing is taken to be where it was."""
+        assert self._repeated is not None, "only called once it is chosen"
+        return [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._made[self._repeated]]
+
+    def _judge_contradiction(self) -> Contradiction:
+        """What the touches made again, if any, say of the grip that contradicts the earlier ones."""
+        found = Contradiction(self._understood)
+        if self._repeated is not None:
+            touches = RepeatedTouches.of(self._grips[self._repeated], self._grips[-1])
+            last = self._contacts(self._understood)
+            earlier = self._evidence.contacts[: -len(last)]
+            found = touches.contradiction(found.grip, len(self._grips), self._catalogue, earlier, last)
+        self._contradictions.append(found)
+        self._repeated = None
+        return found
+
+    def _contradicted(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
+        """Once nothing fits: touch again; then, unless nothing has moved, begin anew with the last grip."""
+        if self._repeated is None and not self._may_have_moved():
+            return self._doubt(IdentificationVerdict.UNKNOWN)
+        if len(self._moved_before) > _MAX_MOVES:
+            return self._doubt(self._moving())
+        if self._repeated is None and self._repeat():
+            return None, self._touches_again()
+        number = self._understood
+        if self._judge_contradiction().cause is ContradictionCause.NOT_IN_CATALOGUE:
+            return self._doubt(IdentificationVerdict.UNKNOWN)
+        self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
+        self._begin_again(number, None)
+        for later in range(number + 1, len(self._grips) + 1):
+            self._understand(later)
+        return self._next()
+
+    def _moving(self) -> IdentificationVerdict:
+        """Verdict where grips contradict each other again: moving only if it is known to have moved."""
+        far = len(self._moved_before) > len(self._contradictions)
+        moved = far or any(item.cause is ContradictionCause.MOVED for item in self._contradictions)
+        return IdentificationVerdict.MOVING if moved else IdentificationVerdict.UNKNOWN
+
     def _doubt(
         self, verdict: IdentificationVerdict
     ) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """The verdict that nothing fits, once grips are enough to doubt the set-up by; else one more."""
         self._doubted = verdict
-        met = [grip for grip in self._grips if any(touch.contact.touched for touch in grip)]
+        again = {item.repeated_in for item in self._contradictions}
+        grips = [grip for number, grip in enumerate(self._grips, start=1) if number not in again]
+        met = [grip for grip in grips if any(touch.contact.touched for touch in grip)]
         grip: Sequence[FingerApproach] = ()
-        if len(met) < _DOUBT_GRIPS and len(self._grips) - self._understood < _MAX_DOUBTING_GRIPS:
+        if len(met) < _DOUBT_GRIPS and self._doubting < _MAX_DOUBTING_GRIPS:
+            self._doubting += 1
             contacts = [touch.contact for touches in self._grips for touch in touches]
             radius = self._rig.workspace.radius_mm
             grip = [fast_to_workspace(item, radius) for item in exploring_grip(self._reach, contacts)]
@@ -348,26 +413,27 @@ class _Search:
         if recognition is None:
             return IdentificationVerdict.UNRESOLVED
         if recognition.verdict is RecognitionVerdict.NONE:
-            moved = self._may_have_moved()
+            if self._repeated is None and not self._may_have_moved():
+                return IdentificationVerdict.UNKNOWN
+            moved = self._judge_contradiction().cause is not ContradictionCause.NOT_IN_CATALOGUE
             return IdentificationVerdict.UNRESOLVED if moved else IdentificationVerdict.UNKNOWN
         if len(self._moved_before) > _MAX_MOVES:
-            return IdentificationVerdict.MOVING
+            return self._moving()
         answer = self._chooser.answer(recognition)
         confirmed = answer is not None and self._chooser.is_confirmed(self._evidence)
         return answer if answer is not None and confirmed else IdentificationVerdict.UNRESOLVED
 
     def _may_have_moved(self) -> bool:
         """Return whether the last grip contradicts earlier ones, but nothing speaks against it by itself."""
-        last = self._contacts()
+        last = self._contacts(self._understood)
         return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
-    def _begin_again(self, furthest_mm: float | None) -> None:
-        """Keep the last grip only, and touch more lightly from now on; the reason as `MoveEvent` has it."""
-        number = len(self._grips)
+    def _begin_again(self, number: int, furthest_mm: float | None) -> None:
+        """Keep a grip only, and touch more lightly from now on; the reason as `MoveEvent` has it."""
         self._moved_before.append(number)
         self._evidence = self._no_evidence()
         self._observers(MoveEvent(number, furthest_mm))
-        self._add(None)
+        self._add(number, None)
 
     def _carry_out(self, grip: Sequence[FingerApproach]) -> None:
         """Do the grip and interpret its contacts."""
@@ -376,13 +442,13 @@ class _Search:
         gently = [replace(approach, touch_mm_s=self._touch_mm_s(approach)) for approach in grip]
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
+        self._made.append(gently)
         since = self._motions[-1].after if self._motions else None
         self._observers(TouchEvent(number, touches))
         known = self._evidence.recognition if self._doubted is None else None
         self._motions.append(self._bounds.of_grip(touches, known, since))
-        if self._doubted is None:
-            self._understood = number
-            self._understand()
+        if self._doubted is None and self._repeated is None:
+            self._understand(number)
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
@@ -399,28 +465,30 @@ class _Search:
             gentle = min(max(gentle, in_time), closing.search_mm_s)
         return lighter * gentle
 
-    def _contacts(self) -> list[Contact]:
-        """Contacts of the last grip, of the part as it lay when they were measured."""
-        return self._in_motion([contact for touch in self._grips[-1] for contact in touch.evidence])
+    def _contacts(self, number: int) -> list[Contact]:
+        """Contacts of a grip, of the part as it lay when they were measured."""
+        grip = self._grips[number - 1]
+        return self._in_motion(number, [contact for touch in grip for contact in touch.evidence])
 
-    def _in_motion(self, contacts: Sequence[Contact]) -> list[Contact]:
-        """Some contacts of the last grip, of the part as it lay when they were measured."""
-        before, states = self._motions[-1].before, self._states()
+    def _in_motion(self, number: int, contacts: Sequence[Contact]) -> list[Contact]:
+        """Some contacts of a grip, of the part as it lay when they were measured."""
+        before, states = self._motions[number - 1].before, self._states()
         return [contact_in_motion(before, self._catalogue, contact, states) for contact in contacts]
 
-    def _understand(self) -> None:
-        """Add the last grip to the evidence; alone, if there is no saying where the part was before."""
-        moved = self._motions[-1].before
-        if len(self._motions) > 1:
-            moved = self._motions[-2].after + moved
+    def _understand(self, number: int) -> None:
+        """Add the next grip to the evidence; alone, if there is no saying where the part was before."""
+        self._understood = number
+        moved = self._motions[number - 1].before
+        if number > 1:
+            moved = self._motions[number - 2].after + moved
         if self._is_bounded(moved) or not any(contact.touched for contact in self._evidence.contacts):
-            self._add(moved)
+            self._add(number, moved)
         else:
-            self._begin_again(moved.furthest_mm(self._catalogue, self._states()))
+            self._begin_again(number, moved.furthest_mm(self._catalogue, self._states()))
 
-    def _add(self, motion: Motion | None) -> None:
-        number, contacts = len(self._grips), self._contacts()
-        paths = self._in_motion([touch.contact for touch in self._grips[-1]])
+    def _add(self, number: int, motion: Motion | None) -> None:
+        contacts = self._contacts(number)
+        paths = self._in_motion(number, [touch.contact for touch in self._grips[number - 1]])
         self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion, paths)]
         declared = self._bounds.holds_n(self._states()) is not None
         self._evidence.is_bounded = declared and not self._hold_contradicted
