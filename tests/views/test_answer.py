@@ -8,11 +8,12 @@ from typing import Any
 import pytest
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import IdentificationVerdict, SetUpFault, Strategy
+from palpate.base.vocabulary import ContradictionCause, IdentificationVerdict, SetUpFault, Strategy
 from palpate.config.fields import BoundsOut, ConfigurationOut
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
+    ContradictionOut,
     IdentificationOut,
     Relation,
 )
@@ -171,6 +172,34 @@ def test_what_the_bounds_rest_on_is_said() -> None:
     assert not missing(
         answer_lines(ended(IdentificationVerdict.MOVING, moved_before=(2, 3), **NOTHING))[0], "moving"
     )
+
+
+def contradiction(cause: ContradictionCause, **values: Any) -> ContradictionOut:
+    rest: dict[str, Any] = {"grip": 3, "repeated_in": 4, "touches": 3, "apart": 0.42, "hidden": 1.1}
+    return ContradictionOut(cause=cause, **(rest | values))
+
+
+def test_what_touches_made_again_showed_is_said_with_what_to_do() -> None:
+    """A part outside the catalogue is not said to move, and one that moved is not said to be unknown."""
+    still = contradiction(ContradictionCause.NOT_IN_CATALOGUE)
+    first, said, *_ = answer_lines(ended(IdentificationVerdict.UNKNOWN, contradictions=(still,), **NOTHING))
+    assert first.startswith("unknown")
+    assert not missing(said, "lay still", "3 touches", "grip 4", "0.4 mm", "add it to the catalogue")
+    open_ = contradiction(ContradictionCause.EITHER)
+    first, said, *_ = answer_lines(ended(IdentificationVerdict.UNKNOWN, contradictions=(open_,), **NOTHING))
+    assert first.startswith("unknown")
+    assert not missing(said, "or it moved before grip 3", "within 0.4 mm", "hold it")
+    for apart, words in ((7.31, "7.3 mm elsewhere"), (None, "met nothing")):
+        moved = contradiction(ContradictionCause.MOVED, apart=apart)
+        out = ended(IdentificationVerdict.MOVING, contradictions=(moved,), moved_before=(3, 5), **NOTHING)
+        assert not missing(answer_lines(out)[0], "moving", "grips 3, 5", words, "grip 4", "hold it")
+
+
+def test_a_run_that_ends_with_a_contradiction_says_so() -> None:
+    for cause in (ContradictionCause.EITHER, ContradictionCause.MOVED):
+        out = ended(IdentificationVerdict.UNRESOLVED, contradictions=(contradiction(cause),), **NOTHING)
+        assert not missing(answer_lines(out)[0], "unresolved", "grip 3 contradicts", "moved", "hold it")
+        assert "too few" not in answer_lines(out)[0]
 
 
 @pytest.mark.parametrize("what", list(SetUpFault))

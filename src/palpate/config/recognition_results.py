@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.base.vocabulary import (
+    ContradictionCause,
     IdentificationVerdict,
     PushResponse,
     RecognitionVerdict,
@@ -325,6 +326,24 @@ class SetUpDoubtOut(Out):
     value: Interval | None = None
 
 
+class ContradictionOut(Out):
+    """Grips that nothing in the catalogue explains together: `grip` (from 1) contradicts the earlier ones.
+
+    In the grip `repeated_in` the touches of an earlier one were made again (null: none were); `touches` of
+    them met something both times, `apart` (mm) at most from where they had (null: one met something only
+    once). What they met may have moved by `hidden` (mm) without showing it (null: nothing was met). `cause`:
+    "moved" if they show that it moved, "not-in-catalogue" if no motion that need not have shown explains the
+    grips, "either" if touches do not say which.
+    """
+
+    grip: int
+    cause: ContradictionCause
+    repeated_in: int | None = None
+    touches: int = 0
+    apart: Rounded | None = None
+    hidden: Rounded | None = None
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -349,7 +368,7 @@ class IdentificationOut(Out):
     declares, and that bounds may not cover. `goal_met`: `bounds`, and those of the alternatives, are as
     narrow as the rig file's goals; null without an answer. `limit`: the rig file's limit that the run
     came to before its goal. Where that is null and `goal_met` false, no grip within reach promised to place
-    it much more finely.
+    it much more finely. `contradictions`: grips that contradicted earlier ones, and why.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -386,3 +405,4 @@ class IdentificationOut(Out):
     unfinished: UnfinishedOut | None = None
     goal_met: bool | None = None
     limit: RunLimit | None = None
+    contradictions: tuple[ContradictionOut, ...] = ()

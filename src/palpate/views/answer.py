@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import IdentificationVerdict, SetUpFault
+from palpate.base.vocabulary import ContradictionCause, IdentificationVerdict, SetUpFault
 from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
+    ContradictionOut,
     IdentificationOut,
     SetUpDoubtOut,
 )
@@ -135,8 +136,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
     """The verdict with the object, or the reason why none is named."""
     if out.object is None and out.verdict == IdentificationVerdict.UNKNOWN:
         lines = [f"{out.verdict}: no object of the catalogue agrees with the contacts"]
-        if out.moved_before:
-            lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
+        lines += [f"  {line}" for line in _motion_doubt_words(out)]
         if out.calibration is not None:
             made = out.calibration.made[:10]
             lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH_TIP}")
@@ -161,13 +161,41 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
     return lines
 
 
+def _motion_doubt_words(out: IdentificationOut) -> list[str]:
+    """Say whether what agrees with nothing may be a part of the catalogue that was moved."""
+    last = out.contradictions[-1] if out.contradictions else None
+    if last is not None and last.cause is ContradictionCause.NOT_IN_CATALOGUE:
+        return [f"it lay still: {_again_words(last)}; add it to the catalogue, or lay down another part"]
+    if last is not None and last.cause is ContradictionCause.EITHER:
+        again = "" if last.repeated_in is None else f": {_again_words(last)}"
+        return [f"or it moved before grip {last.grip}{again}; hold it, and run again"]
+    if out.moved_before:
+        return [f"or it was moved again: it seems to have been moved before grip {_last(out)}"]
+    return []
+
+
+def _again_words(item: ContradictionOut) -> str:
+    """What became of touches that were made again."""
+    if item.apart is None:
+        return (
+            f"a touch made again in grip {item.repeated_in} met nothing where it had before, or the reverse"
+        )
+    touches = quantity(item.touches, "touch", "touches")
+    if item.cause is ContradictionCause.MOVED:
+        return f"of {touches} made again in grip {item.repeated_in} one stopped {item.apart:.1f} mm elsewhere"
+    where = f"within {item.apart:.1f} mm of where they had"
+    return f"{touches} made again in grip {item.repeated_in} stopped {where}"
+
+
 def _moving_words(out: IdentificationOut) -> str:
-    """Say that grips do not go together, since which, and what to do."""
+    """Say that the part moves, how that is known, and what to do."""
     grips = ", ".join(map(str, out.moved_before))
-    return (
-        f"grips contradict each other, or may have moved the part too far (before grips {grips}): it was "
-        "moved, or is not in the catalogue, or the rig is not as its file says; hold it, touch more lightly"
-    )
+    shown = [item for item in out.contradictions if item.cause is ContradictionCause.MOVED]
+    if shown:
+        how = f"it was moved (before grips {grips}): {_again_words(shown[-1])}"
+    else:
+        how = f"fingers may have moved the part too far to go on (before grips {grips})"
+    return f"{how}; hold it, or touch more lightly"
 
 
 _FAULTS: Mapping[SetUpFault, tuple[str, str]] = {
@@ -256,9 +284,19 @@ def _untouched_words(out: IdentificationOut) -> str:
         return (
             f"nothing was touched{since}, and no part of the catalogue has room in the rest of the workspace"
         )
+    if out.contradictions:
+        return f"grip {out.contradictions[-1].grip} contradicts earlier ones: {_open_words(out)}"
     if not out.contacts:
         return f"nothing was touched in {quantity(out.grips, 'grip', 'grips')}"
     return f"{quantity(out.contacts, 'contact is', 'contacts are')} too few for a hypothesis"
+
+
+def _open_words(out: IdentificationOut) -> str:
+    """What the grip that contradicts earlier ones may mean, where the run ended with it."""
+    last = out.contradictions[-1]
+    if last.cause is ContradictionCause.MOVED:
+        return f"it was moved: {_again_words(last)}; hold it, and run again"
+    return "it is not in the catalogue, or was moved; hold it, and allow more grips"
 
 
 def _drift_line(found: CalibrationUsedOut) -> str:

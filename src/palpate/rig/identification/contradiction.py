@@ -4,12 +4,13 @@ Either the part was moved in between, or it is none of the catalogue. Touches th
 it lies now, whatever its shape. If two of them or more come out otherwise it was moved; a single one may have
 grazed a corner. If all come out as before, a part of the catalogue moved by as little as need not show, or in
 a way that these touches cannot show, but then the last grip goes together with them. If nothing in the
-catalogue explains the grips either way, it is none of the catalogue.
+catalogue explains the grips either way, it is none of the catalogue. (A part that was moved, and then back to
+where it had been, is taken for that, unless it was seen to move before.)
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -49,6 +50,11 @@ class Contradiction:
     touches: int = 0
     apart_mm: float = 0.0
     hidden_mm: float = math.inf
+
+    def of_what_moves(self) -> "Contradiction":
+        """The same, of what was moved before, and may have been moved there and back."""
+        still = self.cause is ContradictionCause.NOT_IN_CATALOGUE
+        return replace(self, cause=ContradictionCause.EITHER) if still else self
 
 
 @dataclass(frozen=True, eq=False)

@@ -316,13 +316,15 @@ def _touches_in_place(result: Identification) -> Iterator[tuple[int, Touch, tupl
     """Every touch with the number of its grip, and how far (mm, rad) the part may have been moved since.
 
     Latest first: what the part may have moved since widens a contact, and wide ones that are paired first
-    cost a recognition a hundred times as much. Without those before a motion that has no bound.
+    cost a recognition a hundred times as much. Without those before a motion that has no bound, and without
+    touches that were only made again: they say nothing new of the set-up.
     """
+    again = {item.repeated_in for item in result.contradictions}
     motions = result.motions or ((0.0, 0.0),) * len(result.grips)
     for number, grip in reversed(list(enumerate(result.grips))):
         since = motions[number:]
         known = [item for item in since if item is not None]
-        if len(known) == len(since):
+        if len(known) == len(since) and number + 1 not in again:
             moved = sum(item[0] for item in known), sum(item[1] for item in known)
             yield from ((number, touch, moved) for touch in grip)
 

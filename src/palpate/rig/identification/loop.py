@@ -254,6 +254,7 @@ class _Search:
         self._understood = 0  # grips that hypotheses rest on
         self._repeated: int | None = None  # grip (index) whose touches are made again
         self._doubting = 0  # grips by which the set-up is doubted
+        self._refuted: Recognition | None = None  # the last of which nothing was left
         self._present: tuple[int, Recognition | None] = 0, None  # after so many grips
 
     def run(self) -> Identification:
@@ -265,6 +266,9 @@ class _Search:
                 self._carry_out(grip)
                 limit = self._limit(self._now() - begun_s)
         verdict, recognition = verdict or self._last_verdict(), self._present_recognition()
+        probability = self._evidence.stranger_probability
+        if verdict is IdentificationVerdict.UNKNOWN and self._refuted is not None:
+            recognition, probability = self._refuted, None
         answered = verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
         fine = recognition is not None and self._chooser.is_fine(recognition)
         states = self._states(recognition)
@@ -281,7 +285,7 @@ class _Search:
             () if assumed is None else tuple(item.within(states) for item in self._motions),
             assumed,
             self._hold_contradicted,
-            self._evidence.stranger_probability,
+            probability,
             fine if answered else None,
             None if answered and fine else limit,
             tuple(self._contradictions),
@@ -343,12 +347,15 @@ class _Search:
             last = self._contacts(self._understood)
             earlier = self._evidence.contacts[: -len(last)]
             found = touches.contradiction(found.grip, len(self._grips), self._catalogue, earlier, last)
+        if ContradictionCause.MOVED in {item.cause for item in self._contradictions}:
+            found = found.of_what_moves()
         self._contradictions.append(found)
         self._repeated = None
         return found
 
     def _contradicted(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """Once nothing fits: touch again; then, unless nothing has moved, begin anew with the last grip."""
+        self._refuted = self._evidence.recognition
         if self._repeated is None and not self._may_have_moved():
             return self._doubt(IdentificationVerdict.UNKNOWN)
         if len(self._moved_before) > _MAX_MOVES:

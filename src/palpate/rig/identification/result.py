@@ -13,6 +13,7 @@ from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import (
     AlternativeOut,
     CalibrationUsedOut,
+    ContradictionOut,
     IdentificationOut,
     MotionBoundOut,
     NotBoundedOut,
@@ -25,6 +26,7 @@ from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.contradiction import Contradiction
 from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.loop import Identification
@@ -159,6 +161,7 @@ class IdentificationRun(ShortRepr):
             unfinished=None if result.recognition is None else unfinished_out(result.recognition),
             goal_met=result.goal_met,
             limit=result.limit,
+            contradictions=tuple(_contradiction(item) for item in result.contradictions),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )
 
@@ -171,6 +174,17 @@ class IdentificationRun(ShortRepr):
             NotBoundedOut.of(item, object=item.object_name, state=item.state_name, when_pushed=item.response)
             for item in table.not_bounded(self.result.recognition, pushed_n)
         )
+
+
+def _contradiction(item: Contradiction) -> ContradictionOut:
+    return ContradictionOut(
+        grip=item.grip,
+        cause=item.cause,
+        repeated_in=item.repeated_in,
+        touches=item.touches,
+        apart=item.apart_mm if math.isfinite(item.apart_mm) else None,
+        hidden=item.hidden_mm if math.isfinite(item.hidden_mm) else None,
+    )
 
 
 def unfinished_out(recognition: Recognition) -> UnfinishedOut | None:

@@ -139,6 +139,7 @@ _LATER_KEYS = frozenset(
         "notices",
         "goal_met",
         "limit",
+        "contradictions",
     }
 )  # not written by older versions
 
