@@ -64,7 +64,9 @@ NAMED = (IdentificationVerdict.IDENTIFIED.value, IdentificationVerdict.INDISTING
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one run. `touches`: (stated probability, whether it agreed) of every touch."""
+    """What came of one run. `touches`: of every touch, the probabilities that are stated of strangers that
+    differ by 2 mm over a fifth and of those that differ by less, and whether it agreed.
+    """
 
     size: int
     seed: int
@@ -74,7 +76,7 @@ class Row:
     outcome: str
     answer: str
     stated: float | None
-    touches: list[tuple[float, bool]]
+    touches: list[tuple[float, float, bool]]
     beyond: int
     seconds: float
 
@@ -205,7 +207,7 @@ class Watch:
 
     before: Recognition | None = None
     strangers: StrangerEvidence = field(default_factory=StrangerEvidence.none)
-    rows: list[tuple[float, bool]] = field(default_factory=list)
+    rows: list[tuple[float, float, bool]] = field(default_factory=list)
     terms: list[tuple[StrangerTerms, bool]] = field(default_factory=list)
 
     def __call__(self, event: Event) -> None:
@@ -224,7 +226,8 @@ class Watch:
         terms = stranger_terms(before, paths, halves, predictions)
         for k, passing in enumerate(terms.with_any()):
             agrees = bool(before.extend(contacts[: k + 1]).hypotheses)
-            self.rows.append((float(self.strangers.kinds @ passing), agrees))
+            stated = self.strangers.different_kinds @ passing, self.strangers.altered_kinds @ passing
+            self.rows.append((*map(float, stated), agrees))
             self.terms.append((StrangerTerms(terms.passing[[k]], terms.distinct[[k]], terms.count), agrees))
             self.strangers = self.strangers.after(passing[None])
             if not agrees:
@@ -303,12 +306,10 @@ def print_tables(rows: Sequence[Row]) -> None:
                     f" {sum(row.outcome == IdentificationVerdict.MOVING.value for row in own):>7}"
                     f"   mean {np.mean(beyond):.2f}, 90 % {np.percentile(beyond, 90):.0f}, most {max(beyond)}"
                 )
-    far = [pair for row in strangers if row.difference >= SHARE for pair in row.touches]
+    far = [(at[0], at[2]) for row in strangers if row.difference >= SHARE for at in row.touches]
+    near = [(at[1], at[2]) for row in strangers if row.difference < SHARE for at in row.touches]
     print_bins("strangers that differ by 2 mm over a fifth", far)
-    print_bins(
-        "those that differ by less", [p for row in strangers if row.difference < SHARE for p in row.touches]
-    )
-    print_bins("all strangers", [pair for row in strangers for pair in row.touches])
+    print_bins("those that differ by less", near)
     print("\nnamed, though they differ by 2 mm over a fifth:")
     for row in strangers:
         if row.is_named and row.difference >= SHARE:

@@ -22,8 +22,9 @@ from palpate.recognizer import (
     recognise,
     stranger_terms,
 )
-from palpate.recognizer.evidence import STRANGER_KINDS, StrangerTerms, candidate_touches
+from palpate.recognizer.evidence import IS_DIFFERENT, StrangerTerms, candidate_touches
 from palpate.recognizer.outline_deviations import Deviations, OutlinePlaces, OutlineTouches, agreement
+from palpate.recognizer.outline_features import Features, feature_agreement
 from support.oracles.plans import RESOLUTION, contact_along, ring, some_recognition, travel_of
 from support.oracles.shapely_touches import SHIPPED_OBJECTS, flat, grip, outlines, place
 
@@ -52,7 +53,7 @@ def unique(seed: int) -> Recognition:
 def test_what_was_stated_of_each_touch_multiplies_to_the_whole() -> None:
     _, found = some_recognition(2)
     passing = terms_of(found, ring().approaches[3:63:18]).with_any()
-    assert passing.shape == (4, len(STRANGER_KINDS.scale))
+    assert passing.shape == (4, len(IS_DIFFERENT))
     assert np.all((passing > 0) & (passing < 1))
     evidence, product = NONE, 1.0
     for row in passing:
@@ -65,7 +66,7 @@ def test_what_was_stated_of_each_touch_multiplies_to_the_whole() -> None:
 
 def test_kinds_that_hardly_agree_give_way_to_those_like_a_part() -> None:
     passing = terms_of(unique(1), ring().approaches[5:60:22]).with_any()
-    share = [float(NONE.after(passing[:n]).kinds[0]) for n in range(4)]
+    share = [float(NONE.after(passing[:n]).different_kinds[0]) for n in range(4)]
     assert all(after < before for before, after in pairwise(share))
 
 
@@ -237,3 +238,59 @@ def test_normals_turn_as_displacements_grow() -> None:
     near = agreement(touches(on_circle(angles), 50.0, 0.2), SMOOTH)[0, 0, 5]
     alone = agreement(touches(on_circle(angles[[0, 1, 2, 5]]), 50.0, 0.2), SMOOTH)[0, 0, 3]
     assert alone < near
+
+
+# ----------------------------------------------------------------------------------------------------
+# One altered feature against counts of the stretches that earlier touches leave.
+
+DEEP = Features(np.array([0.06, 0.12, 0.3]), np.array([2.5, 4.0]))
+
+
+def known(places: OutlinePlaces, count: int, window_mm: float = 0.5) -> OutlineTouches:
+    """The first `count` touches have agreed, whatever they met; the others agree within a window."""
+    some = touches(places, window_mm)
+    first = np.arange(places.along.shape[1]) < count
+    return replace(
+        some,
+        inward_mm=np.where(first, np.inf, some.inward_mm),
+        outward_mm=np.where(first, np.inf, some.outward_mm),
+    )
+
+
+@pytest.mark.parametrize("new", [1.0, 2.0, 3.0])
+def test_a_touch_agrees_where_no_stretch_that_is_left_reaches(new: float) -> None:
+    """Touched all along one half: of the stretches that no touch was on, some are on the new one."""
+    half = np.linspace(3.3, 2 * math.pi - 0.2, 25)
+    angles = np.append(half, new)
+    found = feature_agreement(known(on_circle(angles), len(half)), DEEP)[:, 0, -1]
+    middles = 2 * math.pi * np.arange(48) / 48
+    for share, agreeing in zip(DEEP.share.tolist(), found.tolist(), strict=True):
+        away = np.abs((angles[:, None] - middles + math.pi) % (2 * math.pi) - math.pi)
+        on = away <= share * math.pi
+        left = ~on[:-1].any(axis=0)
+        assert agreeing == pytest.approx(1 - np.mean(on[-1, left]), abs=0.02)
+
+
+def test_a_stretch_is_passed_by_less_and_less_often_the_longer_it_is() -> None:
+    angles = np.array([0.1, 1.2, 2.4, 3.3, 4.5, 5.6, 0.7, 1.8, 2.9])
+    passed = feature_agreement(known(on_circle(angles), 3), DEEP)[:, 0].prod(axis=1)
+    assert passed[0] > passed[1] > passed[2]
+    assert passed[2] < 0.3 < passed[0]
+
+
+def test_three_touches_say_nothing_of_a_feature() -> None:
+    """A motion explains what any three are off by, as far as it goes."""
+    found = feature_agreement(known(on_circle(np.array([0.3, 2.2, 4.4])), 3), DEEP)
+    assert found == pytest.approx(1.0)
+
+
+def test_what_differs_in_one_feature_is_stated_apart_from_what_differs_widely() -> None:
+    """Touches that agree speak against what is unlike all parts; of one feature they say much less."""
+    for seed in range(4):
+        passing = terms_of(unique(seed), ring().approaches[5:60:11]).with_any()
+        after = NONE.after(passing)
+        assert after.probability < 0.05
+        assert after.altered_probability > 4 * after.probability
+        assert NONE.altered_probability == pytest.approx(1.0)
+        assert after.altered_kinds.sum() == pytest.approx(1.0)
+        assert not (after.altered_kinds * after.different_kinds).any()

@@ -351,12 +351,13 @@ class IdentificationOut(Out):
     `predicted`: touches that came out as all that was left had predicted. `stranger_probability`: that
     something outside the catalogue, different by 2 mm or more over a fifth of its outline from every part,
     would have agreed with all of these, had it agreed with the first contacts; null if none is left to agree
-    with. `moved_before`: grips (from 1) before which the part seems to have been moved; what was felt before
-    the last of them does not count. `detectable_shift` (mm): had the part been shifted before the last grip
-    by more (and by 50 mm at most, where that had pads), that would surely have been noticed; null if that
-    cannot be said. `calibration` is null if the run used none. `contacts`: so many of the touches met
-    something. `swept`: none did, or none since the part was moved, and they leave no room in the workspace
-    for any state of the catalogue that fingers can feel.
+    with. `altered_probability`: the same of what differs by less, or over less of its outline, as a part does
+    of which one feature was moved, added or left out. `moved_before`: grips (from 1) before which the part
+    seems to have been moved; what was felt before the last of them does not count. `detectable_shift` (mm):
+    had the part been shifted before the last grip by more (and by 50 mm at most, where that had pads), that
+    would surely have been noticed; null if that cannot be said. `calibration` is null if the run used none.
+    `contacts`: so many of the touches met something. `swept`: none did, or none since the part was moved, and
+    they leave no room in the workspace for any state of the catalogue that fingers can feel.
     `touch_records`: what loaded the part, touch by touch.
     `assumed_holds_n`: the declared force below which the part does not slide, on which the bounds rest; null
     if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
@@ -406,3 +407,4 @@ class IdentificationOut(Out):
     goal_met: bool | None = None
     limit: RunLimit | None = None
     contradictions: tuple[ContradictionOut, ...] = ()
+    altered_probability: Rounded | None = None

@@ -26,6 +26,7 @@ from palpate.recognizer.outline_deviations import (
     in_centred_frame,
     places_on_outlines,
 )
+from palpate.recognizer.outline_features import Features, feature_agreement
 from palpate.recognizer.pose_region import Cells
 from palpate.recognizer.prediction import Predictions
 from palpate.recognizer.recognition import Motion, Recognition
@@ -37,10 +38,14 @@ STRANGER_KINDS = Deviations(
 )
 """Kinds of strangers: unlike all parts; like one, but for 2 mm or 0.7 mm; 7 % or 3 % off its size."""
 
-_IS_DIFFERENT = np.array([True, True, False, True, False])  # by 2 mm or more over a fifth of the outline
+ALTERED_KINDS = Features(share=np.array([0.06, 0.12, 0.3]), depth_mm=np.array([2.5, 4.0]))
+"""More kinds: a part with one feature moved, added or missing, over so much of its outline."""
 
-_KIND_WEIGHT = np.array([0.9923, 0.0023, 0.0015, 0.0018, 0.0021])
-_CLEAR_PROBABILITY = np.array([0.652, 1.0, 1.0, 1.0, 1.0])  # that a path to an agreeing place is free, too
+IS_DIFFERENT = np.array([True, True, False, True, False, False, False, True])
+"""Kinds that differ by 2 mm or more over a fifth of the outline; the others by less, or over less of it."""
+
+_KIND_WEIGHT = np.array([0.9923, 0.0023, 0.0015, 0.0018, 0.0021, 0.002, 0.002, 0.002])
+_CLEAR_PROBABILITY = np.array([0.652, *np.ones(7)])  # that a path to an agreeing place is free, too
 _OVERLAP_EXPONENT = 0.352
 # Fitted by benchmarks/fit_strangers.py to touches of drawn outlines against catalogues of drawn outlines.
 
@@ -97,18 +102,25 @@ class StrangerEvidence:
 
         A stranger that differs by 2 mm or more over a fifth of its outline from every part.
         """
-        return min(float(self.agreed[_IS_DIFFERENT].sum() / _KIND_WEIGHT[_IS_DIFFERENT].sum()), 1.0)
+        return min(float(self.agreed[IS_DIFFERENT].sum() / _KIND_WEIGHT[IS_DIFFERENT].sum()), 1.0)
 
     @property
-    def kinds(self) -> Floats:
-        """Posterior weight (m,) of each kind."""
-        result: Floats = self.agreed / max(self.agreed.sum(), _LEAST_WEIGHT)
-        return result
+    def altered_probability(self) -> float:
+        """The same of a stranger that differs by less: a part but for one feature, for example."""
+        return min(float(self.agreed[~IS_DIFFERENT].sum() / _KIND_WEIGHT[~IS_DIFFERENT].sum()), 1.0)
 
     @property
     def different_kinds(self) -> Floats:
         """Posterior weight (m,) of each kind among those that differ so much."""
-        some = np.where(_IS_DIFFERENT, self.agreed, 0.0)
+        return self._among(IS_DIFFERENT)
+
+    @property
+    def altered_kinds(self) -> Floats:
+        """Posterior weight (m,) of each kind among those that differ by less."""
+        return self._among(~IS_DIFFERENT)
+
+    def _among(self, mask: Bools) -> Floats:
+        some = np.where(mask, self.agreed, 0.0)
         result: Floats = some / max(some.sum(), _LEAST_WEIGHT)
         return result
 
@@ -128,7 +140,7 @@ def stranger_terms(
     rows = np.arange(min(len(before.hypotheses), _MAX_HYPOTHESES))
     coming = _predicted_touches(before, approaches, normal_half_rad, predictions, rows)
     every = _known_touches(before, rows).append(coming)
-    passing = agreement(every, STRANGER_KINDS)[:, :, -len(approaches) :].transpose(2, 0, 1)
+    passing = _agreement(every)[:, :, -len(approaches) :].transpose(2, 0, 1)
     return StrangerTerms(passing, _distinct_predictions(predictions, normal_half_rad), len(before.hypotheses))
 
 
@@ -149,9 +161,7 @@ class CandidateTouches:
             known = known.append(self.each.column(index))
         single = self.each.map(lambda item: item.swapaxes(0, 1))
         every = known.map(lambda item: np.repeat(item, len(single.inward_mm), axis=0))
-        result: Floats = (
-            agreement(every.append(single), STRANGER_KINDS)[:, :, -1] * _CLEAR_PROBABILITY[:, None]
-        )
+        result: Floats = _agreement(every.append(single))[:, :, -1] * _CLEAR_PROBABILITY[:, None]
         return result
 
 
@@ -165,6 +175,11 @@ def candidate_touches(
     return CandidateTouches(
         _known_touches(before, first), _predicted_touches(before, approaches, halves, predictions, first)
     )
+
+
+def _agreement(touches: OutlineTouches) -> Floats:
+    """Probability (m, h, t) that strangers of each kind agree with a touch, given that they did before."""
+    return np.concatenate([agreement(touches, STRANGER_KINDS), feature_agreement(touches, ALTERED_KINDS)])
 
 
 def _distinct_predictions(predictions: Predictions, normal_half_rad: Floats) -> Floats:

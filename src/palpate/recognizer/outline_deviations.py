@@ -212,6 +212,14 @@ def _covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
     support = np.sum(places.normal * places.foot, axis=2)
     sized = (deviations.scale**2)[:, None, None, None] * (support[:, :, None] * support[:, None])
     smooth[..., 0, :, 0] += sized
+    result: Floats = smooth.reshape(len(deviations.scale), hypotheses, 2 * count, 2 * count)
+    result += motion_covariance(places)
+    return result
+
+
+def motion_covariance(places: OutlinePlaces) -> Floats:
+    """Covariance (h, 2t, 2t) of deviations and turns of the normal that any rigid motion causes."""
+    hypotheses, count = places.along.shape
     x, y = np.moveaxis(places.foot, 2, 0)
     u, v = np.moveaxis(places.normal, 2, 0)
     trend = np.zeros((hypotheses, count, 2, 3))
@@ -220,8 +228,7 @@ def _covariance(places: OutlinePlaces, deviations: Deviations) -> Floats:
     )
     trend[..., 1, 2] = -_RIGID_TURN_RAD
     flat = trend.reshape(hypotheses, 2 * count, 3)
-    result: Floats = smooth.reshape(len(deviations.scale), hypotheses, 2 * count, 2 * count)
-    result += flat @ flat.swapaxes(1, 2)
+    result: Floats = flat @ flat.swapaxes(1, 2)
     return result
 
 

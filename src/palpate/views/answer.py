@@ -33,11 +33,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     if len(out.alternatives) > _MAX_ALTERNATIVES:
         lines.append(f"  or one of {len(out.alternatives) - _MAX_ALTERNATIVES} more; the JSON lists them all")
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.predicted:
-        lines.append(f"  {quantity(out.predicted, 'touch', 'touches')} matched the prediction")
-        if out.stranger_probability is not None:
-            lines.append(f"  {_stranger_words(out.stranger_probability)}")
-        if out.detectable_shift is not None or out.assumed_holds_n is None:
-            lines.append(f"  {_shift_words(out.detectable_shift)}")
+        lines += [f"  {line}" for line in _confirmation_lines(out)]
     if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and _is_one_state(out):
         lines.append(f"  {_unconfirmed_words(out)}")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
@@ -48,6 +44,18 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
         lines.append(_truth_line(out))
+    return lines
+
+
+def _confirmation_lines(out: IdentificationOut) -> list[str]:
+    """Say how well an answer is confirmed: against what else, and against a shift."""
+    lines = [f"{quantity(out.predicted, 'touch', 'touches')} matched the prediction"]
+    if out.stranger_probability is not None:
+        lines.append(_stranger_words(out.stranger_probability))
+    if out.altered_probability is not None:
+        lines.append(_altered_words(out.altered_probability))
+    if out.detectable_shift is not None or out.assumed_holds_n is None:
+        lines.append(_shift_words(out.detectable_shift))
     return lines
 
 
@@ -83,13 +91,23 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
     return rows
 
 
+def _share(probability: float) -> str:
+    if probability < _MIN_PROBABILITY:
+        return f"less than {100 * _MIN_PROBABILITY:g} %"
+    return f"{100 * probability:.2g} %"
+
+
 def _stranger_words(probability: float) -> str:
-    share = (
-        f"{100 * probability:.2g} %"
-        if probability >= _MIN_PROBABILITY
-        else f"less than {100 * _MIN_PROBABILITY:g} %"
+    """How probably something that differs by as much as the model calls different would have matched."""
+    return (
+        "something that differs by 2 mm over a fifth of its outline would have matched, too, "
+        f"with probability {_share(probability)}"
     )
-    return f"something outside the catalogue would have matched, too, with probability {share}"
+
+
+def _altered_words(probability: float) -> str:
+    """The same of what differs by less."""
+    return f"the same part but for one feature would have matched with probability {_share(probability)}"
 
 
 def _is_one_state(out: IdentificationOut) -> bool:

@@ -97,6 +97,13 @@ class GripEvidence:
             return None
         return self.strangers.probability
 
+    @property
+    def altered_probability(self) -> float | None:
+        """The same of something that differs less, such as a part of the catalogue but for one feature."""
+        if self.stranger_probability is None or self.strangers is None:
+            return None
+        return self.strangers.altered_probability
+
     def _with_strangers(
         self, moved: Recognition, contacts: Sequence[Contact], predictions: Predictions
     ) -> StrangerEvidence | None:

@@ -183,7 +183,8 @@ class Identification:
     part at most, None where that has no bound; empty if `assumed_holds_n` is None: the part is taken to lie
     still. `hold_contradicted`: it was moved by more than that force allows, or it is none of the catalogue.
     `stranger_probability`: that something outside the catalogue which agreed with the first contacts would
-    have agreed with all touches since; None if nothing was predicted or nothing agrees. `goal_met`: the
+    have agreed with all touches since; None if nothing was predicted or nothing agrees;
+    `altered_probability`: the same of what differs by less, in one feature of a part. `goal_met`: the
     answer is placed as finely as the rig's goals ask; None without an answer. `limit`: what the run
     came to before its goal. `contradictions`: grips that contradicted earlier ones, and what touches made
     again say of the reason.
@@ -204,6 +205,7 @@ class Identification:
     goal_met: bool | None = None
     limit: RunLimit | None = None
     contradictions: tuple[Contradiction, ...] = ()
+    altered_probability: float | None = None
 
     @property
     def touches(self) -> int:
@@ -266,9 +268,9 @@ class _Search:
                 self._carry_out(grip)
                 limit = self._limit(self._now() - begun_s)
         verdict, recognition = verdict or self._last_verdict(), self._present_recognition()
-        probability = self._evidence.stranger_probability
+        stranger, altered = self._evidence.stranger_probability, self._evidence.altered_probability
         if verdict is IdentificationVerdict.UNKNOWN and self._refuted is not None:
-            recognition, probability = self._refuted, None
+            recognition, stranger, altered = self._refuted, None, None
         answered = verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
         fine = recognition is not None and self._chooser.is_fine(recognition)
         states = self._states(recognition)
@@ -285,10 +287,11 @@ class _Search:
             () if assumed is None else tuple(item.within(states) for item in self._motions),
             assumed,
             self._hold_contradicted,
-            probability,
+            stranger,
             fine if answered else None,
             None if answered and fine else limit,
             tuple(self._contradictions),
+            altered,
         )
 
     def _limit(self, passed_s: float) -> RunLimit | None:

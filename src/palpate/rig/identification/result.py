@@ -161,6 +161,7 @@ class IdentificationRun(ShortRepr):
             unfinished=None if result.recognition is None else unfinished_out(result.recognition),
             goal_met=result.goal_met,
             limit=result.limit,
+            altered_probability=result.altered_probability,
             contradictions=tuple(_contradiction(item) for item in result.contradictions),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )

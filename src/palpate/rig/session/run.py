@@ -140,6 +140,7 @@ _LATER_KEYS = frozenset(
         "goal_met",
         "limit",
         "contradictions",
+        "altered_probability",
     }
 )  # not written by older versions
 
