@@ -25,7 +25,7 @@ from scipy.special import expit, log_softmax
 
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue
-from palpate.recognizer.evidence import IS_DIFFERENT, StrangerTerms
+from palpate.recognizer.evidence import KINDS, StrangerTerms
 from support.oracles.shapely_touches import flat
 
 SIZES = (100, 30, 12)
@@ -92,15 +92,33 @@ class Touched:
     terms: tuple[StrangerTerms, ...]
     agreed: tuple[bool, ...]
 
-    def stated(self, weight: Floats, clear: Floats, overlap: float) -> Floats:
+    def stated(self, constants: "Constants") -> Floats:
         """Probability of each to agree."""
+        weight = constants.different if self.different else constants.altered
         found = []
-        weight = np.where(self.different == IS_DIFFERENT, weight, 0.0)
         for item in self.terms:
-            some = item.with_any(clear, overlap)[0]
+            some = item.with_any(constants.clear, constants.overlap)[0]
             found.append(float(weight @ some / weight.sum()))
             weight = weight * np.maximum(some, 1e-9)
         return np.array(found)
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What is fitted: weights (m,) of both populations, probabilities (m,) of free paths, and overlap."""
+
+    different: Floats
+    altered: Floats
+    clear: Floats
+    overlap: float
+
+    @classmethod
+    def of(cls, x: Floats) -> "Constants":
+        """Constants from what is varied."""
+        clear = np.ones(KINDS)
+        clear[0] = expit(x[-2])
+        different, altered = (np.exp(log_softmax(part)) for part in (x[:KINDS], x[KINDS:-2]))
+        return cls(different, altered, clear, float(expit(x[-1])))
 
 
 def runs_of(size: int, seeds: range) -> list[Touched]:
@@ -124,17 +142,10 @@ def runs_of(size: int, seeds: range) -> list[Touched]:
     return found
 
 
-def constants(x: Floats) -> tuple[Floats, Floats, float]:
-    """Weights (m,), probabilities of free paths (m,), and overlap, from what is varied."""
-    count = len(IS_DIFFERENT)
-    clear = np.ones(count)
-    clear[0] = expit(x[count])
-    return np.exp(log_softmax(x[:count])), clear, float(expit(x[count + 1]))
-
-
 def loss(x: Floats, runs: Sequence[Touched]) -> float:
     """Mean negative log likelihood of what agreed."""
-    stated = np.clip(np.concatenate([item.stated(*constants(x)) for item in runs]), 1e-3, 1 - 1e-3)
+    constants = Constants.of(x)
+    stated = np.clip(np.concatenate([item.stated(constants) for item in runs]), 1e-3, 1 - 1e-3)
     agreed = np.concatenate([item.agreed for item in runs])
     return float(-np.mean(np.where(agreed, np.log(stated), np.log1p(-stated)))) + _FLATTEN * float(
         np.sum(x[:-2] ** 2)
@@ -148,16 +159,17 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=400, help="for each size of the catalogue")
     options = parser.parse_args()
     runs = [item for size in SIZES for item in runs_of(size, range(options.runs))]
-    start = np.zeros(len(IS_DIFFERENT) + 2)
+    start = np.zeros(2 * KINDS + 2)
     found = minimize(partial(loss, runs=runs), start, method="L-BFGS-B", bounds=[(-9, 9)] * len(start))
-    weight, clear, overlap = constants(found.x)
+    constants = Constants.of(found.x)
     print(
-        f"{len(runs)} sequences of touches; weights {weight.round(4)}, clear {clear.round(3)}, "
-        f"overlap {overlap:.3f}"
+        f"{len(runs)} sequences of touches; weights of different ones {constants.different.round(4)}, of "
+        f"altered ones {constants.altered.round(4)}, clear {constants.clear.round(3)}, "
+        f"overlap {constants.overlap:.3f}"
     )
     for different in (True, False):
         some = [item for item in runs if item.different == different]
-        stated = np.concatenate([item.stated(weight, clear, overlap) for item in some])
+        stated = np.concatenate([item.stated(constants) for item in some])
         agreed = [agrees for item in some for agrees in item.agreed]
         print_bins(f"fitted to, different: {different}", list(zip(stated.tolist(), agreed, strict=True)))
     return 0

@@ -38,14 +38,16 @@ STRANGER_KINDS = Deviations(
 )
 """Kinds of strangers: unlike all parts; like one, but for 2 mm or 0.7 mm; 7 % or 3 % off its size."""
 
-ALTERED_KINDS = Features(share=np.array([0.06, 0.12, 0.3]), depth_mm=np.array([2.5, 4.0]))
+ALTERED_KINDS = Features(share=np.array([0.06, 0.12]), depth_mm=np.array([2.5, 4.0]))
 """More kinds: a part with one feature moved, added or missing, over so much of its outline."""
 
-IS_DIFFERENT = np.array([True, True, False, True, False, False, False, True])
-"""Kinds that differ by 2 mm or more over a fifth of the outline; the others by less, or over less of it."""
+KINDS = len(STRANGER_KINDS.scale) + len(ALTERED_KINDS.share)
 
-_KIND_WEIGHT = np.array([0.9923, 0.0023, 0.0015, 0.0018, 0.0021, 0.002, 0.002, 0.002])
-_CLEAR_PROBABILITY = np.array([0.652, *np.ones(7)])  # that a path to an agreeing place is free, too
+# Weights of the kinds of what differs by 2 mm over a fifth of its outline, and of what differs by less: that
+# is unlike all where its first contacts were taken for those of another part.
+_DIFFERENT_WEIGHT = np.array([0.9959, 0.0023, 0.0, 0.0018, 0.0, 0.0, 0.0])
+_ALTERED_WEIGHT = np.array([0.478, 0.0, 0.006, 0.0, 0.006, 0.017, 0.493])
+_CLEAR_PROBABILITY = np.array([0.652, *np.ones(6)])  # that a path to an agreeing place is free, too
 _OVERLAP_EXPONENT = 0.352
 # Fitted by benchmarks/fit_strangers.py to touches of drawn outlines against catalogues of drawn outlines.
 
@@ -86,7 +88,7 @@ class StrangerTerms:
 class StrangerEvidence:
     """Evidence of strangers by touches after the first recognition.
 
-    `agreed` (m,), by kind: its prior weight times the probability of all touches that agreed.
+    `agreed` (m,), by kind: the probability of all touches that agreed.
     """
 
     agreed: Floats
@@ -94,7 +96,7 @@ class StrangerEvidence:
     @classmethod
     def none(cls) -> "StrangerEvidence":
         """Before any prediction."""
-        return cls(_KIND_WEIGHT)
+        return cls(np.ones(KINDS))
 
     @property
     def probability(self) -> float:
@@ -102,31 +104,31 @@ class StrangerEvidence:
 
         A stranger that differs by 2 mm or more over a fifth of its outline from every part.
         """
-        return min(float(self.agreed[IS_DIFFERENT].sum() / _KIND_WEIGHT[IS_DIFFERENT].sum()), 1.0)
+        return min(float(_DIFFERENT_WEIGHT @ self.agreed), 1.0)
 
     @property
     def altered_probability(self) -> float:
-        """The same of a stranger that differs by less: a part but for one feature, for example."""
-        return min(float(self.agreed[~IS_DIFFERENT].sum() / _KIND_WEIGHT[~IS_DIFFERENT].sum()), 1.0)
+        """The same of a stranger that differs by less, as a part does of which one feature was altered."""
+        return min(float(_ALTERED_WEIGHT @ self.agreed), 1.0)
 
     @property
     def different_kinds(self) -> Floats:
-        """Posterior weight (m,) of each kind among those that differ so much."""
-        return self._among(IS_DIFFERENT)
+        """Posterior weight (m,) of each kind of those that differ so much."""
+        return _share(_DIFFERENT_WEIGHT * self.agreed)
 
     @property
     def altered_kinds(self) -> Floats:
-        """Posterior weight (m,) of each kind among those that differ by less."""
-        return self._among(~IS_DIFFERENT)
-
-    def _among(self, mask: Bools) -> Floats:
-        some = np.where(mask, self.agreed, 0.0)
-        result: Floats = some / max(some.sum(), _LEAST_WEIGHT)
-        return result
+        """Posterior weight (m,) of each kind of those that differ by less."""
+        return _share(_ALTERED_WEIGHT * self.agreed)
 
     def after(self, passing: Floats) -> "StrangerEvidence":
         """Once touches have agreed; `passing` (t, m)."""
         return replace(self, agreed=self.agreed * passing.prod(axis=0))
+
+
+def _share(weight: Floats) -> Floats:
+    result: Floats = weight / max(weight.sum(), _LEAST_WEIGHT)
+    return result
 
 
 def stranger_terms(
@@ -140,7 +142,8 @@ def stranger_terms(
     rows = np.arange(min(len(before.hypotheses), _MAX_HYPOTHESES))
     coming = _predicted_touches(before, approaches, normal_half_rad, predictions, rows)
     every = _known_touches(before, rows).append(coming)
-    passing = _agreement(every)[:, :, -len(approaches) :].transpose(2, 0, 1)
+    kinds = agreement(every, STRANGER_KINDS), feature_agreement(every, ALTERED_KINDS)
+    passing = np.concatenate(kinds)[:, :, -len(approaches) :].transpose(2, 0, 1)
     return StrangerTerms(passing, _distinct_predictions(predictions, normal_half_rad), len(before.hypotheses))
 
 
@@ -155,13 +158,18 @@ class CandidateTouches:
     each: OutlineTouches
 
     def agreement(self, chosen: Sequence[int]) -> Floats:
-        """Probability (m, n) that each candidate agrees, after those chosen (indices) have."""
+        """Probability (m, n) that each candidate agrees, after those chosen (indices) have.
+
+        1 of parts with one altered feature: touches are not chosen for these.
+        """
         known = self.known
         for index in chosen:
             known = known.append(self.each.column(index))
         single = self.each.map(lambda item: item.swapaxes(0, 1))
         every = known.map(lambda item: np.repeat(item, len(single.inward_mm), axis=0))
-        result: Floats = _agreement(every.append(single))[:, :, -1] * _CLEAR_PROBABILITY[:, None]
+        result: Floats = np.ones((KINDS, len(single.inward_mm)))
+        result[: len(STRANGER_KINDS.scale)] = agreement(every.append(single), STRANGER_KINDS)[:, :, -1]
+        result *= _CLEAR_PROBABILITY[:, None]
         return result
 
 
@@ -175,11 +183,6 @@ def candidate_touches(
     return CandidateTouches(
         _known_touches(before, first), _predicted_touches(before, approaches, halves, predictions, first)
     )
-
-
-def _agreement(touches: OutlineTouches) -> Floats:
-    """Probability (m, h, t) that strangers of each kind agree with a touch, given that they did before."""
-    return np.concatenate([agreement(touches, STRANGER_KINDS), feature_agreement(touches, ALTERED_KINDS)])
 
 
 def _distinct_predictions(predictions: Predictions, normal_half_rad: Floats) -> Floats:
