@@ -46,7 +46,7 @@ KINDS = len(STRANGER_KINDS.scale) + len(ALTERED_KINDS.share)
 # Weights of the kinds of what differs by 2 mm over a fifth of its outline, and of what differs by less: that
 # is unlike all where its first contacts were taken for those of another part.
 _DIFFERENT_WEIGHT = np.array([0.9959, 0.0023, 0.0, 0.0018, 0.0, 0.0, 0.0])
-_ALTERED_WEIGHT = np.array([0.478, 0.0, 0.006, 0.0, 0.006, 0.017, 0.493])
+_ALTERED_WEIGHT = np.array([0.54, 0.0, 0.009, 0.0, 0.008, 0.019, 0.424])
 _CLEAR_PROBABILITY = np.array([0.652, *np.ones(6)])  # that a path to an agreeing place is free, too
 _OVERLAP_EXPONENT = 0.352
 # Fitted by benchmarks/fit_strangers.py to touches of drawn outlines against catalogues of drawn outlines.
