@@ -42,11 +42,11 @@ if TYPE_CHECKING:
     from palpate.recognizer import Contact as Contact
     from palpate.recognizer import Finger as Finger
     from palpate.recognizer import NormalRange as NormalRange
-    from palpate.rig.identification.loop import MoveEvent as MoveEvent
-    from palpate.rig.identification.loop import PlanEvent as PlanEvent
-    from palpate.rig.identification.loop import RecognitionEvent as RecognitionEvent
-    from palpate.rig.identification.loop import StageEvent as StageEvent
-    from palpate.rig.identification.loop import TouchEvent as TouchEvent
+    from palpate.rig.identification.events import MoveEvent as MoveEvent
+    from palpate.rig.identification.events import PlanEvent as PlanEvent
+    from palpate.rig.identification.events import RecognitionEvent as RecognitionEvent
+    from palpate.rig.identification.events import StageEvent as StageEvent
+    from palpate.rig.identification.events import TouchEvent as TouchEvent
 
     __version__: str
 
@@ -67,7 +67,7 @@ _HOMES = {
     "jobs.session": ("Session", "open_session"),
     "jobs.study": ("study",),
     "recognizer": ("Contact", "Finger", "NormalRange"),
-    "rig.identification.loop": (
+    "rig.identification.events": (
         "MoveEvent",
         "PlanEvent",
         "RecognitionEvent",

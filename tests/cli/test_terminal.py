@@ -20,7 +20,7 @@ from palpate.base.errors import printable_text
 from palpate.cli.main import app
 from palpate.cli.run_display import IdentificationProgress
 from palpate.cli.terminal import StatusLine, Terminal, TimeLeft, duration_words
-from palpate.rig.identification.loop import MoveEvent
+from palpate.rig.identification.events import MoveEvent
 from palpate.views.tables import show_unplugged
 from palpate.views.tables import table as plain_table
 from support.benches.rigs import firm_rig, small, small_parts

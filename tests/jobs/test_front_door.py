@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import palpate
-from palpate.rig.identification.loop import Event, StageEvent, TouchEvent
+from palpate.rig.identification.events import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
 from support.benches.rigs import firm_rig, quick_bench
 from support.campaign.sampling import sample
@@ -159,7 +159,7 @@ def test_a_signal_that_would_end_a_script_switches_torque_off_first(
     rig_file, parts = map(str, bench)
     code = f"""
 import os, palpate
-from palpate.rig.identification.loop import TouchEvent
+from palpate.rig.identification.events import TouchEvent
 
 def stop(event):
     if isinstance(event, TouchEvent):

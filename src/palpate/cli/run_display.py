@@ -20,7 +20,7 @@ from palpate.base.optional_imports import MissingPackageError, install_command
 from palpate.cli.terminal import StatusLine
 from palpate.jobs.recognition import Answer
 from palpate.recognizer import Recognition
-from palpate.rig.identification.loop import (
+from palpate.rig.identification.events import (
     Event,
     MoveEvent,
     PlanEvent,

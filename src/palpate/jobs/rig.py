@@ -46,7 +46,7 @@ from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.wiring_check import Onlooker
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.identification.loop import Observer
+from palpate.rig.identification.events import Observer
 from palpate.rig.motion.hand import Hand
 from palpate.rig.session.calibration_drift import check_arrays
 from palpate.rig.session.signals import unwind_on_signals

@@ -17,6 +17,7 @@ from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit, Strategy
 from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, Contact, Finger, FingerApproach, Grip
+from palpate.rig.identification.events import Event, MoveEvent, Observers, PlanEvent
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     inscribed_discs,
@@ -25,16 +26,7 @@ from palpate.rig.identification.exploration import (
     unswept_places,
 )
 from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
-from palpate.rig.identification.loop import (
-    Event,
-    Identification,
-    MoveEvent,
-    Observers,
-    PlanEvent,
-    PushTables,
-    search,
-    search_with,
-)
+from palpate.rig.identification.loop import Identification, PushTables, search, search_with
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of

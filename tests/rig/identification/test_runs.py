@@ -15,7 +15,8 @@ from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
-from palpate.rig.identification.loop import Event, Identification, Observer, Observers, TouchEvent, identify
+from palpate.rig.identification.events import Event, Observer, Observers, TouchEvent
+from palpate.rig.identification.loop import Identification, identify
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session, identify_checked
 from support.campaign.sampling import sample

@@ -57,6 +57,12 @@ class Contradiction:
         return replace(self, cause=ContradictionCause.EITHER) if still else self
 
 
+def grip_to_repeat(grips: Sequence[Sequence[Touch]], begin: int) -> int | None:
+    """Index of the first of the grips from `begin` on in which most touches met something; None: none did."""
+    met = [sum(touch.contact.touched for touch in grip) for grip in grips[begin:]]
+    return begin + met.index(max(met)) if any(met) else None
+
+
 @dataclass(frozen=True, eq=False)
 class RepeatedTouches:
     """Touches (n) made twice by the same fingers on the same ways: `first`, and `again`."""

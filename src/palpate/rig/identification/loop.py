@@ -12,22 +12,18 @@ not that it is in the catalogue. If a grip contradicts the earlier ones, touches
 rig file or an object declares the force at which parts slide, the motion that fingers may have caused is
 bounded and taken into account (`motion_bounds`). A rig that is known too inaccurately to tell parts apart is
 refused beforehand.
-
-*Observers* are called with each event, beside the thread that drives devices.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 
-from palpate.base.errors import InputError, PalpateError
+from palpate.base.errors import InputError
 from palpate.base.geometry import Ints
-from palpate.base.short_repr import ShortRepr
 from palpate.base.vocabulary import (
     ContradictionCause,
     IdentificationVerdict,
@@ -41,7 +37,6 @@ from palpate.recognizer import (
     Catalogue,
     Contact,
     FingerApproach,
-    Grip,
     Hypothesis,
     Motion,
     Recognition,
@@ -49,7 +44,15 @@ from palpate.recognizer import (
     is_explained,
 )
 from palpate.rig.conversion import finger_of, tip_bound_mm
-from palpate.rig.identification.contradiction import Contradiction, RepeatedTouches
+from palpate.rig.identification.contradiction import Contradiction, RepeatedTouches, grip_to_repeat
+from palpate.rig.identification.events import (
+    MoveEvent,
+    Observers,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -67,99 +70,6 @@ from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of
-from palpate.rig.workers import BackgroundCall
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class StageEvent(ShortRepr):
-    """Fingers began a stage of a grip. Grips count from 1."""
-
-    grip: int
-    stage: GripPhase
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TouchEvent(ShortRepr):
-    """A grip was carried out: a touch for each of its fingers, misses included."""
-
-    grip: int
-    touches: Sequence[Touch]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class RecognitionEvent(ShortRepr):
-    """All contacts so far were interpreted."""
-
-    grip: int
-    recognition: Recognition
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class PlanEvent(ShortRepr):
-    """The next grip was chosen by what hypotheses predict of it. `reason`: why the run goes on, in words."""
-
-    grip: int
-    plan: Grip
-    reason: str = ""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class MoveEvent(ShortRepr):
-    """Earlier contacts no longer count from this grip on: it contradicts them, or the part may lie elsewhere.
-
-    `furthest_mm`: as far as fingers may have moved the part, more than contacts can be carried over; None
-    where the grip contradicts them.
-    """
-
-    grip: int
-    furthest_mm: float | None = None
-
-
-Event = StageEvent | TouchEvent | RecognitionEvent | PlanEvent | MoveEvent
-Observer = Callable[[Event], None]
-
-
-class Observers:
-    """Several observers as one that neither raises nor waits. Use as a context manager.
-
-    One that has raised is called no more, and ends the run before its next grip (`check`); at the end of the
-    run it is `late_failure`. One that does not return misses what follows.
-    """
-
-    def __init__(self, observers: Sequence[Observer] = (), record: Observer | None = None) -> None:
-        """`record` is called on the calling thread, first; it must neither raise nor wait."""
-        self._record = record
-        self._beside = [
-            BackgroundCall(f"observer {type(observer).__name__}", observer) for observer in observers
-        ]
-
-    def __call__(self, event: Event) -> None:
-        """Pass an event on."""
-        if self._record is not None:
-            self._record(event)
-        for observer in self._beside:
-            observer(event)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        for observer in self._beside:
-            observer.__exit__(kind, error, trace)
-
-    def check(self) -> None:
-        """Raise OutputError if an observer has raised: ends the run that is under way."""
-        for observer in self._beside:
-            observer.check()
-
-    @property
-    def late_failure(self) -> PalpateError | None:
-        """OutputError if an observer has raised, to be reported beside the result of a complete run."""
-        failures = (observer.late_failure for observer in self._beside)
-        return next((failure for failure in failures if failure is not None), None)
-
 
 GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
 """Carries out a grip and reports its stages."""
@@ -326,21 +236,12 @@ class _Search:
         self._observers(PlanEvent(len(self._grips) + 1, choice.grip, reason))
         return None, choice.grip.limited_approaches
 
-    def _repeat(self) -> bool:
-        """Choose the grip whose touches are made again: the first of those with the most that met something.
-
-        None, if nothing was met before the last grip.
-        """
-        begin = self._moved_before[-1] - 1 if self._moved_before else 0
-        met = [sum(touch.contact.touched for touch in grip) for grip in self._grips[begin:-1]]
-        if any(met):
-            self._repeated = begin + met.index(max(met))
-        return self._repeated is not None
-
     def _touches_again(self) -> list[FingerApproach]:
-        """The approaches of the chosen grip; nothing is taken to be where it was."""
-        assert self._repeated is not None, "only called once it is chosen"
-        return [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._made[self._repeated]]
+        """Approaches of an earlier grip, to be made again: nothing is taken to be where it was; none met."""
+        begin = self._moved_before[-1] - 1 if self._moved_before else 0
+        self._repeated = grip_to_repeat(self._grips[:-1], begin)
+        again = () if self._repeated is None else self._made[self._repeated]
+        return [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in again]
 
     def _judge_contradiction(self) -> Contradiction:
         """What the touches made again, if any, say of the grip that contradicts the earlier ones."""
@@ -363,8 +264,8 @@ class _Search:
             return self._doubt(IdentificationVerdict.UNKNOWN)
         if len(self._moved_before) > _MAX_MOVES:
             return self._doubt(self._moving())
-        if self._repeated is None and self._repeat():
-            return None, self._touches_again()
+        if self._repeated is None and (again := self._touches_again()):
+            return None, again
         number = self._understood
         if self._judge_contradiction().cause is ContradictionCause.NOT_IN_CATALOGUE:
             return self._doubt(IdentificationVerdict.UNKNOWN)

@@ -35,7 +35,7 @@ from palpate.drivers.transport import (
     RecordItem,
 )
 from palpate.recognizer import Approach, Grip, Hypothesis
-from palpate.rig.identification.loop import (
+from palpate.rig.identification.events import (
     Event,
     MoveEvent,
     PlanEvent,

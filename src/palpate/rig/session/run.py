@@ -21,7 +21,8 @@ from palpate.drivers.transport import RecordEnded, Replayer
 from palpate.recognizer import Configuration
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.doubt import doubt_set_up
-from palpate.rig.identification.loop import Event, Observer, Observers, StageEvent, identify
+from palpate.rig.identification.events import Event, Observer, Observers, StageEvent
+from palpate.rig.identification.loop import identify
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.hand import Environment
