@@ -78,7 +78,7 @@ SURE, TWINS, OPEN, NONE = (
         (SURE, {"predicted": 3, "stranger_probability": 0.0043}, "with probability 0.43 %"),
         (SURE, {"predicted": 9, "stranger_probability": 0.000002}, "with probability less than 0.01 %"),
         (SURE, {"predicted": 9, "stranger_probability": 0.01}, "2 mm over a fifth of its outline"),
-        (SURE, {"predicted": 9, "altered_probability": 0.72}, "but for one feature would have matched with"),
+        (SURE, {"predicted": 9, "altered_probability": 0.72}, "2 mm in one feature only"),
         (SURE, {"predicted": 9, "altered_probability": 0.72}, "probability 72 %"),
         (SURE, {"moved_before": (2,)}, "moved before grip 2"),
         (TWINS, {"alternatives": (TWIN,)}, "  or other, flat at x 1.00 mm, y 2.00 mm, θ 28.65°"),

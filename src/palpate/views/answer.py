@@ -107,7 +107,7 @@ def _stranger_words(probability: float) -> str:
 
 def _altered_words(probability: float) -> str:
     """The same of what differs by less."""
-    return f"the same part but for one feature would have matched with probability {_share(probability)}"
+    return f"something that differs by 2 mm in one feature only, with probability {_share(probability)}"
 
 
 def _is_one_state(out: IdentificationOut) -> bool:
@@ -279,7 +279,7 @@ def _motion_lines(out: IdentificationOut) -> list[str]:
             f"  bounds assume that the part holds {held}: then a grip moved it {max(furthest):.2f} mm and "
             f"{most:.2f}° at most"
         )
-    if out.hold_contradicted:
+    if out.hold_contradicted and out.verdict is not IdentificationVerdict.UNKNOWN:
         lines.append(f"  it moved further than a part that holds {held} can: does it hold less?")
     return lines
 
