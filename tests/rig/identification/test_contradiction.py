@@ -94,7 +94,7 @@ def test_what_lies_still_is_never_said_to_move() -> None:
     """Parts of which a corner was moved fit by one grip or the other, and contradict themselves."""
     ends: Counter[IdentificationVerdict] = Counter()
     causes: Counter[ContradictionCause] = Counter()
-    for seed in range(30):
+    for seed in range(18):
         result = searched(seed, altered(seed), 0.0)
         ends[result.outcome] += 1
         causes.update(item.cause for item in result.contradictions)
@@ -110,14 +110,14 @@ def test_what_lies_still_is_never_said_to_move() -> None:
 @pytest.mark.parametrize("moved_mm", [0.3, 1.0, 5.0])
 def test_a_part_of_the_catalogue_that_moves_is_never_said_not_to_be_in_it(moved_mm: float) -> None:
     shown = moving = 0
-    for seed in range(16):
+    for seed in range(10):
         placed = place_within(SIX[seed % 6], np.random.default_rng([seed, 4]))
         result = searched(seed, placed, moved_mm)
         causes = [item.cause for item in result.contradictions]
         assert ContradictionCause.NOT_IN_CATALOGUE not in causes
         shown += ContradictionCause.MOVED in causes
         moving += result.outcome is IdentificationVerdict.MOVING
-    assert moving >= (12 if moved_mm > 2.0 else 0)
+    assert moving >= (7 if moved_mm > 2.0 else 0)
     assert shown >= moving
 
 
