@@ -16,6 +16,7 @@ from typing import Self
 
 import numpy as np
 
+from palpate.base.errors import InputError
 from palpate.base.geometry.plane import wrap_angle
 from palpate.base.vocabulary import ContradictionCause
 from palpate.recognizer import (
@@ -107,47 +108,50 @@ class RepeatedTouches:
         """Distance by which the surfaces that were met may have moved; infinite if nothing was met."""
         return max((_slack_mm(one, other) for one, other in self.met), default=math.inf)
 
-    def _explain(self, catalogue: Catalogue, earlier: Sequence[Contact], last: Sequence[Contact]) -> bool:
-        """Return whether a motion can explain that `last` contacts contradict the `earlier` ones.
-
-        Either a small one, which need not have shown, or any before the last contacts: then these go together
-        with the touches made again, for some state that the earlier ones had left.
-        """
-        states = np.arange(len(catalogue.states))
-        shift = np.full(len(states), self.hidden_mm)
-        small = Motion(shift, shift / _LEVER_MM)
-
-        def moved(contacts: Sequence[Contact]) -> list[Contact]:
-            at_contact = np.zeros(len(states))
-            return [contact_after_motion(small, catalogue, item, states, at_contact) for item in contacts]
-
-        if is_explained(catalogue, [*moved(earlier), *last]):
-            return True
-        before, since = _states(catalogue, earlier), _states(catalogue, [*moved(last), *self.again])
-        return bool(before & since)
-
-    def contradiction(
-        self,
-        grip: int,
-        repeated_in: int,
-        catalogue: Catalogue,
-        earlier: Sequence[Contact],
-        last: Sequence[Contact],
-    ) -> Contradiction:
-        """What the touches say of `last` contacts, of `grip`, which contradict the `earlier` ones."""
+    def contradiction(self, grip: int, repeated_in: int, grips: "ContradictoryGrips") -> Contradiction:
+        """What the touches, made again in one grip, say of another that contradicts the earlier ones."""
         cause = ContradictionCause.EITHER
         if self.displaced >= _MIN_DISPLACED:
             cause = ContradictionCause.MOVED
-        elif not self.displaced and len(self.met) >= _MIN_MET and not self._explain(catalogue, earlier, last):
+        elif not self.displaced and len(self.met) >= _MIN_MET and not grips.may_have_moved(self.hidden_mm):
             cause = ContradictionCause.NOT_IN_CATALOGUE
         return Contradiction(grip, cause, repeated_in, len(self.met), self.apart_mm, self.hidden_mm)
 
 
-def _states(catalogue: Catalogue, contacts: Sequence[Contact]) -> set[int]:
-    """States (indices) that explain contacts; all, where they say too little."""
-    if sum(contact.touched for contact in contacts) < _MIN_MET:
-        return set(range(len(catalogue.states)))
-    return {item.state_index for item in recognise(catalogue, contacts).hypotheses}
+@dataclass(frozen=True, eq=False)
+class ContradictoryGrips:
+    """Contacts of a `last` grip, which contradict `earlier` ones, and those of touches made `again` since."""
+
+    catalogue: Catalogue
+    earlier: Sequence[Contact]
+    last: Sequence[Contact]
+    again: Sequence[Contact]
+
+    def may_have_moved(self, hidden_mm: float) -> bool:
+        """Return whether a motion that touches made again do not show can explain the contradiction.
+
+        Either a small one, or any before the last grip: then this goes together with the touches made again,
+        in some state that the earlier ones had left.
+        """
+        if is_explained(self.catalogue, [*self._moved(self.earlier, hidden_mm), *self.last]):
+            return True
+        return bool(
+            self._states(self.earlier) & self._states([*self._moved(self.last, hidden_mm), *self.again])
+        )
+
+    def _moved(self, contacts: Sequence[Contact], way_mm: float) -> list[Contact]:
+        """Contacts of which every point may have moved by as much since."""
+        states = np.arange(len(self.catalogue.states))
+        shift, at_contact = np.full(len(states), way_mm), np.zeros(len(states))
+        motion = Motion(shift, shift / _LEVER_MM)
+        return [contact_after_motion(motion, self.catalogue, item, states, at_contact) for item in contacts]
+
+    def _states(self, contacts: Sequence[Contact]) -> set[int]:
+        """States (indices) that explain contacts; all, where they say too little."""
+        try:
+            return {item.state_index for item in recognise(self.catalogue, contacts).hypotheses}
+        except InputError:
+            return set(range(len(self.catalogue.states)))
 
 
 def _slack_mm(one: Contact, other: Contact) -> float:

@@ -44,7 +44,12 @@ from palpate.recognizer import (
     is_explained,
 )
 from palpate.rig.conversion import finger_of, tip_bound_mm
-from palpate.rig.identification.contradiction import Contradiction, RepeatedTouches, grip_to_repeat
+from palpate.rig.identification.contradiction import (
+    Contradiction,
+    ContradictoryGrips,
+    RepeatedTouches,
+    grip_to_repeat,
+)
 from palpate.rig.identification.events import (
     MoveEvent,
     Observers,
@@ -247,10 +252,13 @@ class _Search:
         """What the touches made again, if any, say of the grip that contradicts the earlier ones."""
         found = Contradiction(self._understood)
         if self._repeated is not None:
-            touches = RepeatedTouches.of(self._grips[self._repeated], self._grips[-1])
-            last = self._contacts(self._understood)
-            earlier = self._evidence.contacts[: -len(last)]
-            found = touches.contradiction(found.grip, len(self._grips), self._catalogue, earlier, last)
+            touches, number = (
+                RepeatedTouches.of(self._grips[self._repeated], self._grips[-1]),
+                len(self._grips),
+            )
+            last, again = self._contacts(self._understood), self._contacts(number)
+            grips = ContradictoryGrips(self._catalogue, self._evidence.contacts[: -len(last)], last, again)
+            found = touches.contradiction(found.grip, number, grips)
         if ContradictionCause.MOVED in {item.cause for item in self._contradictions}:
             found = found.of_what_moves()
         self._contradictions.append(found)
