@@ -53,7 +53,7 @@ def _confirmation_lines(out: IdentificationOut) -> list[str]:
     if out.stranger_probability is not None:
         lines.append(_stranger_words(out.stranger_probability))
     if out.altered_probability is not None:
-        lines.append(_altered_words(out.altered_probability))
+        lines.append(_feature_words(out.altered_probability))
     if out.detectable_shift is not None or out.assumed_holds_n is None:
         lines.append(_shift_words(out.detectable_shift))
     return lines
@@ -105,7 +105,7 @@ def _stranger_words(probability: float) -> str:
     )
 
 
-def _altered_words(probability: float) -> str:
+def _feature_words(probability: float) -> str:
     """The same of what differs by less."""
     return f"something that differs by 2 mm in one feature only, with probability {_share(probability)}"
 

@@ -45,7 +45,7 @@ def test_what_lies_still_is_met_again_where_it_was(seed: int) -> None:
     off = (BOUND_MM, -BOUND_MM, BOUND_MM)
     again = RepeatedTouches(touched(placed, off), touched(placed, [-error for error in off]))
     assert again.displaced == 0
-    assert len(again.met) == 3
+    assert len(again.hits) == 3
     assert again.apart_mm == pytest.approx(2 * BOUND_MM)
     assert again.hidden_mm >= again.apart_mm
 
@@ -63,7 +63,7 @@ def test_a_part_that_was_moved_far_comes_out_otherwise(seed: int) -> None:
 def test_a_touch_that_meets_nothing_again_is_infinitely_far() -> None:
     first = touched(Placed(SIX[0], 0.0, 0.0, 0.0))
     again = RepeatedTouches(first, [replace(first[0], touched=False), *first[1:]])
-    assert (again.displaced, again.apart_mm, len(again.met)) == (1, math.inf, 2)
+    assert (again.displaced, again.apart_mm, len(again.hits)) == (1, math.inf, 2)
     assert RepeatedTouches(first[:0], first[:0]).hidden_mm == math.inf
 
 

@@ -78,7 +78,7 @@ class RepeatedTouches:
         return cls([touch.contact for touch in first], [later[touch.finger_index] for touch in first])
 
     @cached_property
-    def met(self) -> list[tuple[Contact, Contact]]:
+    def hits(self) -> list[tuple[Contact, Contact]]:
         """Those that met something both times."""
         return [(one, other) for one, other in self._pairs if one.touched and other.touched]
 
@@ -101,21 +101,21 @@ class RepeatedTouches:
         """Largest distance between two stops of a touch; infinite if one met something only once."""
         if any(one.touched != other.touched for one, other in self._pairs):
             return math.inf
-        return max((math.dist(one.end_mm, other.end_mm) for one, other in self.met), default=0.0)
+        return max((math.dist(one.end_mm, other.end_mm) for one, other in self.hits), default=0.0)
 
     @property
     def hidden_mm(self) -> float:
         """Distance by which the surfaces that were met may have moved; infinite if nothing was met."""
-        return max((_slack_mm(one, other) for one, other in self.met), default=math.inf)
+        return max((_slack_mm(one, other) for one, other in self.hits), default=math.inf)
 
     def contradiction(self, grip: int, repeated_in: int, grips: "ContradictoryGrips") -> Contradiction:
         """What the touches, made again in one grip, say of another that contradicts the earlier ones."""
         cause = ContradictionCause.EITHER
         if self.displaced >= _MIN_DISPLACED:
             cause = ContradictionCause.MOVED
-        elif not self.displaced and len(self.met) >= _MIN_MET and not grips.may_have_moved(self.hidden_mm):
+        elif not self.displaced and len(self.hits) >= _MIN_MET and not grips.may_have_moved(self.hidden_mm):
             cause = ContradictionCause.NOT_IN_CATALOGUE
-        return Contradiction(grip, cause, repeated_in, len(self.met), self.apart_mm, self.hidden_mm)
+        return Contradiction(grip, cause, repeated_in, len(self.hits), self.apart_mm, self.hidden_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,13 +133,13 @@ class ContradictoryGrips:
         Either a small one, or any before the last grip: then this goes together with the touches made again,
         in some state that the earlier ones had left.
         """
-        if is_explained(self.catalogue, [*self._moved(self.earlier, hidden_mm), *self.last]):
+        if is_explained(self.catalogue, [*self._carry(self.earlier, hidden_mm), *self.last]):
             return True
         return bool(
-            self._states(self.earlier) & self._states([*self._moved(self.last, hidden_mm), *self.again])
+            self._states(self.earlier) & self._states([*self._carry(self.last, hidden_mm), *self.again])
         )
 
-    def _moved(self, contacts: Sequence[Contact], way_mm: float) -> list[Contact]:
+    def _carry(self, contacts: Sequence[Contact], way_mm: float) -> list[Contact]:
         """Contacts of which every point may have moved by as much since."""
         states = np.arange(len(self.catalogue.states))
         shift, at_contact = np.full(len(states), way_mm), np.zeros(len(states))

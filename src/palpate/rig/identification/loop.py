@@ -226,7 +226,7 @@ class _Search:
         if self._doubted is not None:
             return self._doubt(self._doubted)
         if recognition is not None and recognition.verdict is RecognitionVerdict.NONE:
-            return self._contradicted()
+            return self._resolve_contradiction()
         if len(self._moved_before) > _MAX_MOVES:
             return self._doubt(self._moving())
         if recognition is None:
@@ -265,7 +265,7 @@ class _Search:
         self._repeated = None
         return found
 
-    def _contradicted(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
+    def _resolve_contradiction(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """Once nothing fits: touch again; then, unless nothing has moved, begin anew with the last grip."""
         self._refuted = self._evidence.recognition
         if self._repeated is None and not self._may_have_moved():
