@@ -428,6 +428,22 @@ def test_an_unpaired_contact_rules_out_what_does_not_satisfy_it() -> None:
     assert not found.extend([replace(last, end_mm=away)]).hypotheses
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_an_unpaired_contact_rules_out_interpretations_that_have_no_edge_for_it(seed: int) -> None:
+    angle = np.arange(40) * 2 * math.pi / 40
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    models = [replace(flat(f"coin {r}", r * ring), tolerance_mm=0.1) for r in (18.0, 19.0)]
+    rng = np.random.default_rng([33, seed])
+    placed = place(models[0], rng)
+    vague = grip(placed, rng, bound=1.0, half_range=0.2, aim=0.05)
+    sharp = grip(placed, rng, bound=0.02, half_range=0.2, aim=0.05)
+    before = recognise(Catalogue(models), vague, budget=SMALL)
+    found = recognise(Catalogue(models), [*vague, *sharp], budget=SMALL)
+    assert found.unpaired == {3, 4, 5}
+    assert len(found.constraints.nodes) < len(before.constraints.nodes)
+    assert holding_truth(found, placed) is not None
+
+
 def test_a_motion_widens_unpaired_contacts_too() -> None:
     catalogue, placed, contacts = round_part(1)
     found = in_steps(catalogue, contacts, SMALL)

@@ -55,6 +55,11 @@ class Budget:
         return self.units // 500
 
     @property
+    def pairing_cells(self) -> int:
+        """Cells in which a further contact is looked for, of all interpretations, unless these are more."""
+        return self.units // 8
+
+    @property
     def cells(self) -> int:
         """Cells of all interpretations together, unless these are more."""
         return self.units // 32

@@ -142,21 +142,36 @@ def narrow_by(query: Query, nodes: Interpretations, *earlier: int) -> Interpreta
     return nodes.narrow(*STEPS.narrow(query.select(group), nodes.edges[:, group], nodes.lo, nodes.hi))
 
 
-def _extend_by_region(
-    query: Query, nodes: Interpretations, cells: Cells
-) -> tuple[Interpretations, LevelCount]:
-    """Pair the last contact with every edge on which it may lie somewhere in the cells of `nodes`.
+def _extend_by_region(query: Query, branch: "Branch", cells: Cells) -> "Growth":
+    """Pair the last contact with every edge on which it may lie somewhere in the cells of a branch.
 
     Raises BudgetSpentError where there are too many to look at.
     """
-    contact, edges, level = query.contacts[-1], query.edges[-1], len(query.contacts)
+    contact, edges, level, nodes = query.contacts[-1], query.edges[-1], len(query.contacts), branch.nodes
     candidates = int(np.sum(edges.count[nodes.state]))
     normals = contact.outward_normals()
     if normals is None:
-        return Interpretations.none(level), LevelCount(level, candidates, 0, 0, 0)
+        none = np.empty(0, np.int64)
+        count = LevelCount(level, candidates, 0, 0, 0)
+        return Growth(Interpretations.none(level), count, replace(branch, nodes=nodes.select(none)))
     found = STEPS.extend(query, normals, cells, *contact_in_object(cells, contact, query.anchor_mm))
-    grown = nodes.extend(_merge_by_pairing(found.children, cells, len(edges.state)))
-    return grown, LevelCount(level, candidates, found.looked_up, len(grown), len(grown))
+    paired = _merge_by_pairing(found.children, cells, len(edges.state))
+    count = LevelCount(level, candidates, found.looked_up, len(paired), len(paired))
+    return Growth(nodes.extend(paired), count, _narrow_to_children(branch, cells, paired, found.children))
+
+
+def _narrow_to_children(branch: "Branch", cells: Cells, paired: Children, of_cells: Children) -> "Branch":
+    """The branch with its cells, without interpretations and cells that a further contact rules out."""
+    nodes = branch.nodes
+    lo, hi = np.full(len(nodes), np.inf), np.full(len(nodes), -np.inf)
+    np.minimum.at(lo, paired.parent, paired.lo)
+    np.maximum.at(hi, paired.parent, paired.hi)
+    alive = lo <= hi
+    kept = np.zeros(len(cells), dtype=bool)
+    kept[of_cells.parent] = True
+    some = cells.select(kept)
+    number = np.cumsum(alive) - 1
+    return Branch(branch.paired, nodes.narrow(lo, hi), replace(some, node=number[some.node]))
 
 
 def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
@@ -218,41 +233,57 @@ ROOT_BRANCH = Branch((), Interpretations.none(0))
 """The branch with which a search begins: nothing is paired."""
 
 
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Interpretations of a branch with one more pairing; and `narrowed`, the branch without that pairing.
+
+    What is narrowed lies where the contact can be on some edge, unless the contact may be spurious.
+    """
+
+    nodes: Interpretations
+    count: LevelCount
+    narrowed: Branch
+
+
 def grow_branches(
     query: Query, branches: Sequence[Branch], max_spurious: int
-) -> tuple[list[Branch], LevelCount]:
+) -> tuple[list[Branch], list[Branch], LevelCount]:
     """The branches with the last contact paired, and with it null where fewer than `max_spurious` are.
 
-    Also the counts of the level, over all branches. Raises BudgetSpentError where there are too many ways.
+    Also the branches without it, narrowed by it where it is not spurious, and the counts of the level over
+    all branches. Raises BudgetSpentError where there are too many ways.
     """
     new = len(query.contacts) - 1
-    found, counts = [], []
+    found, narrowed, counts = [], [], []
     for branch in branches:
-        nodes, count = _pair_last(query, branch)
-        found.append(Branch((*branch.paired, new), nodes))
-        counts.append(count)
+        growth = _pair_last(query, branch)
+        found.append(Branch((*branch.paired, new), growth.nodes))
+        narrowed.append(branch if max_spurious else growth.narrowed)
+        counts.append(growth.count)
         if new - len(branch.paired) < max_spurious:
             found.append(branch)
     if len(counts) == 1:
-        return found, replace(counts[0], level=len(query.contacts))
+        return found, narrowed, replace(counts[0], level=len(query.contacts))
     columns = zip(*(astuple(count)[1:] for count in counts), strict=True)
-    return found, LevelCount(len(query.contacts), *(sum(column) for column in columns))
+    return found, narrowed, LevelCount(len(query.contacts), *(sum(column) for column in columns))
 
 
-def _pair_last(query: Query, branch: Branch) -> tuple[Interpretations, LevelCount]:
+def _pair_last(query: Query, branch: Branch) -> Growth:
     """The branch's interpretations with one more pairing, that of the last contact."""
     paired = query.select([*branch.paired, len(query.contacts) - 1])
     if not branch.paired:
-        return first_level(query.catalogue, query.contacts[-1])
+        return Growth(*first_level(query.catalogue, query.contacts[-1]), branch)
     if len(branch.paired) == 1:
-        return second_level(paired)
+        return Growth(*second_level(paired), branch)
     if len(branch.paired) < TREE_LEVELS:
-        return third_level(paired, branch.nodes)
+        return Growth(*third_level(paired, branch.nodes), branch)
     cells = branch.cells
     if cells is None:
-        intervals = divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1)
-        cells, _ = STEPS.cut_cells(query.select(branch.paired), branch.nodes, intervals)
-    return _extend_by_region(paired, branch.nodes, cells)
+        nodes = branch.nodes
+        step_rad = max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / query.budget.pairing_cells)
+        intervals = divide_orientations(nodes, step_rad=step_rad, least=1)
+        cells, _ = STEPS.cut_cells(query.select(branch.paired), nodes, intervals)
+    return _extend_by_region(paired, branch, cells)
 
 
 def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:

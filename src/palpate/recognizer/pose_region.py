@@ -26,6 +26,7 @@ LEVER_MM = 40.0
 MAX_TRIPLED_CONTACTS = 4
 """Contacts whose triples are looked at again when cells are refined."""
 
+_CIRCLES_AT_ONCE = 4096  # as many as a processor's cache holds
 _MAX_ALL_PROBED, _INTERVALS_PER_PROBE = 256, 8
 _MAX_CELLS = 64  # per interpretation and pass
 _NARROWEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
@@ -73,13 +74,17 @@ class Cells(Table):
 
     @cached_property
     def _circles(self) -> tuple[Floats, Floats]:
-        """Centres and radii, vertex by vertex: many times as fast as cell by cell."""
-        offset = self.polygon.T.copy()
-        middle = (offset.min(axis=1) + offset.max(axis=1)) / 2
-        offset -= middle[:, None]
-        offset *= offset
-        radius: Floats = np.sqrt((offset[0] + offset[1]).max(axis=0))
-        return np.ascontiguousarray(middle.T), radius
+        """Centres and radii, vertex by vertex and some cells at once: many times as fast as cell by cell."""
+        centre, radius = np.empty((len(self), 2)), np.empty(len(self))
+        for begin in range(0, len(self), _CIRCLES_AT_ONCE):
+            some = slice(begin, begin + _CIRCLES_AT_ONCE)
+            offset = self.polygon[some].T.copy()
+            middle = (offset.min(axis=1) + offset.max(axis=1)) / 2
+            offset -= middle[:, None]
+            offset *= offset
+            centre[some] = middle.T
+            radius[some] = np.sqrt((offset[0] + offset[1]).max(axis=0))
+        return centre, radius
 
     @cached_property
     def volume(self) -> Floats:

@@ -330,13 +330,14 @@ class _SearchState:
             return replace(self, contacts=contacts)
         query = replace(query, contacts=[*self.paired, contact])
         try:
-            branches, count = grow_branches(query, self.branches, max_spurious)
+            branches, narrowed, count = grow_branches(query, self.branches, max_spurious)
         except BudgetSpentError:
             return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
         before, after = _interpretations(self.branches), _interpretations(branches)
         worthwhile = max(query.budget.worthwhile, before)
         if len(query.contacts) > TREE_LEVELS and not max_spurious and after > worthwhile:
-            return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
+            unpaired = self.unpaired | {number}
+            return replace(self, contacts=contacts, branches=narrowed, unpaired=unpaired)
         return replace(self, contacts=contacts, branches=branches, levels=(*self.levels, count))
 
 
