@@ -5,6 +5,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -16,10 +17,20 @@ from palpate.base.errors import OutputError
 from palpate.base.geometry import ObjectModel, Polygon, Section, State
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit, Strategy
 from palpate.config import RigFile, load_rig
-from palpate.recognizer import Catalogue, Contact, Finger, FingerApproach, Grip
+from palpate.recognizer import (
+    Catalogue,
+    Contact,
+    Finger,
+    FingerApproach,
+    Grip,
+    NormalRange,
+    approach_lines,
+    offset_from_lines,
+)
 from palpate.rig.identification.events import Event, MoveEvent, Observers, PlanEvent
 from palpate.rig.identification.exploration import (
     InscribedDisc,
+    exploring_grip,
     inscribed_discs,
     is_swept,
     sweeping_grip,
@@ -447,6 +458,43 @@ def test_states_at_other_heights_need_fingers_there() -> None:
     assert not is_swept({LOW: nothing, HIGH: room}, discs)
     assert is_swept({LOW: nothing, HIGH: nothing}, discs)
     assert not is_swept({}, {}), "nothing can be felt, so nothing is proven"
+
+
+def ways_on_time(grip: Sequence[FingerApproach], far_mm: float) -> list[np.ndarray]:
+    """Where tips are that advance at one speed, every 0.5 mm for so far."""
+    steps = np.arange(0.0, far_mm, 0.5)[:, None]
+    return [
+        np.array(way.start_mm) + np.minimum(steps, way.travel_mm) * unit(way.direction_rad) for way in grip
+    ]
+
+
+def test_what_is_near_the_middle_is_swept_first_by_fingers_that_do_not_meet() -> None:
+    discs = {LOW: InscribedDisc(1.0, frozenset({0}))}
+    misses = [
+        Contact("", way.finger, False, way.start_mm, tuple(ways_on_time([way], way.travel_mm)[0][-1]), 0.2)
+        for way in exploring_grip(REACH, [])
+    ]
+    left = unswept_places(misses, discs, RIG.workspace.radius_mm)
+    grip = sweeping_grip(REACH, misses, left, discs)
+    assert len(grip) > 1
+    start, angle = approach_lines(grip)
+    assert np.abs(offset_from_lines(start, angle, np.zeros(2))).max() < 0.3 * RIG.workspace.radius_mm
+    for one, two in combinations(ways_on_time(grip, 200.0), 2):
+        assert np.hypot(*(one - two).T).min() > 2 * TIP.tip_radius_mm
+
+
+def test_after_a_touch_fingers_do_not_stop_one_another_before_they_are_there() -> None:
+    (way, *_) = exploring_grip(REACH, [])
+    at = np.array(way.start_mm) * 0.25
+    normal = NormalRange(way.direction_rad + math.pi - 0.1, way.direction_rad + math.pi + 0.1)
+    touched = Contact("", way.finger, True, way.start_mm, tuple(at), 0.2, normal)
+    grip = exploring_grip(REACH, [touched])
+    assert grip
+    target = at + 6.0 * unit(way.direction_rad)
+    for one, two in combinations(grip, 2):
+        both = [(target - np.array(item.start_mm)) @ unit(item.direction_rad) - 11.0 for item in (one, two)]
+        first, second = ways_on_time([one.up_to(both[0]), two.up_to(both[1])], 200.0)
+        assert np.hypot(*(first - second).T).min() > 2 * TIP.tip_radius_mm
 
 
 def test_fingers_that_would_free_nothing_stay() -> None:

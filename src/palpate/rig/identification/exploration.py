@@ -1,9 +1,10 @@
 """Exploring grips, made before there is anything to plan with, and the space that they leave unswept.
 
-The first ones go towards the table's middle, or what was touched. A part that lies inside the workspace has
-room for a disc inside of its section, and where a tip has passed no such disc can be. So what is kept of
-misses is where the disc's centre may be: the workspace, less all misses grown by tip and disc. The next
-grip frees most of that; nothing left: no part there.
+The first ones go towards the table's middle, or what was touched: then by fingers that do not stop one
+another before they are there. A part that lies inside the workspace has room for a disc inside of its
+section, and where a tip has passed no such disc can be. So what is kept of misses is where the disc's centre
+may be: the workspace, less all misses grown by tip and disc. The next grip frees most of that, first of what
+is near the middle; nothing left: no part there.
 """
 
 import math
@@ -29,16 +30,18 @@ from palpate.rig.reach.approaches import Reach
 
 _MIN_SPACING_MM = 6.0  # approaches keep this far from earlier ones of the same finger
 _INWARD_MM = 6.0
+_WAY_STEP_MM = 1.0
 
 
 def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerApproach]:
     """Grip of each finger's approach that passes nearest to the target.
 
-    None that passes too near to an earlier one of that finger is taken.
+    None that passes too near to an earlier one of that finger is taken, and none that meets a nearer one of
+    another finger before what was touched.
     """
     target = _exploration_target(contacts)
     used = used_approaches(contacts, reach.approaches)
-    grip = []
+    nearest = []
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
         start, angle = approach_lines([reach.approaches[k] for k in own])
@@ -46,9 +49,36 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerAppr
         taken = [offset[k] for k in own if used[k]]
         free = [k for k in own if all(abs(offset[k] - other) >= _MIN_SPACING_MM for other in taken)]
         if free:
-            _, best = min((abs(offset[k]), k) for k in free)
-            grip.append(reach.approaches[best])
-    return grip
+            nearest.append(min((abs(offset[k]), k) for k in free))
+    if not any(contact.touched for contact in contacts):
+        return [reach.approaches[k] for _, k in nearest]
+    chosen: list[int] = []
+    for _, k in sorted(nearest):
+        ways = [_until_beside(reach.approaches[j], target) for j in (k, *chosen)]
+        if all(_keep_apart(ways[0], other, reach.closing.clearance_mm) for other in ways[1:]):
+            chosen.append(k)
+    return [reach.approaches[k] for k in sorted(chosen)]
+
+
+def _until_beside(approach: FingerApproach, target: Floats) -> FingerApproach:
+    """The approach, as far as it may go before it touches what is round the target."""
+    heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
+    beside = float((target - np.array(approach.start_mm)) @ heading)
+    return approach.up_to(max(beside - approach.finger.tip_radius_mm - _INWARD_MM, 0.0))
+
+
+def _keep_apart(one: Approach, two: Approach, clearance_mm: float) -> bool:
+    """Return whether tips that advance at one speed, each to its end, keep a clearance."""
+    far = np.arange(0.0, max(one.travel_mm, two.travel_mm) + _WAY_STEP_MM, _WAY_STEP_MM)
+    (ax, ay), (bx, by) = (
+        (
+            item.start_mm[0] + np.minimum(far, item.travel_mm) * math.cos(item.direction_rad),
+            item.start_mm[1] + np.minimum(far, item.travel_mm) * math.sin(item.direction_rad),
+        )
+        for item in (one, two)
+    )
+    radii = one.finger.tip_radius_mm + two.finger.tip_radius_mm
+    return bool(np.hypot(ax - bx, ay - by).min() >= radii + clearance_mm)
 
 
 def fast_to_workspace(approach: FingerApproach, workspace_radius_mm: float) -> FingerApproach:
@@ -75,6 +105,7 @@ def _exploration_target(contacts: Sequence[Contact]) -> Floats:
 
 
 _DISC_TOLERANCE_MM = 0.1
+_MIDDLE_SHARES = 0.2, 0.4, 1.0  # of the radius of what is left: discs about the middle that count alike
 _CHORDS_PER_QUARTER = 32  # in a quarter
 
 TipSpan = tuple[float, float]
@@ -143,9 +174,13 @@ def sweeping_grip(
 ) -> list[FingerApproach]:
     """Grip of each finger's unused approach that would free most of the places.
 
-    Fingers that would free nothing stay where they wait.
+    Places near the middle, where parts are mostly put, count more. Fingers that would free nothing, or meet
+    another one on their way, stay where they wait.
     """
-    remaining, grip = dict(left), []
+    remaining, grip = dict(left), list[FingerApproach]()
+    corners = np.concatenate([np.zeros((1, 2)), *map(shapely.get_coordinates, left.values())])
+    rim = float(np.hypot(*corners.T).max())
+    discs_of_middle = [shapely.Point(0, 0).buffer(share * rim) for share in _MIDDLE_SHARES]
     used = used_approaches(contacts, reach.approaches)
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
@@ -154,7 +189,15 @@ def sweeping_grip(
             continue
         span = approaches[0].finger.span_mm
         corridors = np.array([_planned_corridor(item, discs[span]) for item in approaches])
-        freed = shapely.area(shapely.intersection(remaining[span], corridors))
+        freed = sum(
+            shapely.area(shapely.intersection(remaining[span].intersection(middle), corridors))
+            / max(middle.area, 1e-9)
+            for middle in discs_of_middle
+        )
+        apart = [
+            all(_keep_apart(item, other, reach.closing.clearance_mm) for other in grip) for item in approaches
+        ]
+        freed = np.where(apart, freed, 0.0)
         best = int(np.argmax(freed))
         if freed[best] > 0:
             remaining[span] = remaining[span].difference(corridors[best])

@@ -139,7 +139,7 @@ class StabilityTable:
 _MAX_IDLE_GRIPS = 2  # as many in a row without gain, and more will not help
 _CHECKS, _CHECKS_IN_MOTION = 2, 3  # touches that confirm an answer, at least
 _MAX_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
-_VAIN_SHARE = float(__import__("os").environ.get("VAIN", "0.15"))  # share of what is too coarse: a grip that leaves more of it is not worth its time
+_VAIN_SHARE = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
 
 @dataclass(frozen=True, eq=False)
