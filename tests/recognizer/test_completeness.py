@@ -397,6 +397,14 @@ def test_a_round_part_keeps_its_truth_however_often_it_is_touched(seed: int) -> 
     assert holding_truth(at_once, placed) is not None
 
 
+def test_touches_of_one_part_do_not_multiply_its_interpretations() -> None:
+    catalogue, placed, contacts = round_part(2)
+    begun, found = recognise(catalogue, contacts[:3]), in_steps(catalogue, contacts)
+    assert len(found.constraints.nodes) <= max(len(begun.constraints.nodes), STANDARD_BUDGET.worthwhile)
+    assert STANDARD_BUDGET.worthwhile < 500
+    assert holding_truth(found, placed) is not None
+
+
 @pytest.mark.parametrize("seed", sample(range(12), range(4)))
 def test_without_pairings_nothing_is_left_out_that_is_there_with_them(seed: int) -> None:
     rng = np.random.default_rng([32, seed])

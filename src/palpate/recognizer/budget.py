@@ -51,8 +51,11 @@ class Budget:
 
     @property
     def worthwhile(self) -> int:
-        """Interpretations that a further contact may leave, if that is more than there were."""
-        return self.units // 500
+        """Interpretations that a further contact may leave, if that is more than there were.
+
+        They cover the same few regions again and again, and each costs its own cells.
+        """
+        return self.units // 4000
 
     @property
     def pairing_cells(self) -> int:
