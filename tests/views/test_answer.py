@@ -93,6 +93,14 @@ def test_words(verdict: IdentificationVerdict, values: dict[str, Any], line: str
     assert any(line in other for other in others)
 
 
+def test_one_object_is_named_in_all_of_its_states_that_are_left() -> None:
+    standing = TWIN.model_copy(update={"object": "plate", "state": "standing"})
+    first, *_ = answer_lines(ended(TWINS, alternatives=(standing,)))
+    assert first.startswith("indistinguishable: plate, flat or standing: ")
+    first, *_ = answer_lines(ended(TWINS, alternatives=(standing, TWIN)))
+    assert first.startswith("indistinguishable: plate, flat, or something ")
+
+
 def test_nothing_is_said_that_is_not_so() -> None:
     said = "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING)))
     assert "moved" not in said

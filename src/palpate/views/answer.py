@@ -171,7 +171,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
         )
         lines = [f"{out.verdict}: {name} {left}"]
     elif out.verdict == IdentificationVerdict.INDISTINGUISHABLE:
-        lines = [f"{out.verdict}: {name}, or something that no touch within reach distinguishes from it"]
+        lines = [f"{out.verdict}: {_alike_words(out, name)}"]
     else:
         lines = [f"{out.verdict}: {name}"]
     if out.moved_before:
@@ -203,6 +203,14 @@ def _again_words(item: ContradictionOut) -> str:
         return f"of {touches} made again in grip {item.repeated_in} one stopped {item.apart:.1f} mm elsewhere"
     where = f"within {item.apart:.1f} mm of where they had"
     return f"{touches} made again in grip {item.repeated_in} stopped {where}"
+
+
+def _alike_words(out: IdentificationOut, name: str) -> str:
+    """What is left, where no touch distinguishes it: one object in some of its states, or several objects."""
+    states = list(dict.fromkeys([out.state, *(item.state for item in out.alternatives)]))
+    if len(states) > 1 and all(item.object == out.object for item in out.alternatives):
+        return f"{out.object}, {' or '.join(map(str, states))}: no touch within reach distinguishes these"
+    return f"{name}, or something that no touch within reach distinguishes from it"
 
 
 def _moving_words(out: IdentificationOut) -> str:
