@@ -183,7 +183,8 @@ def _motion_doubt_words(out: IdentificationOut) -> list[str]:
     """Say whether what agrees with nothing may be a part of the catalogue that was moved."""
     last = out.contradictions[-1] if out.contradictions else None
     if last is not None and last.cause is ContradictionCause.NOT_IN_CATALOGUE:
-        return [f"it lay still: {_again_words(last)}; add it to the catalogue, or lay down another part"]
+        still = f"as far as touches show, it lay still: {_again_words(last)}"
+        return [f"{still}; add it to the catalogue, or lay down another part"]
     if last is not None and last.cause is ContradictionCause.EITHER:
         again = "" if last.repeated_in is None else f": {_again_words(last)}"
         return [f"or it moved before grip {last.grip}{again}; hold it, and run again"]
