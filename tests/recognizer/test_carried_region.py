@@ -118,6 +118,29 @@ def test_cells_where_the_part_cannot_be_are_left_out() -> None:
     assert left.volume[0] < others[3].volume[0]
 
 
+def test_of_many_cells_neighbours_are_one_part_and_nothing_is_lost() -> None:
+    """A part in any of 2,000 cells of two states, moved within its bounds; far from all, nothing is left."""
+    rng = np.random.default_rng(5)
+    middles, states = rng.uniform(-0.2, 0.2, 2000), rng.integers(0, 2, 2000)
+    at = np.column_stack([10 * middles, rng.uniform(-1.0, 1.0, 2000)])
+    cells = Cells.join([square(int(states[k]), middles[k], 2e-4, at[k], 0.02) for k in range(len(middles))])
+    region = CarriedRegion.of(cells, np.full(2000, 0.1), np.full(2000, 0.01))
+    assert region is not None
+    assert len(region.state) < 600
+    for k in rng.integers(0, 2000, 60).tolist():
+        direction = rng.uniform(-math.pi, math.pi)
+        moved = rotate(at[k], np.array(middles[k])) + 0.1 * np.array(
+            [math.cos(direction), math.sin(direction)]
+        )
+        theta = middles[k] + rng.uniform(-0.01, 0.01)
+        seen = rotate(moved, np.array(-theta))
+        left, rows = region.clip(square(int(states[k]), theta, 1e-4, seen, 3.0))
+        assert rows.tolist() == [0]
+        assert holds(left.polygon[0], seen)
+    for state, theta, place_mm in ((0, 0.0, [9.0, 0.0]), (1, 1.0, [0.0, 0.0]), (2, 0.0, [0.0, 0.0])):
+        assert not len(region.clip(square(state, theta, 1e-4, np.array(place_mm), 0.1))[1])
+
+
 def test_a_motion_without_bounds_leaves_no_region() -> None:
     cells = square(0, 0.0, 0.01, np.zeros(2), 0.2)
     assert CarriedRegion.of(cells, np.array([math.inf]), np.array([0.01])) is None

@@ -427,7 +427,7 @@ def next_grip(strategy: Strategy, found: Recognition, reachable: Ring, seed: int
 
 
 def wanted(shift_mm: float) -> Confirmation:
-    return Confirmation(shift_mm, StrangerEvidence.none(), 1.0)
+    return Confirmation(2, shift_mm, StrangerEvidence.none(), 1.0)
 
 
 def test_used_candidates_are_those_along_a_path_and_no_others() -> None:
@@ -554,6 +554,10 @@ class Unsteady:
     def slide_shares(self, states: Ints) -> Floats:
         return np.zeros((len(states), 2))
 
+    def touch_mm_s(self, states: Ints) -> float:
+        del states
+        return 5.0
+
 
 class Light:
     """Limits of states that slide under a touch further than 10 mm off their middle."""
@@ -563,6 +567,10 @@ class Light:
 
     def slide_shares(self, states: Ints) -> Floats:
         return np.tile([0.5, 0.05], (len(states), 1))
+
+    def touch_mm_s(self, states: Ints) -> float:
+        del states
+        return 1.0
 
 
 def test_the_hazard_of_sliding_grows_with_the_distance_from_the_middle() -> None:

@@ -15,9 +15,12 @@ from palpate.recognizer import (
     Catalogue,
     Confirmation,
     Contact,
+    Goals,
     Recognition,
     StrangerEvidence,
     confirmation_grip,
+    extend_to_confirm,
+    plan_grip,
     predict,
     recognise,
     stranger_terms,
@@ -130,7 +133,7 @@ def test_checks_go_on_until_strangers_are_improbable_enough() -> None:
         found = unique(seed)
         counts = []
         for probability in (0.5, 0.01, 1e-9):
-            chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, probability))
+            chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(2, 50.0, NONE, probability))
             assert chosen is not None
             counts.append(len(chosen.approaches))
         assert counts[0] == 2
@@ -141,7 +144,7 @@ def test_checks_go_on_until_strangers_are_improbable_enough() -> None:
 def test_a_check_goes_where_strangers_agree_least() -> None:
     for seed in range(4):
         found = unique(seed)
-        chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(50.0, NONE, 0.5))
+        chosen = confirmation_grip(found, ring(), RESOLUTION, Confirmation(2, 50.0, NONE, 0.5))
         assert chosen is not None
         every = [item for item in ring().approaches if item not in found.contacts]
         predictions = predict(found.catalogue, found.hypotheses, found.anchor_mm, every)
@@ -152,6 +155,37 @@ def test_a_check_goes_where_strangers_agree_least() -> None:
         first = next(k for k, item in enumerate(some) if item.start_mm == chosen.approaches[0].start_mm
                      and item.direction_rad == chosen.approaches[0].direction_rad)  # fmt: skip
         assert agreeing[first] <= np.quantile(agreeing, 0.35)
+
+
+def test_a_grip_that_places_the_part_confirms_it_too_where_further_fingers_can() -> None:
+    joined = 0
+    for seed in range(6):
+        found = unique(seed)
+        goals = Goals(0.01, 1e-4)  # so fine that there is something to place
+        planned = plan_grip(found, ring(), RESOLUTION, goals, fingers=1)
+        assert planned is not None
+        for probability in (0.9, 0.05, 1e-12):
+            wanted = Confirmation(2, math.inf, NONE, probability)
+            both = extend_to_confirm(planned, found, ring(), RESOLUTION, wanted)
+            if both is None:
+                continue
+            assert both.indices[: len(planned.indices)] == planned.indices
+            assert both.remaining == planned.remaining
+            fingers = [item.finger_index for item in both.approaches]
+            assert len(set(fingers)) == len(fingers)
+            # As stated anew, of all touches of the grip that surely meet the part.
+            sure = np.flatnonzero(np.isfinite(both.predictions.latest[:, 0])).tolist()
+            some = [both.approaches[k] for k in sure]
+            touches = candidate_touches(
+                found, some, RESOLUTION.normal_half_rad, both.predictions.select(np.array(sure))
+            )
+            evidence = NONE
+            for k in range(len(some)):
+                evidence = evidence.after(touches.agreement(list(range(k)))[:, k][None])
+            assert evidence.probability <= probability + 1e-9
+            joined += len(both.approaches) > len(planned.approaches)
+        assert both is None  # no three touches say so much
+    assert joined >= 3
 
 
 # ----------------------------------------------------------------------------------------------------

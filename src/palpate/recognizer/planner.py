@@ -79,14 +79,16 @@ class Reachable(Protocol):
 class Grip(ShortRepr):
     """Approaches to carry out together, and what each of the hypotheses says will happen.
 
-    `travels_mm`: how far each finger has to go, if it meets nothing. `predictions` are (approaches,
-    hypotheses). `decisive`: whatever happens, hypotheses of one class survive, the class being what no
-    reachable approach tells apart; a certificate as long as no touch is blunter than its approach's
-    position bound and the resolution's normal range. `remaining`: expected share of what needs telling
-    apart that will still be indistinguishable, 0 to 1. `seconds`: estimated time of the motion.
+    `indices`: theirs among the reachable ones. `travels_mm`: how far each finger has to go, if it meets
+    nothing. `predictions` are (approaches, hypotheses). `decisive`: whatever happens, hypotheses of one class
+    survive, the class being what no reachable approach tells apart; a certificate as long as no touch is
+    blunter than its approach's position bound and the resolution's normal range. `remaining`: expected share
+    of what needs telling apart that will still be indistinguishable, 0 to 1. `seconds`: estimated time of the
+    motion.
     """
 
     approaches: tuple[FingerApproach, ...]
+    indices: tuple[int, ...]
     travels_mm: tuple[float, ...]
     predictions: Predictions
     decisive: bool
@@ -138,6 +140,7 @@ def make_grip(
     travels[indices] = [item.travel_mm for item in chosen]
     return Grip(
         tuple(reachable.approaches[k] for k in indices),
+        tuple(indices),
         tuple(item.travel_mm for item in chosen),
         predictions,
         _is_decisive(recognition, reachable, predictions, resolution),

@@ -199,13 +199,11 @@ def extend_to_confirm(
     found = _candidates(recognition, reachable, resolution, limits)
     if found is None:
         return None
-    index = {id(item): k for k, item in enumerate(reachable.approaches)}
     planned = [
-        PredictedApproach(index[id(item)], grip.predictions.select([k]), grip.travels_mm[k])
-        for k, item in enumerate(grip.approaches)
+        PredictedApproach(index, grip.predictions.select([k]), grip.travels_mm[k])
+        for k, index in enumerate(grip.indices)
     ]
-    rows = [item.index for item in planned]
-    left, strangers = ~np.isin(found.rows, rows), wanted.strangers
+    left, strangers = ~np.isin(found.rows, grip.indices), wanted.strangers
     chosen: list[int] = []
     for k in np.flatnonzero(~left).tolist():  # others of the grip may miss
         strangers = strangers.after(found.touches.agreement(chosen)[:, k][None])

@@ -18,7 +18,7 @@ from palpate.drivers.dynamixel.guarded_motion import MoveEnd
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.rig.bench import connect
-from palpate.rig.contact_peak import expected_peak_n
+from palpate.rig.contact_peak import expected_peak_n, quickest_mm_s
 from palpate.rig.motion.array_guard import SampleTimes
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import GripPhase
@@ -111,6 +111,29 @@ def test_the_expected_peak_grows_with_speed_and_threshold() -> None:
     assert peaks == sorted(peaks)
     assert expected_peak_n(rig, 20.0) == pytest.approx(2.85, abs=0.01)  # as docs/rig-file.md has it
     assert expected_peak_n(light(rig), 5.0) == pytest.approx(0.34, abs=0.01)
+
+
+def test_the_quickest_speed_presses_with_no_more_than_is_asked() -> None:
+    rig = light(load_rig(firm_rig()), search_speed_mm_s=20.0, touch_speed_mm_s=2.0)
+    for peak_n in (0.2, 0.34, 1.0, 2.0):
+        speed = quickest_mm_s(rig, peak_n)
+        assert expected_peak_n(rig, speed) <= peak_n < expected_peak_n(rig, speed + 0.1)
+    assert quickest_mm_s(rig, 100.0) == 20.0, "no quicker than the search"
+    assert quickest_mm_s(rig, 0.0) == 2.0, "no slower than a contact is measured"
+
+
+def test_a_finger_has_slowed_down_where_free_space_ends_and_not_long_before() -> None:
+    """Whatever the time between two looks at the servos."""
+    for rate_hz in (100.0, 250.0, 500.0):
+        rig = light(load_rig(firm_rig()), sample_rate_hz=rate_hz)
+        touches, _ = gripped(emulated_session(seed=7, rig=rig), 40.0)
+        for touch in touches:
+            trace = touch.trace
+            assert trace is not None
+            speed = np.gradient(trace.travel_mm, trace.time_s)
+            on_way = (trace.time_s < trace.time_s[np.argmax(trace.travel_mm)]) & (trace.travel_mm > 20.0)
+            slow = trace.travel_mm[on_way & (speed < 1.5 * 5.0)]
+            assert 38.0 < slow.min() < 40.6
 
 
 def test_a_miss_says_nothing_of_the_way_from_where_something_was_felt() -> None:
