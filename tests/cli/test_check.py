@@ -86,8 +86,8 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "columns": 20,
         "shape": "cylinder",
         "bad_taxels": 0,
-        "wanted_hz": 250.0,
-        "rate_hz": pytest.approx(250.0),
+        "wanted_hz": 500.0,
+        "rate_hz": pytest.approx(500.0),
         "lost": 0,
         "latency_timer_ms": None,
         "problems": [],
@@ -197,7 +197,7 @@ def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str
     assert not out.well
     assert [array.bad_taxels for array in out.arrays] == [2, 0, 0]
     rates = [array.rate_hz for array in out.arrays]
-    assert rates == pytest.approx([250.0] * 3), "they are listened to all the same"
+    assert rates == pytest.approx([500.0] * 3), "they are listened to all the same"
     found = [(item.cause, item.arrays) for item in out.findings if item.severity is Severity.WRONG]
     assert sorted(found) == [
         (Cause.ARRAY_HARDWARE, ("f2",)),

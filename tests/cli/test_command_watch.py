@@ -69,8 +69,8 @@ def test_the_emulated_rig_as_json(here: Here) -> None:
     assert [finger["finger"] for finger in last["fingers"]] == ["f1", "f2", "f3"]
     for finger in last["fingers"]:
         assert (finger["rows"], finger["columns"], finger["tared"]) == (8, 20, True)
-        assert finger["rate_hz"] == pytest.approx(250, abs=5)
-        assert 235 <= finger["frames"] <= 255
+        assert finger["rate_hz"] == pytest.approx(500, abs=5)
+        assert 470 <= finger["frames"] <= 510
         assert [finger[name] for name in ("lost", "faults", "misshapen", "dropped")] == [0] * 4
         assert (finger["force_n"], finger["contact"]) == (0.0, None)
         assert [len(row) for row in finger["counts"]] == [20] * 8

@@ -125,9 +125,7 @@ def bench_with(
     """Two fingers of the small bench and a part that slides, unless it is "still"."""
     rig = small_rig()
     assert rig.emulation is not None
-    closing = rig.closing.model_copy(
-        update={"approach_speed_mm_s": 30.0, "search_speed_mm_s": None, "sample_rate_hz": 125.0}
-    )
+    closing = rig.closing.model_copy(update={"approach_speed_mm_s": 30.0, "sample_rate_hz": 125.0})
     slides = EmulatedPartConfig.model_validate({"engine": engine, **part})
     emulation = rig.emulation.model_copy(update={"part": slides})
     changes = {"closing": closing, "emulation": emulation, "fingers": rig.fingers[:2]}

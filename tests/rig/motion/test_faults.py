@@ -399,7 +399,6 @@ def drawn_rig(rng: np.random.Generator) -> RigFile:
         "stiffness_spread": float(rng.uniform(0.0, 0.3)),
     }
     data["closing"] |= {"approach_speed_mm_s": speed, "touch_speed_mm_s": min(speed, 5.0)}
-    data["closing"] |= {"search_speed_mm_s": speed, "retract_speed_mm_s": speed}
     data["closing"] |= {"max_force_n": float(rng.uniform(8.0, 14.0))}
     friction = {"friction": [0.3, 1.2], "rest_friction": [1.0, 2.0], "cable_n": [-1.0, 1.0]}
     data["emulation"] |= {"stiffness_spread": tip["stiffness_spread"], "mechanics": friction}

@@ -24,7 +24,7 @@ from palpate.rig.session.log import SessionEvents, line_checksum
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.run import first_difference, replay_with
 from palpate.testing import served
-from support.benches.rigs import at_one_speed, firm_rig, quick_bench, slow_rig
+from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.benches.session import small_session
 from support.campaign.sampling import sample
 from support.commands.command import (
@@ -397,8 +397,9 @@ def test_a_run_that_was_killed(tmp_path: Path, here: Here) -> None:
 
 
 def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> None:
-    text = at_one_speed(firm_rig().read_text(encoding="utf-8"), 70.0)
+    text = firm_rig().read_text(encoding="utf-8")
     for old, new in (
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 70.0"),
         ("max_force_n = 8.0", "max_force_n = 4.0"),
         ("sample_rate_hz = 250.0", "sample_rate_hz = 40.0"),
     ):
