@@ -233,7 +233,7 @@ _MAX_COMPARISONS = 250_000  # where there is more to compare, only the most prom
 _SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
-_SECONDS_TO_GOAL = 60.0  # a plan may take this share of it longer that leaves as much less of the confusion
+_SECONDS_TO_GOAL = 60.0  # a plan may search longer by the share of it by which it leaves less confusion
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
@@ -272,7 +272,8 @@ class _GripSearch:
 
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `hazard` (n,):
     of moving the part (`push_hazard`); `confused` (pairs,): the weight of pairs of poses that are still
-    indistinguishable, `remaining` together; `compared`: number of pairs at first.
+    indistinguishable, `remaining` together; `compared`: number of pairs at first. `search_s` (n,): time of a
+    slow search where the part may be.
     """
 
     def __init__(
@@ -294,10 +295,12 @@ class _GripSearch:
         met = np.where(self.outcome.hit, self.outcome.travel, 0.0)
         self.furthest: Floats = met.max(axis=1, initial=0.0) + _TRAVEL_MARGIN_MM
         self.seconds = reachable.seconds(self.furthest)
+        self.search_s: Floats = np.zeros(len(self.open_to))
         self.hazard: Floats = np.zeros(len(self.open_to))
         if limits is not None:
             searched_mm = _searched_mm(self.outcome, self.poses.weight)
-            self.seconds = self.seconds + searched_mm / limits.touch_mm_s(recognition.hypotheses.state)
+            self.search_s = searched_mm / limits.touch_mm_s(recognition.hypotheses.state)
+            self.seconds = self.seconds + self.search_s
             self.hazard = push_hazard(
                 limits, reachable.approaches, self.poses, recognition.anchor_mm, self.outcome
             )
@@ -332,7 +335,7 @@ class _GripSearch:
         if least > self.remaining - worth:
             return None
         weighed = scores + _HAZARD_WEIGHT * self.remaining * self.hazard[rows]
-        later_s = np.maximum(self.seconds[rows] - self.seconds[taken].max(initial=0.0), 0.0)
+        later_s = np.maximum(self.search_s[rows] - self.search_s[taken].max(initial=0.0), 0.0)
         weighed += self.remaining * later_s / _SECONDS_TO_GOAL
         good = np.flatnonzero(weighed <= weighed.min() + _EQUAL_PLAN_SHARE * self.remaining)
         row = good[np.argmin(self.seconds[rows[good]])]
