@@ -369,8 +369,8 @@ def _replaced(found: SetUp) -> None:
     array.description = replace(array.description, unique_id=bytes(16))
 
 
-def _quick_search(data: dict[str, Any]) -> None:
-    data["closing"]["search_speed_mm_s"] = 12.0
+def _quick_touch(data: dict[str, Any]) -> None:
+    data["closing"]["touch_speed_mm_s"] = 8.0
 
 
 def _without_bounds(found: SetUp) -> None:
@@ -521,7 +521,7 @@ FAULTS = (
     Fault("a taxel that is loose", Cause.UNSTEADY_TAXEL, "f2", _spoilt(loose(0.01))),
     Fault("zeros that drift", Cause.DRIFT, "f2", _skin(1, drift_counts_per_s=5.0)),
     Fault("a force scale off by ten", Cause.FORCE_SCALE, "f2", _says(counts_per_n=20_000.0)),
-    Fault("touches harder than parts bear", Cause.TOUCH_TOO_HARD, "touches", _describe(_quick_search)),
+    Fault("touches harder than parts bear", Cause.TOUCH_TOO_HARD, "touches", _describe(_quick_touch)),
     Fault(
         "a calibration without bounds", Cause.BOUNDS_MISSING, "calibration", _without_bounds, calibrated=True
     ),
