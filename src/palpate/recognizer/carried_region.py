@@ -52,10 +52,10 @@ class CarriedRegion:
         reach = sinusoid_maximum(x * cos + y * sin, x * sin - y * cos, lo, hi).max(axis=1)
         grown = reach + (shift_mm + _ROUNDING_MM)[:, None]
         wide = turn_rad + _ROUNDING_RAD
-        return cls._merged(cells.state, cells.lo - wide, cells.hi + wide, grown)
+        return cls._join_neighbours(cells.state, cells.lo - wide, cells.hi + wide, grown)
 
     @classmethod
-    def _merged(cls, state: Ints, lo: Floats, hi: Floats, limit_mm: Floats) -> Self:
+    def _join_neighbours(cls, state: Ints, lo: Floats, hi: Floats, limit_mm: Floats) -> Self:
         """Region of parts of a state (k,) with orientations in [lo, hi] (k,), some of which are joined."""
         order = np.lexsort((lo + hi, state))
         state, lo, hi, limit_mm = state[order], lo[order], hi[order], limit_mm[order]

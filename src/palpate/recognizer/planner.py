@@ -298,8 +298,8 @@ class _GripSearch:
         self.search_s: Floats = np.zeros(len(self.open_to))
         self.hazard: Floats = np.zeros(len(self.open_to))
         if limits is not None:
-            searched_mm = _searched_mm(self.outcome, self.poses.weight)
-            self.search_s = searched_mm / limits.touch_mm_s(recognition.hypotheses.state)
+            search_mm = _search_mm(self.outcome, self.poses.weight)
+            self.search_s = search_mm / limits.touch_mm_s(recognition.hypotheses.state)
             self.seconds = self.seconds + self.search_s
             self.hazard = push_hazard(
                 limits, reachable.approaches, self.poses, recognition.anchor_mm, self.outcome
@@ -357,7 +357,7 @@ class _GripSearch:
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
 
 
-def _searched_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
+def _search_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
     """Expected travel (n,) of candidates that is searched: from before the earliest stop of any pose on."""
     first = np.where(outcome.hit, outcome.travel, np.inf).min(axis=1, initial=np.inf)
     beyond = np.where(outcome.hit, outcome.travel - first[:, None], 0.0)

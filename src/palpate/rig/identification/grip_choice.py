@@ -186,7 +186,7 @@ class GripChooser:
         if grip is not None and answer is None:
             return GripChoice(None, grip)
         if grip is not None and not self._is_vain(grip):
-            return GripChoice(None, self._extended(grip, evidence, recognition) or grip)
+            return GripChoice(None, self._with_confirmation(grip, evidence, recognition) or grip)
         if self.is_confirmed(evidence):
             return GripChoice(answer or IdentificationVerdict.UNRESOLVED)
         grip = self._check(evidence, recognition)
@@ -253,7 +253,7 @@ class GripChooser:
             return confirmation_grip(recognition, self.reach, self.resolution, wanted, limits)
         return self._plan(recognition, one_class=True)
 
-    def _extended(self, grip: Grip, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
+    def _with_confirmation(self, grip: Grip, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
         """A grip that places the answer, with what confirms it at the same time; None if nothing does."""
         if self.strategy is not Strategy.PLANNED or self.is_confirmed(evidence):
             return None
