@@ -368,7 +368,7 @@ class SearchMover(TipMover):
             self._speed_mm_s = self._fast_mm_s
             return self.start(now)
         came_mm = self._fast_mm_s * max(now - self._looked_s, 0.0)  # at most, since the last look
-        if self._is_fast and self.run.travel_mm + came_mm >= self._slow_from_mm:
+        if self._is_fast and not self.is_back and self.run.travel_mm + came_mm >= self._slow_from_mm:
             self._is_fast = False
             return self.finger.drive.slow_down(self._search_mm_s, now)
         return super().stream(now)
