@@ -8,7 +8,13 @@ from typing import Any
 import pytest
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import ContradictionCause, IdentificationVerdict, SetUpFault, Strategy
+from palpate.base.vocabulary import (
+    BoundSource,
+    ContradictionCause,
+    IdentificationVerdict,
+    SetUpFault,
+    Strategy,
+)
 from palpate.config.fields import BoundsOut, ConfigurationOut
 from palpate.config.recognition_results import (
     AlternativeOut,
@@ -16,6 +22,7 @@ from palpate.config.recognition_results import (
     ContradictionOut,
     IdentificationOut,
     Relation,
+    WidthsWithoutOut,
 )
 from palpate.config.schema import schema_text
 from palpate.views.answer import answer_lines
@@ -91,6 +98,22 @@ def test_words(verdict: IdentificationVerdict, values: dict[str, Any], line: str
     first, *others = answer_lines(ended(verdict, **values))
     assert first.startswith(f"{verdict.value}: " + ("" if "object" in values else "plate, flat"))
     assert any(line in other for other in others)
+
+
+def test_a_missed_goal_names_what_would_help_most() -> None:
+    rows = [
+        WidthsWithoutOut(source=source, position=at, orientation=math.radians(at))
+        for source, at in ((BoundSource.MOTION, 0.31), (BoundSource.FINGERS, 0.42), (BoundSource.DENTS, 0.9))
+    ]
+    told = answer_lines(ended(IdentificationVerdict.IDENTIFIED, goal_met=False, narrower_without=tuple(rows)))
+    assert [line for line in told if "±" in line] == [
+        "  ±0.31 mm, ±0.31° if the part could not move",
+        "  ±0.42 mm, ±0.42° if fingers were where they are thought to be",
+    ]
+    assert not any(
+        "±" in line
+        for line in answer_lines(ended(IdentificationVerdict.IDENTIFIED, narrower_without=tuple(rows)))
+    )
 
 
 def test_one_object_is_named_in_all_of_its_states_that_are_left() -> None:

@@ -77,6 +77,16 @@ class RunLimit(StrEnum):
     MAX_SECONDS = "max_seconds"
 
 
+class BoundSource(StrEnum):
+    """Source of an answer's bounds: where tips are, their dents, normals, motion, the part's tolerance."""
+
+    FINGERS = "fingers"
+    DENTS = "dents"
+    NORMALS = "normals"
+    MOTION = "motion"
+    TOLERANCE = "tolerance"
+
+
 class PartMotion(StrEnum):
     """Assumption on whether fingers move the parts that they push."""
 

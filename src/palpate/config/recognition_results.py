@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.base.vocabulary import (
+    BoundSource,
     ContradictionCause,
     IdentificationVerdict,
     PushResponse,
@@ -326,6 +327,14 @@ class SetUpDoubtOut(Out):
     value: Interval | None = None
 
 
+class WidthsWithoutOut(Out):
+    """Half-widths (mm, rad) that an answer's bounds would have if one of their sources were nil."""
+
+    source: BoundSource
+    position: Rounded
+    orientation: Rounded
+
+
 class ContradictionOut(Out):
     """Grips that nothing in the catalogue explains together: `grip` (from 1) contradicts the earlier ones.
 
@@ -369,7 +378,9 @@ class IdentificationOut(Out):
     declares, and that bounds may not cover. `goal_met`: `bounds`, and those of the alternatives, are as
     narrow as the rig file's goals; null without an answer. `limit`: the rig file's limit that the run
     came to before its goal. Where that is null and `goal_met` false, no grip within reach promised to place
-    it much more finely. `contradictions`: grips that contradicted earlier ones, and why.
+    it much more finely. `contradictions`: grips that contradicted earlier ones, and why. `narrower_without`:
+    half-widths of `bounds` if one source were nil: fingers' places, dents of tips, normals, motion of the
+    part, its tolerance; those that matter, the most costly first; an estimate, to first order.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -408,3 +419,4 @@ class IdentificationOut(Out):
     limit: RunLimit | None = None
     contradictions: tuple[ContradictionOut, ...] = ()
     altered_probability: Rounded | None = None
+    narrower_without: tuple[WidthsWithoutOut, ...] = ()

@@ -4,6 +4,7 @@ Usable without a rig: arrays in, values out, no I/O, no clock, no devices.
 """
 
 from palpate.recognizer.approach import Approach, approach_lines, offset_from_lines
+from palpate.recognizer.bound_sources import HalfWidths, MeasuredContact, widths_without_source
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import FACET_ERROR_MM, SYMMETRY_TOLERANCE_MM, Catalogue, prepare_states
 from palpate.recognizer.contact import Contact, Finger, NormalRange
@@ -76,8 +77,10 @@ __all__ = [
     "FingerPreparation",
     "Goals",
     "Grip",
+    "HalfWidths",
     "Hypotheses",
     "Hypothesis",
+    "MeasuredContact",
     "MemoCounts",
     "Motion",
     "NamedArrays",
@@ -125,4 +128,5 @@ __all__ = [
     "suspected_contacts",
     "twins",
     "used_approaches",
+    "widths_without_source",
 ]

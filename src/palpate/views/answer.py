@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from palpate.base.errors import quantity
-from palpate.base.vocabulary import ContradictionCause, IdentificationVerdict, SetUpFault
+from palpate.base.vocabulary import BoundSource, ContradictionCause, IdentificationVerdict, SetUpFault
 from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import (
     AlternativeOut,
@@ -144,10 +144,28 @@ def _goal_lines(out: IdentificationOut) -> list[str]:
     """Say that the goal was missed, and which limit ended the run."""
     if out.goal_met is False:
         ended = f": the run came to {out.limit}" if out.limit else ""
-        return [f"  wider than the rig file's goal{ended}"]
+        return [f"  wider than the rig file's goal{ended}", *_narrower_lines(out)]
     if out.limit and out.verdict is IdentificationVerdict.UNRESOLVED:
         return [f"  ended by {out.limit} of the rig file"]
     return []
+
+
+_SOURCE_WORDS = {
+    BoundSource.FINGERS: "if fingers were where they are thought to be",
+    BoundSource.DENTS: "if dents of tips were known",
+    BoundSource.NORMALS: "if arrays measured normals exactly",
+    BoundSource.MOTION: "if the part could not move",
+    BoundSource.TOLERANCE: "if the part were as drawn",
+}
+_SOURCES_SHOWN = 2
+
+
+def _narrower_lines(out: IdentificationOut) -> list[str]:
+    """What would have narrowed the bounds most."""
+    return [
+        f"  ±{item.position:.2f} mm, ±{math.degrees(item.orientation):.2f}° {_SOURCE_WORDS[item.source]}"
+        for item in out.narrower_without[:_SOURCES_SHOWN]
+    ]
 
 
 def _verdict_lines(out: IdentificationOut) -> list[str]:

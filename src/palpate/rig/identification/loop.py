@@ -121,6 +121,7 @@ class Identification:
     limit: RunLimit | None = None
     contradictions: tuple[Contradiction, ...] = ()
     altered_probability: float | None = None
+    grip_motions: tuple[GripMotion, ...] = ()
 
     @property
     def touches(self) -> int:
@@ -207,6 +208,7 @@ class _Search:
             None if answered and fine else limit,
             tuple(self._contradictions),
             altered,
+            tuple(self._motions),
         )
 
     def _limit(self, passed_s: float) -> RunLimit | None:

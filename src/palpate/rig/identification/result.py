@@ -20,12 +20,15 @@ from palpate.config.recognition_results import (
     Relation,
     SetUpDoubtOut,
     TouchRecordOut,
+    WidthsWithoutOut,
 )
 from palpate.config.wiring_record import ConfirmedWiring
 from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
+from palpate.rig.conversion import goals_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.answer_bounds import widths_by_source
 from palpate.rig.identification.contradiction import Contradiction
 from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
@@ -163,6 +166,7 @@ class IdentificationRun(ShortRepr):
             limit=result.limit,
             altered_probability=result.altered_probability,
             contradictions=tuple(_contradiction(item) for item in result.contradictions),
+            narrower_without=self._narrower_without(),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
         )
 
@@ -174,6 +178,25 @@ class IdentificationRun(ShortRepr):
         return tuple(
             NotBoundedOut.of(item, object=item.object_name, state=item.state_name, when_pushed=item.response)
             for item in table.not_bounded(self.result.recognition, pushed_n)
+        )
+
+    def _narrower_without(self) -> tuple[WidthsWithoutOut, ...]:
+        """Half-widths without each source of an answer's bounds, the narrowest by the goals first."""
+        result, goals = self.result, goals_of(self.job.rig)
+        if result.goal_met is None or result.recognition is None:
+            return ()
+        begin = result.moved_before[-1] - 1 if result.moved_before else 0
+        grips = list(zip(result.grips, result.grip_motions, strict=True))[begin:]
+        found = widths_by_source(self.job.rig, self.job.catalogue, result.recognition, grips)
+        rows = [
+            WidthsWithoutOut(source=source, position=half.position_mm, orientation=half.orientation_rad)
+            for source, half in found.items()
+        ]
+        return tuple(
+            sorted(
+                rows,
+                key=lambda row: row.position / goals.position_mm + row.orientation / goals.orientation_rad,
+            )
         )
 
 

@@ -142,6 +142,7 @@ _LATER_KEYS = frozenset(
         "limit",
         "contradictions",
         "altered_probability",
+        "narrower_without",
     }
 )  # not written by older versions
 
