@@ -65,7 +65,7 @@ from palpate.rig.commissioning.calibration_run import (
 from palpate.rig.diagnostics.calibration_check import retouch
 from palpate.rig.emulated.ground_truth import built_pose, in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.identification.loop import check_accuracy
+from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.run import run_identification
 

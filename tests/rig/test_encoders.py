@@ -15,7 +15,7 @@ from palpate.config.rig_fingers import ENCODER_DEG
 from palpate.drivers.arm_kinematics import ArmKinematics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.kinematics import TICK_RAD, Encoder, Line, Servos
-from palpate.rig.identification.loop import check_accuracy
+from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.mechanisms import kinematics_of
 from support.benches.rigs import firm_rig, small
 from support.benches.session import emulated_session, run_checked

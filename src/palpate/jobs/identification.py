@@ -29,8 +29,8 @@ from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
-from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder

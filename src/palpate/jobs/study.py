@@ -28,7 +28,7 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import BestHeights, best_heights, separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.identification.loop import check_accuracy
+from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.study.campaign import Executor, RunsFile, carry_out_runs, cluster_executor, simulate_here
 from palpate.rig.study.simulation import Simulation, has_probabilities, motion_of, state_shares, with_motion
 from palpate.rig.study.summary import (

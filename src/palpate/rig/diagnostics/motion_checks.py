@@ -26,6 +26,7 @@ from palpate.rig.diagnostics.steps import (
     warning,
     wrong,
 )
+from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -33,7 +34,6 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.loop import check_accuracy
 from palpate.rig.motion.creep import SlipPush, SlipPusher
 from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
 from palpate.rig.motion.hand import Hand

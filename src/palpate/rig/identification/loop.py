@@ -22,7 +22,6 @@ from typing import Self
 
 import numpy as np
 
-from palpate.base.errors import InputError
 from palpate.base.geometry import Ints
 from palpate.base.vocabulary import (
     ContradictionCause,
@@ -43,7 +42,7 @@ from palpate.recognizer import (
     contact_in_motion,
     is_explained,
 )
-from palpate.rig.conversion import finger_of, tip_bound_mm
+from palpate.rig.conversion import finger_of
 from palpate.rig.identification.contradiction import (
     Contradiction,
     ContradictoryGrips,
@@ -70,7 +69,6 @@ from palpate.rig.identification.exploration import (
 from palpate.rig.identification.grip_choice import GripChooser, StabilityTable, strategy_rng
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
-from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
@@ -492,31 +490,3 @@ def search_with(
     `now`: the rig's clock (s), by which `max_seconds` counts.
     """
     return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds, now).run()
-
-
-def check_accuracy(rig: RigFile, file: str | None) -> None:
-    """Refuse a rig whose contacts may be further off than a tip's radius, or half a pad's width.
-
-    `file`: where it is described, None: only its name is known.
-
-    Nearly everything of a catalogue fits such contacts: the search would take minutes and find no answer.
-    Raises InputError that says what to do.
-    """
-    name = f'rig "{rig.name}"' if file is None else file
-    for finger in rig.fingers:
-        off = mechanism_of(finger).middle_bound_mm + tip_bound_mm(finger)
-        if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
-            remedy = (
-                "measure it more finely (docs/pads.md), and narrow its bounds"
-                if rig.why_not("calibrate")
-                else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
-                "if they hold"
-            )
-            known = finger.replace_in_tables(bounds={"encoder_deg": 0.0})
-            encoders = off - mechanism_of(known).middle_bound_mm - tip_bound_mm(known)
-            raise InputError(
-                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
-                f"than {finger.tip.kind.radius_words} ({finger.tip.radius_mm:g} mm), {encoders:.1f} mm of it "
-                f"through its servos' encoders (bounds.encoder_deg): too little is known of this rig to "
-                f"identify parts; {remedy}"
-            )

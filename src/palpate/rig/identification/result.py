@@ -28,7 +28,7 @@ from palpate.rig.conversion import goals_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.answer_bounds import widths_by_source
+from palpate.rig.identification.accuracy import widths_by_source
 from palpate.rig.identification.contradiction import Contradiction
 from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable

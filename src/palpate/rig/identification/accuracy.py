@@ -1,7 +1,8 @@
-"""Bounds of an answer by their sources: contacts as the rig measured them, and motions of the part since."""
+"""Accuracy of a rig: what is too coarse to identify parts by, and what the bounds of an answer come from."""
 
 from collections.abc import Sequence
 
+from palpate.base.errors import InputError
 from palpate.base.vocabulary import BoundSource
 from palpate.config import RigFile
 from palpate.recognizer import (
@@ -17,6 +18,34 @@ from palpate.rig.fingers import Stage
 from palpate.rig.identification.motion_bounds import GripMotion
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.motion.touch import Touch
+
+
+def check_accuracy(rig: RigFile, file: str | None) -> None:
+    """Refuse a rig whose contacts may be further off than a tip's radius, or half a pad's width.
+
+    `file`: where it is described, None: only its name is known.
+
+    Nearly everything of a catalogue fits such contacts: the search would take minutes and find no answer.
+    Raises InputError that says what to do.
+    """
+    name = f'rig "{rig.name}"' if file is None else file
+    for finger in rig.fingers:
+        off = mechanism_of(finger).middle_bound_mm + tip_bound_mm(finger)
+        if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
+            remedy = (
+                "measure it more finely (docs/pads.md), and narrow its bounds"
+                if rig.why_not("calibrate")
+                else f"measure it with `palpate calibrate --rig {file or 'FILE'}`, or narrow its bounds "
+                "if they hold"
+            )
+            known = finger.replace_in_tables(bounds={"encoder_deg": 0.0})
+            encoders = off - mechanism_of(known).middle_bound_mm - tip_bound_mm(known)
+            raise InputError(
+                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
+                f"than {finger.tip.kind.radius_words} ({finger.tip.radius_mm:g} mm), {encoders:.1f} mm of it "
+                f"through its servos' encoders (bounds.encoder_deg): too little is known of this rig to "
+                f"identify parts; {remedy}"
+            )
 
 
 def widths_by_source(
