@@ -79,6 +79,7 @@ FACET_ERROR_MM = 0.1
 
 SYMMETRY_TOLERANCE_MM = 1e-3
 _TRAVEL_STEP_MM = 20.0
+_LEAST_PRIOR = 1e-3  # a part may have been put as it hardly falls
 _MAX_ADDED_TOLERANCE_SHARE = 0.01  # of a state's tolerance
 _MAX_FLAT_EDGES = 600  # of a state: larger ones are searched by strip trees
 
@@ -87,10 +88,11 @@ class Catalogue:
     """Known objects, prepared. Grown edges are made when a finger first needs them.
 
     `facet_error_mm`: how far an arc may bulge over its facet; part of the error bound, so small, but every
-    halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched
-    by strip trees (memo §3.3). `states`: of the objects, where `prepare_states` has given them already.
-    `reach_mm` (S,): each state lies within this distance of its centroid. Raises InputError for an empty
-    catalogue.
+    halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched by
+    strip trees (memo §3.3). `states`: of the objects, where `prepare_states` has given them already.
+    `reach_mm` (S,): each state lies within this distance of its centroid. `prior` (S,): probability of each
+    state of its object; where that is not known of all of them, they are equally frequent. Raises InputError
+    for an empty catalogue.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class Catalogue:
         self.symmetry_orders: Ints = np.array([state.symmetry.order for state in self.states])
         self.origins_mm: Floats = np.array([state.origin_mm for state in self.states])
         self.reach_mm: Floats = np.array([_reach_mm(state) for state in self.states])
+        self.prior: Floats = _priors(self.states)
         self.facet_error_mm = facet_error_mm
         self.flat_edges = flat_edges
         self._edges: dict[Finger, EdgeSet] = {}
@@ -189,6 +192,22 @@ def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
     for item in objects:
         _check_model(item)
     return [_prepare_state(item, state) for item in objects for state in item.states]
+
+
+def _priors(states: Sequence[CatalogueState]) -> Floats:
+    """Probability of each state (S,) of its object."""
+    known: dict[str, list[float | None]] = {}
+    for item in states:
+        known.setdefault(item.object_name, []).append(item.state.probability)
+
+    def of(item: CatalogueState) -> float:
+        found = [value for value in known[item.object_name] if value is not None]
+        count, total = len(known[item.object_name]), sum(found)
+        if len(found) < count or total <= 0:
+            return 1.0 / count
+        return max(item.state.probability or 0.0, _LEAST_PRIOR) / total
+
+    return np.array([of(item) for item in states])
 
 
 def _reach_mm(item: CatalogueState) -> float:

@@ -71,8 +71,8 @@ class Hypothesis(ShortRepr):
     `verified`: `configuration` satisfies every contact and every free path, on true arcs and with round
     bounds (`verify`), except for contacts that `spurious` names; `witness_mm` (2,) is its position s as in
     `cells`, the region itself, and `witness_node` the interpretation. `weight`: share of the feasible volume
-    of all hypotheses. `search_bounds`: those of one orientation of each that a symmetry makes equal; a round
-    state is searched as a polygon.
+    of all hypotheses, each times its state's probability. `search_bounds`: those of one orientation of each
+    that a symmetry makes equal; a round state is searched as a polygon.
     """
 
     state_index: int
@@ -254,6 +254,7 @@ def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
     begin = regions.first[:-1]
     state = regions.cells.state[begin]
     volume = np.add.reduceat(regions.cells.volume, begin) if len(begin) else np.empty(0)
+    volume = volume * constraints.catalogue.prior[state]
     cos, sin = np.cos(regions.theta), np.sin(regions.theta)
     x, y = (regions.position - constraints.catalogue.origins_mm[state]).T
     position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm

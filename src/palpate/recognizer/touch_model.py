@@ -190,8 +190,8 @@ class Pairs(Table):
 def sampled_poses(hypotheses: Hypotheses) -> SampledPoses:
     """Sample of configurations of every hypothesis.
 
-    Half of a hypothesis's weight is its share of the volume; the other half is the same for all, because a
-    well-bounded hypothesis has little volume and is none the less likely for it.
+    Half of a hypothesis's weight is its share of the volume; the other half is its state's probability alone,
+    because a well-bounded hypothesis has little volume and is none the less likely for it.
     """
     share = max(_MIN_POSES_EACH, min(_MAX_POSES_EACH, _TOTAL_POSES // max(len(hypotheses), 1)))
     if share == 1:
@@ -246,7 +246,9 @@ def _is_coarse(poses: SampledPoses, hypotheses: Hypotheses, goals: Goals, first:
 
 
 def _weights(hypotheses: Hypotheses) -> Floats:
-    return (hypotheses.weight + 1 / len(hypotheses)) / 2
+    prior = hypotheses.constraints.catalogue.prior[hypotheses.state]
+    result: Floats = (hypotheses.weight + prior / prior.sum()) / 2
+    return result
 
 
 def _spread(hypotheses: Hypotheses, count: int) -> Cells:
