@@ -67,7 +67,7 @@ def solids_in(folder: Path, wanted_mm: tuple[float, ...]) -> tuple[ObjectsFile, 
             print(f"{path.name}: refused: {error}")
             continue
         print(f"{path.name}: imported in {time.perf_counter() - begin:.1f} s")
-        for solid, item in zip(read_solids(path, units, 0.01), found.objects, strict=True):
+        for solid, item in zip(read_solids(path, units, 0.01).solids, found.objects, strict=True):
             texts.append(item.text)
             text = item.text
             lying += [cut(solid, text.name, text.tolerance, state, wanted_mm) for state in item.told.states]

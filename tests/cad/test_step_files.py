@@ -40,7 +40,7 @@ def off_cone(p):
     [("sphere", off_sphere), ("torus", off_torus), ("cylinder", off_cylinder), ("cone", off_cone)],
 )
 def test_chords_stay_within_what_is_said(name, off):
-    (solid,) = read_solids(HERE / f"{name}.step", None, 0.2)
+    (solid,) = read_solids(HERE / f"{name}.step", None, 0.2).solids
     share = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) / 6
     points = np.einsum("sc,mcx->msx", share, solid.vertices_mm[solid.faces]).reshape(-1, 3)
     assert 0.2 / 3 < solid.off_mm < 0.2 / 3 * 1.01  # finer than asked where few facets do
@@ -55,7 +55,7 @@ def test_chords_stay_within_what_is_said(name, off):
 def test_units_are_those_of_the_file_and_chords_are_in_mm_all_the_same(tmp_path, unit, scale, units):
     path = tmp_path / "sphere.step"
     path.write_text((HERE / "sphere.step").read_text().replace("SI_UNIT(.MILLI.,.METRE.)", unit))
-    (solid,) = read_solids(path, units, 0.2 * scale)
+    (solid,) = read_solids(path, units, 0.2 * scale).solids
     assert np.ptp(solid.vertices_mm, axis=0).max() == pytest.approx(40 * scale, rel=1e-5)
     middles = solid.vertices_mm[solid.faces].mean(axis=1)
     assert 0.02 * scale < np.abs(np.sqrt((middles**2).sum(axis=1)) - 20 * scale).max() <= 0.2 * scale
@@ -77,8 +77,8 @@ def test_inches_are_read_with_and_without_the_type_of_their_size(tmp_path, size)
     assert mm in text
     path = tmp_path / "part.step"
     path.write_text(text.replace(mm, INCH.format(size=size)))
-    (solid,) = read_solids(path, "inch", 1.0)
-    (metric,) = read_solids(HERE / "cylinder.step", None, 1.0 / 25.4)
+    (solid,) = read_solids(path, "inch", 1.0).solids
+    (metric,) = read_solids(HERE / "cylinder.step", None, 1.0 / 25.4).solids
     np.testing.assert_allclose(
         np.ptp(solid.vertices_mm, axis=0), 25.4 * np.ptp(metric.vertices_mm, axis=0), rtol=1e-5
     )
@@ -86,7 +86,7 @@ def test_inches_are_read_with_and_without_the_type_of_their_size(tmp_path, size)
 
 @read_here
 def test_a_part_that_nobody_has_named_is_named_after_its_file():
-    (solid,) = read_solids(HERE / "cylinder.step", None, 0.1)
+    (solid,) = read_solids(HERE / "cylinder.step", None, 0.1).solids
     assert solid.name == "cylinder"
 
 
@@ -95,16 +95,16 @@ def test_a_product_with_a_name_keeps_it(tmp_path):
     text = (HERE / "cylinder.step").read_text()
     path = tmp_path / "part.step"
     path.write_text(text.replace("Open CASCADE STEP translator 7.8 1", "locating pin"))
-    (solid,) = read_solids(path, None, 0.1)
+    (solid,) = read_solids(path, None, 0.1).solids
     assert solid.name == "locating pin"
 
 
 @read_here
 def test_bodies_and_voids():
-    assert [volume(solid) for solid in read_solids(HERE / "two.step", None, 0.1)] == pytest.approx(
+    assert [volume(solid) for solid in read_solids(HERE / "two.step", None, 0.1).solids] == pytest.approx(
         [6000, 1000]
     )
-    (hollow,) = read_solids(HERE / "hollow.step", None, 0.1)
+    (hollow,) = read_solids(HERE / "hollow.step", None, 0.1).solids
     assert volume(hollow) == pytest.approx(27000 - 125)
 
 

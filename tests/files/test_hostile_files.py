@@ -82,7 +82,7 @@ TRIALS = 60
 
 
 def solid(path: Path) -> object:
-    return read_solids(path, None if path.suffix == ".3mf" else "mm", 0.1)
+    return read_solids(path, None if path.suffix == ".3mf" else "mm", 0.1).solids
 
 
 def drawing(path: Path) -> object:

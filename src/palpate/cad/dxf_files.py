@@ -61,6 +61,10 @@ class NotFlatError(Exception):
     """Reason why an entity is no outline; the message goes on from the entity's name."""
 
 
+class NoLengthError(Exception):
+    """Reason to leave an entity out: it is a point."""
+
+
 @dataclass(frozen=True, eq=False)
 class BlockTransform:
     """A point p (3,) of the model space or a block is at p @ matrix (3, 3) + shift_mm (3,) in the drawing."""
@@ -82,7 +86,7 @@ class BlockTransform:
 def _entity_curves(entity: "DXFGraphic", placing: BlockTransform) -> tuple[tuple[DrawnCurve, ...], float]:
     """The curves of an entity of a kind in `DRAWN`, in mm, and the height that it lies at.
 
-    Raises NotFlatError.
+    Raises NotFlatError, and NoLengthError.
     """
     found, heights = _MAKERS[entity.dxftype()](entity, placing)
     if np.ptp(heights) > JOIN_MM:
@@ -166,7 +170,7 @@ def _polyline(entity: "Polyline", placing: BlockTransform) -> CurvesAndHeights:
 def _edges(corners: Floats, bulges: Floats, closed: bool) -> list[DrawnCurve]:
     """Between corners (n, 2), each with the bulge behind it."""
     if len(corners) < 2:
-        raise NotFlatError(f"has too few vertices ({len(corners)})")
+        raise NoLengthError
     last = len(corners) if closed else len(corners) - 1
     return [bulge_curve(corners[k], corners[(k + 1) % len(corners)], float(bulges[k])) for k in range(last)]
 
@@ -177,6 +181,8 @@ def _spline(entity: "Spline", placing: BlockTransform) -> CurvesAndHeights:
         raise NotFlatError("has fit points but no control points; save it with control points")
     degree, knots = entity.dxf.degree, np.array(entity.knots, dtype=np.float64)
     weights = np.array(entity.weights, dtype=np.float64) if len(entity.weights) else np.ones(len(points))
+    if np.all(weights == -1.0):  # so some programs say that there are none
+        weights = np.ones(len(points))
     if len(weights) != len(points) or not np.all(weights > 0):
         raise NotFlatError("has weights that are not positive or not one for each control point")
     if len(knots) != len(points) + degree + 1 or np.any(np.diff(knots) < 0) or not 1 <= degree < len(points):
@@ -186,7 +192,7 @@ def _spline(entity: "Spline", placing: BlockTransform) -> CurvesAndHeights:
         )
     found = spline(degree, points[:, :2], weights, knots)
     if not found:
-        raise NotFlatError("has no length: all its knots are the same")
+        raise NoLengthError
     return found, points[:, 2]
 
 
@@ -283,6 +289,9 @@ class DxfWalk:
             made, height = _entity_curves(entity, placing)
         except NotFlatError as problem:
             raise InputError(f"{self._path}: {label}: a {kind} {problem}") from None
+        except NoLengthError:
+            self.left_out[f"{kind} without length"] += 1
+            return
         self.found.setdefault(layer, []).append((Stroke(label, made), height))
 
     def _insert(self, insert: "Insert", style: _InheritedStyle, blocks: tuple[str, ...]) -> None:

@@ -1,18 +1,15 @@
-"""STL, OBJ, PLY and 3MF files, as trimesh reads them, into checked solids.
+"""STL, OBJ and PLY files, as trimesh reads them, into checked solids.
 
 trimesh is lenient: it ignores truncation, cuts concave polygons of OBJ files into wrong fans, and returns
 open surfaces without a warning. What it ignores is therefore checked here, in the file itself, and the rest
-in `mesh_checks`. In a scene with many parts (3MF, STEP) each distinct shape is imported once: four screws of
-an assembly are one object. Sources: G. Turk, The PLY Polygon File Format, 1994; Wavefront, The OBJ format,
+in `mesh_checks`. Sources: G. Turk, The PLY Polygon File Format, 1994; Wavefront, The OBJ format,
 appendix B1, which allows any planar polygon in a face statement.
 """
 
 import io
 import re
 import warnings
-import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -21,11 +18,11 @@ import numpy as np
 import shapely
 
 from palpate.base.errors import InputError
-from palpate.base.file_io import CAD_BYTES, MOST_FACETS, MOST_MEMBERS, read_bytes, size_in_words
+from palpate.base.file_io import CAD_BYTES, MOST_FACETS, read_bytes
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid
+from palpate.cad.parts import UNIT_MM, Solid
 
 _FLAT_SHARE = 1e-9
 """Turns to the right that are this small beside the polygon's area are rounding of its coordinates."""
@@ -161,27 +158,7 @@ def _row_bytes(following: list[list[str]], *, as_text: bool) -> int:
     return sum(2 if as_text else _TYPE_BYTES.get(kind, 1) for kind in kinds)
 
 
-_SAME_TRANSFORM = 1e-6
-"""Transforms whose lengths and angles differ by less are the same but for position and heading."""
-
-_PLACEHOLDER = re.compile(
-    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
-    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
-    re.IGNORECASE,
-)
-"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeshPart:
-    """A part of a scene where it first occurs: `vertices` (n, 3) in the scene's frame, `faces` (m, 3)."""
-
-    name: str
-    vertices: Floats
-    faces: Ints
-
-
-def _mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
+def mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names none of them."""
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -200,65 +177,24 @@ def _mesh_triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     return vertices, faces
 
 
-def distinct_shapes(where: str, scene: Any, fallback: str) -> list[MeshPart]:
-    """Parts of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
-    found: list[MeshPart] = []
-    seen: dict[str, list[Floats]] = {}
-    for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
-        transform, geometry = scene.graph[node]
-        linear = np.asarray(transform, dtype=np.float64)[:3, :3]
-        # Equal up to a rotation: the same lengths and angles, and the same handedness.
-        kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
-        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in seen.setdefault(geometry, [])):
-            continue
-        seen[geometry].append(kind)
-        mesh = scene.geometry[geometry]
-        if not hasattr(mesh, "faces"):
-            continue
-        name = _real_name(str(geometry)) or fallback
-        vertices, faces = _mesh_triangles(f"{where}: {name}", mesh)
-        found.append(MeshPart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
-    return found
-
-
-def _real_name(name: str) -> str:
-    """A part's name; empty for one that a program gives to what nobody has named."""
-    name = name.strip()
-    return "" if _PLACEHOLDER.fullmatch(name) else name
-
-
-def _order(scene: Any, node: str) -> tuple[int, str]:
-    return list(scene.geometry).index(scene.graph[node][1]), str(node)
-
-
-MESH_SUFFIXES = (".3mf", ".obj", ".ply", ".stl")
+MESH_SUFFIXES = (".obj", ".ply", ".stl")
 
 _STL_HEADER, _STL_FACE = 84, 50
 """Bytes before the first face of a binary STL file, which end in the number of faces, and of each."""
 
-_ADVICE = "export the part more coarsely"
+_STL_END = re.compile(rb"(?im)^[ \t]*end[ \t]*solid\b")
+"""Some programs write it as two words, which trimesh does not know."""
 
-_3MF_MM = {
-    "micron": 0.001,
-    "millimeter": 1.0,
-    "centimeter": 10.0,
-    "inch": 25.4,
-    "foot": 304.8,
-    "meter": 1000.0,
-}
-"""Units of the 3MF core specification; a file that names none is in millimetres."""
+_ADVICE = "export the part more coarsely"
 
 
 def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     """Solids of a mesh file in mm.
 
-    STL, OBJ and PLY have no units: `units` ("mm", "inch" or "m") is needed; the bodies of such a file are
-    found by what hangs together. A 3MF file has units, which `units` may repeat, and parts, of which each
-    shape is read once. Raises InputError for what cannot be read and for what `mesh_checks` refuses.
+    STL, OBJ and PLY have no units: `units` ("mm", "inch" or "m") is needed; the bodies of a file are found by
+    what hangs together. Raises InputError for what cannot be read and for what `mesh_checks` refuses.
     """
     kind = path.suffix.lower()[1:]
-    if kind == "3mf":
-        return _read_3mf(path, units)
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": _ply_problem}[kind](data):
         raise InputError(f"{path}: {problem}")
@@ -266,42 +202,20 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
         raise InputError(f"{path}: {kind.upper()} files have no units: give their units: mm, inch or m")
     if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
         data = _as_utf8(data)
+    if kind == "stl" and not _is_binary_stl(data):
+        data = _STL_END.sub(b"endsolid", data)
     if kind == "obj":
-        data = triangulate_concave(data)
+        data = triangulate_concave(_count_forwards(data))
     vertices, faces = _one_mesh(path, _load_scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
     return check_solids(str(path), path.stem, vertices * UNIT_MM[units], faces, units=units)
 
 
-def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
-    import_extra("networkx", "cad", "reading 3MF files")
-    import_extra("lxml", "cad", "reading 3MF files")
-    data = read_bytes(path, CAD_BYTES, _ADVICE)
-    if problem := _3mf_problem(data):
-        raise InputError(f"{path}: {problem}")
-    scene = _load_scene(path, data, "3mf")
-    stated = {
-        str(mesh.metadata.get("units", "millimeter")).removesuffix("s") for mesh in scene.geometry.values()
-    }
-    if not stated:
-        raise InputError(f"{path}: has no faces; export the part as a closed solid")
-    unit = stated.pop()
-    if unit not in _3MF_MM:
-        raise InputError(f"{path}: unknown unit '{unit}'; 3MF allows {', '.join(_3MF_MM)}")
-    if units is not None and UNIT_MM[units] != _3MF_MM[unit]:
-        raise InputError(f"{path}: says that it is in {unit}, not in {units}: {GIVE_NO_UNITS}")
-    solids: list[Solid] = []
-    for shape in distinct_shapes(str(path), scene, path.stem):
-        where = f"{path}: {shape.name}"
-        solids += check_solids(where, shape.name, shape.vertices * _3MF_MM[unit], shape.faces)
-    return tuple(solids)
-
-
 def _load_scene(path: Path, data: bytes, kind: str) -> Any:
     """Read a file with trimesh, nothing merged or left out."""
     trimesh = import_extra("trimesh", "cad", f"reading {kind.upper()} files")
-    skip = {} if kind in ("stl", "3mf") else {"skip_materials": True}
+    skip = {} if kind == "stl" else {"skip_materials": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         # numpy only warns where a number is none.
@@ -318,7 +232,7 @@ def _load_scene(path: Path, data: bytes, kind: str) -> Any:
 
 def _one_mesh(path: Path, scene: Any) -> tuple[Floats, Ints]:
     """All triangles of a scene whose parts are only pieces of the file, by material or by name."""
-    meshes = [_mesh_triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
+    meshes = [mesh_triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
     if not meshes:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
@@ -354,9 +268,7 @@ def _stl_problem(data: bytes) -> str:
     if not data:
         return "the file is empty"
     if re.match(rb"\s*solid\b", data, re.IGNORECASE) and b"\0" not in data[:_STL_HEADER]:
-        opened, closed = (
-            len(re.findall(word, data)) for word in (rb"(?im)^[ \t]*solid\b", rb"(?im)^[ \t]*endsolid\b")
-        )
+        opened, closed = (len(re.findall(word, data)) for word in (rb"(?im)^[ \t]*solid\b", _STL_END.pattern))
         return "" if opened == closed else "is cut short: there is no endsolid for a solid"
     if len(data) < _STL_HEADER:
         return f"is no STL file: it has {len(data)} bytes"
@@ -367,27 +279,44 @@ def _stl_problem(data: bytes) -> str:
     )
 
 
-def _3mf_problem(data: bytes) -> str:
-    """Return what in the directory of a 3MF file, a ZIP archive, forbids unpacking it, or nothing."""
-    try:
-        members = zipfile.ZipFile(io.BytesIO(data)).infolist()
-    except (zipfile.BadZipFile, ValueError, NotImplementedError, UnicodeDecodeError, EOFError) as error:
-        return f"cannot be read as 3MF: {error}"
-    # No member gives more than its directory says: zipfile stops there.
-    unpacked = sum(member.file_size for member in members)
-    if unpacked > CAD_BYTES:
-        most = size_in_words(CAD_BYTES)
-        return f"is {size_in_words(unpacked)} when unpacked; at most {most} are read: {_ADVICE}"
-    if len(members) > MOST_MEMBERS:
-        return f"holds {len(members)} files; at most {MOST_MEMBERS} are read: leave out what is no part"
-    return ""
-
-
 def _obj_problem(data: bytes) -> str:
     """Return what trimesh would read wrongly in an OBJ file, or nothing."""
     if not data.strip():
         return "the file is empty"
-    faces = re.search(rb"(?m)^f\b", data)
-    if faces and re.search(rb"(?m)^f\b.*\s-\d", data) and re.search(rb"(?m)^v\s", data[faces.start() :]):
-        return "its faces count vertices backwards (negative numbers); export it with positive ones"
+    if re.search(rb"(?m)^[ \t]*f\b.*[ \t]0+(?![.\d])", data):
+        return "a face has vertex 0; OBJ counts vertices from 1: export it again"
     return ""
+
+
+_OBJ_COUNTED = {b"v": 0, b"vt": 1, b"vn": 2}
+"""Statements that faces count, by their place in a corner such as 1/2/3."""
+
+
+def _count_forwards(data: bytes) -> bytes:
+    """The text of an OBJ file whose faces count all that they name from the file's beginning.
+
+    Negative numbers count backwards from where the face stands, which trimesh takes for the file's end.
+    """
+    if not re.search(rb"(?m)^[ \t]*f\b.*[ \t/]-\d", data):
+        return data
+    so_far = [0, 0, 0]
+
+    def forwards(corner: bytes) -> bytes:
+        numbers = corner.split(b"/")
+        return b"/".join(
+            b"%d" % (int(number) + 1 + so_far[place])
+            if number[:1] == b"-" and number[1:].isdigit()
+            else number
+            for place, number in enumerate(numbers[: len(so_far)])
+        )
+
+    lines = []
+    for line in data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ").split(b"\n"):
+        words = line.split()
+        if words[:1] == [b"f"]:
+            lines.append(b" ".join([b"f", *map(forwards, words[1:])]))
+            continue
+        if words and words[0] in _OBJ_COUNTED:
+            so_far[_OBJ_COUNTED[words[0]]] += 1
+        lines.append(line)
+    return b"\n".join(lines)

@@ -42,6 +42,14 @@ class Solid:
 
 
 @dataclass(frozen=True, eq=False)
+class SolidFile:
+    """Solids of a file, and in words what else is in it that is no part."""
+
+    solids: tuple[Solid, ...]
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Drawing:
     """Outline of a flat part in its file's frame; curves are within `off_mm` of their chords."""
 

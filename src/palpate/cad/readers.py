@@ -1,7 +1,7 @@
 """Readers of all file formats, chosen by suffix, with the options that each of them accepts.
 
-The entry point of `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings
-(`dxf_files`, `svg_files`), whose readers are imported when they are needed.
+The entry point of `cad`: a file's suffix decides between solids (`mesh_files`, `threemf_files`, `step_files`)
+and drawings (`dxf_files`, `svg_files`), whose readers are imported when they are needed.
 """
 
 from collections.abc import Sequence
@@ -10,12 +10,14 @@ from pathlib import Path
 from palpate.base.errors import InputError
 from palpate.base.file_io import CAD_BYTES, MOST_FACETS, MOST_PARTS, check_file
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
-from palpate.cad.parts import UNIT_MM, DrawingFile, Solid
+from palpate.cad.parts import UNIT_MM, DrawingFile, SolidFile
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
+from palpate.cad.threemf_files import read_3mf
 
 _DRAWING_SUFFIXES = (".dxf", ".svg")
+_3MF_SUFFIX = ".3mf"
 
-CAD_SUFFIXES = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWING_SUFFIXES)
+CAD_SUFFIXES = (_3MF_SUFFIX, *MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWING_SUFFIXES)
 """Of all files that are read."""
 
 
@@ -30,7 +32,7 @@ def is_drawing(path: Path) -> bool:
     return suffix in _DRAWING_SUFFIXES
 
 
-def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
+def read_solids(path: Path, units: str | None, curve_mm: float) -> SolidFile:
     """All bodies of a mesh or STEP file, in mm and checked, named after the file or by it.
 
     `units`: "mm", "inch" or "m"; needed for STL, OBJ and PLY, which have none, and to be left out or right
@@ -40,12 +42,14 @@ def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, 
     if is_drawing(path):
         raise InputError(f"{path}: is a drawing, not a solid")
     _check(path, units)
-    if path.suffix.lower() in STEP_SUFFIXES:
-        solids = read_step(path, units, curve_mm)
+    suffix = path.suffix.lower()
+    if suffix == _3MF_SUFFIX:
+        found = read_3mf(path, units)
     else:
-        solids = read_mesh_file(path, units)
-    _check_count(path, len(solids), "bodies")
-    return solids
+        is_step = suffix in STEP_SUFFIXES
+        found = SolidFile(read_step(path, units, curve_mm) if is_step else read_mesh_file(path, units))
+    _check_count(path, len(found.solids), "bodies")
+    return found
 
 
 def read_drawings(path: Path, units: str | None, curve_mm: float, layers: Sequence[str] = ()) -> DrawingFile:

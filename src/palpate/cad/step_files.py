@@ -1,25 +1,40 @@
 """STEP files (ISO 10303-21), tessellated by OpenCASCADE through cascadio, into checked solids.
 
-cascadio gives metres in single precision, whatever the file's unit; how finely curves are cut is asked for in
-millimetres, whatever the file's unit.
+Each distinct shape of an assembly is imported once: four screws are one object. cascadio gives metres in
+single precision, whatever the file's unit; how finely curves are cut is asked for in millimetres.
 """
 
 import math
 import re
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
 from palpate.base.file_io import CAD_BYTES, read_bytes
+from palpate.base.geometry import Floats, Ints
 from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.mesh_files import distinct_shapes
+from palpate.cad.mesh_files import mesh_triangles
 from palpate.cad.mesh_topology import vertex_rounding
 from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid
 
 STEP_SUFFIXES = (".step", ".stp")
+
+_SAME_TRANSFORM = 1e-6
+"""Transforms whose lengths and angles differ by less are the same but for position and heading."""
+
+_PLACEHOLDER = re.compile(
+    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
+    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
+    re.IGNORECASE,
+)
+"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
+
 
 _MAX_CHORD_TURN_RAD = math.radians(10.0)
 """Most that neighbouring chords of a curve turn by."""
@@ -32,6 +47,46 @@ _FINER_FACTOR, _FINE_FACETS = 3.0, 12_000
 _ADVICE = "allow its curves a larger tolerance, or export it as STL"
 
 _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001}
+
+
+@dataclass(frozen=True, eq=False)
+class MeshPart:
+    """A part of a scene where it first occurs: `vertices` (n, 3) in the scene's frame, `faces` (m, 3)."""
+
+    name: str
+    vertices: Floats
+    faces: Ints
+
+
+def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[MeshPart]:
+    """Parts of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
+    found: list[MeshPart] = []
+    seen: dict[str, list[Floats]] = {}
+    for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
+        transform, geometry = scene.graph[node]
+        linear = np.asarray(transform, dtype=np.float64)[:3, :3]
+        # Equal up to a rotation: the same lengths and angles, and the same handedness.
+        kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
+        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in seen.setdefault(geometry, [])):
+            continue
+        seen[geometry].append(kind)
+        mesh = scene.geometry[geometry]
+        if not hasattr(mesh, "faces"):
+            continue
+        name = _real_name(str(geometry)) or fallback
+        vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
+        found.append(MeshPart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
+    return found
+
+
+def _real_name(name: str) -> str:
+    """A part's name; empty for one that a program gives to what nobody has named."""
+    name = name.strip()
+    return "" if _PLACEHOLDER.fullmatch(name) else name
+
+
+def _order(scene: Any, node: str) -> tuple[int, str]:
+    return list(scene.geometry).index(scene.graph[node][1]), str(node)
 
 
 def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
@@ -50,7 +105,7 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     _check_units(path, data, units)
     scene, within_mm = read_confined(path, _ADVICE, _tessellate, path, curve_mm)
     solids: list[Solid] = []
-    for shape in distinct_shapes(str(path), scene, path.stem):
+    for shape in _distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
         off = math.nextafter(within_mm + vertex_rounding(vertices), math.inf)
         solids += check_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
@@ -121,10 +176,13 @@ def _units_mm(text: str) -> set[float]:
     return found
 
 
-def _length_mm(entity: dict[str, str], number: str) -> float:
+_MOST_CONVERSIONS = 8  # of units by other units: more are a circle
+
+
+def _length_mm(entity: dict[str, str], number: str, left: int = _MOST_CONVERSIONS) -> float:
     """Length in mm of a unit, 0 if it is none of length."""
     body = entity.get(number, "")
-    if "LENGTH_UNIT" not in body:
+    if "LENGTH_UNIT" not in body or not left:
         return 0.0
     if metres := re.search(r"SI_UNIT\s*\(\s*(?:\$|\.(\w+)\.)\s*,\s*\.METRE\.", body):
         return _SI_MM.get(metres[1] or "", 0.0)
@@ -134,4 +192,4 @@ def _length_mm(entity: dict[str, str], number: str) -> float:
     size = re.search(
         r"MEASURE_WITH_UNIT\s*\(\s*(?:LENGTH_MEASURE\s*\(\s*)?([-+.\dEe]+)\s*\)?\s*,\s*#(\d+)", measure
     )
-    return float(size[1]) * _length_mm(entity, size[2]) if size and size[2] != number else 0.0
+    return float(size[1]) * _length_mm(entity, size[2], left - 1) if size else 0.0

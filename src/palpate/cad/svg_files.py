@@ -1,8 +1,9 @@
 """SVG files: drawings as outlines of flat parts, in mm.
 
 What counts is geometry: paths, rectangles, circles, ellipses, polygons, polylines and lines, however they are
-painted; neither fill rule nor clipping changes it. What is not displayed, or has neither fill nor stroke, and
-text and images are left out, and counted. y points down in SVG and up here.
+painted; clipping does not change it. Subpaths of a shape that is only filled bound material where its fill
+rule says so. What is not displayed, or has neither fill nor stroke, and text and images are left out, and
+counted. y points down in SVG and up here.
 
 svgelements goes on quietly past what it does not understand, which would change outlines; so attributes are
 checked here before. A `use` is a copy of another element with all that it holds, and a few lines of copies of
@@ -24,8 +25,9 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.base.file_io import CAD_BYTES, MOST_DRAWN_NUMBERS, MOST_DRAWN_PIECES, MOST_NESTING, read_bytes
+from palpate.base.geometry.plane import points_in_polygon, signed_area
 from palpate.base.optional_imports import import_extra, input_errors
-from palpate.cad.curves import Arc, DrawnCurve, bezier, transform_curve
+from palpate.cad.curves import Arc, DrawnCurve, bezier, chords_of_chain, control_hull, transform_curve
 from palpate.cad.drawing_outlines import Sheet, Stroke, close_loops, nest_loops
 from palpate.cad.parts import UNIT_MM, DrawingFile
 
@@ -208,10 +210,7 @@ def _bare_svg(root: ElementTree.Element, size: SvgPage, path: Path) -> bytes:
 
     Raises InputError for attributes of shapes that cannot be read, and for what is used but not there.
     """
-    for parent in list(root.iter()):
-        for child in list(parent):
-            if _local(child) in _NEVER_PAINTED:
-                parent.remove(child)
+    _leave_out_unpainted(root)
     names = {element.get("id") for element in root.iter()}
     for element in root.iter():
         kind = _local(element)
@@ -231,6 +230,32 @@ def _bare_svg(root: ElementTree.Element, size: SvgPage, path: Path) -> bytes:
     root.attrib.pop("preserveAspectRatio", None)
     written: bytes = ElementTree.tostring(root)
     return written
+
+
+def _leave_out_unpainted(root: ElementTree.Element) -> None:
+    """Remove what is never painted, and all alternatives but one."""
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if _local(child) in _NEVER_PAINTED:
+                parent.remove(child)
+        if _local(parent) == "switch":
+            _choose_alternative(parent)
+
+
+def _choose_alternative(switch: ElementTree.Element) -> None:
+    """Make a `switch` a group of the first alternative that needs no extension (SVG 2, 5.10.2)."""
+    chosen = next(
+        (
+            child
+            for child in switch
+            if child.get("requiredExtensions") is None
+            and _local(child) not in _NO_OUTLINES
+            and "en" in child.get("systemLanguage", "en")
+        ),
+        None,
+    )
+    switch[:] = [] if chosen is None else [chosen]
+    switch.tag = switch.tag[: -len("switch")] + "g"
 
 
 def _local(element: ElementTree.Element) -> str:
@@ -313,8 +338,34 @@ def _strokes(source: bytes, size: SvgPage, left_out: Counter[str]) -> Iterator[S
         matrix = size.user_mm * np.array([[own.a, own.c], [-own.b, -own.d]])
         shift = size.user_mm * np.array([own.e, -own.f])
         label = f"{tag} '{shape.id}'" if shape.id else f"{tag} {number[tag]}"
-        for curves in _subpaths(shape):
+        for curves in _bounding(shape, list(_subpaths(shape))):
             yield Stroke(label, tuple(transform_curve(curve, matrix, shift) for curve in curves))
+
+
+_FILL_CHORD_SHARE = 1e-3  # of a shape's size: chords by which subpaths are told to be in each other
+
+
+def _bounding(shape: Any, subpaths: list[list[DrawnCurve]]) -> list[list[DrawnCurve]]:
+    """Subpaths on one side of which a shape is filled, all of one that is not only filled.
+
+    By the fill rule nonzero (SVG 2, 13.4.2) one that runs the same way as what it is in bounds nothing.
+    """
+    only_filled = shape.fill.value is not None and shape.stroke.value is None
+    if len(subpaths) < 2 or not only_filled or shape.values.get("fill-rule", "nonzero") != "nonzero":
+        return subpaths
+    size = max(float(np.ptp(control_hull(curve), axis=0).max()) for curves in subpaths for curve in curves)
+    rings = [chords_of_chain(curves, max(size, 1e-6) * _FILL_CHORD_SHARE)[0] for curves in subpaths]
+    turns = [int(np.sign(signed_area(ring))) for ring in rings]
+    kept = []
+    for own, curves in enumerate(subpaths):
+        outside = sum(
+            turns[other]
+            for other, ring in enumerate(rings)
+            if other != own and points_in_polygon(rings[own][:1], [ring])[0]
+        )
+        if (outside == 0) != (outside + turns[own] == 0):
+            kept.append(curves)
+    return kept
 
 
 def _is_painted(shape: Any) -> bool:

@@ -71,31 +71,44 @@ def import_objects(
         bool, typer.Option("--all-heights", help="Sections at all heights: takes longer, for any rig.")
     ] = False,
     states: Annotated[
-        _States,
+        _States | None,
         typer.Option(
-            "--states", help="All stable states, or only as it lies in the file, on its lowest point."
+            "--states",
+            help="All stable states (auto), or only as it lies in the file, on its lowest point.",
+            show_default="auto",
         ),
-    ] = _States.AUTO,
+    ] = None,
     least_probability: Annotated[
-        float,
-        typer.Option("--least-probability", metavar="P", help="States that are less probable are left out."),
-    ] = 0.01,
+        float | None,
+        typer.Option(
+            "--least-probability",
+            metavar="P",
+            help="States that are less probable are left out.",
+            show_default="0.01",
+        ),
+    ] = None,
     accept_loss: Annotated[
         bool,
         typer.Option("--accept-loss", help="Although states that are left out are over 20 % of all cases."),
     ] = False,
     tolerance: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--tolerance", metavar="MM", help="What the model may be off the file; all parts added."
+            "--tolerance",
+            metavar="MM",
+            help="What the model may be off the file; all parts added.",
+            show_default="0.1",
         ),
-    ] = 0.1,
+    ] = None,
     deviation: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--deviation", metavar="MM", help="How far the made part may be off the file; comes on top."
+            "--deviation",
+            metavar="MM",
+            help="How far the made part may be off the file; comes on top.",
+            show_default="0",
         ),
-    ] = 0.0,
+    ] = None,
     name: Annotated[
         str | None, typer.Option("--name", help="What to call the object; else as the file does.")
     ] = None,
@@ -113,6 +126,23 @@ def import_objects(
             "--add", help="Add to the objects file, if there is one; what came from other files stays."
         ),
     ] = False,
+    recursive: Annotated[
+        bool, typer.Option("--recursive", help="Enter the folders of a FOLDER, but for hidden ones.")
+    ] = False,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            "--settings",
+            metavar="FILE",
+            help="Settings of files (TOML); else palpate-import.toml of the FOLDER, if it has one.",
+        ),
+    ] = None,
+    write_settings: Annotated[
+        bool,
+        typer.Option(
+            "--write-settings", help="Write palpate-import.toml into the FOLDER, to be filled in, and stop."
+        ),
+    ] = False,
     json: JsonOption = False,
 ) -> int:
     """Make object models from CAD files: stable states and their cross sections.
@@ -124,6 +154,7 @@ def import_objects(
     import time
 
     from palpate.base.file_io import check_places
+    from palpate.cli.import_options import RequestedOptions, SettingsOfFiles, write_settings_template
     from palpate.cli.objects_target import (
         ObjectsTarget,
         check_options,
@@ -134,33 +165,41 @@ def import_objects(
     from palpate.cli.terminal import StatusLine, Terminal, rig_files, several_files
     from palpate.config.catalogue_results import ImportOut
     from palpate.config.fields import to_json
-    from palpate.rig.catalogue.cad_import import ImportOptions
     from palpate.rig.catalogue.folder_import import files_in, import_files
     from palpate.views.import_table import files_out, show_files, show_import
 
     begin = time.perf_counter()
-    options = ImportOptions(
-        units=None if units is None else units.value,
-        name=name,
-        tolerance_mm=tolerance,
-        deviation_mm=deviation,
-        heights_mm=requested_heights(rig, heights, all_heights=all_heights),
-        thickness_mm=thickness,
-        as_is=states is _States.AS_IS,
-        least_probability=least_probability,
-        accept_loss=accept_loss,
-        layers=split_names("--layers", layers),
-        parts=split_names("--parts", parts),
-    )
+    said: dict[str, object] = {
+        "units": None if units is None else units.value,
+        "name": name,
+        "tolerance_mm": tolerance,
+        "deviation_mm": deviation,
+        "thickness_mm": thickness,
+        "states": None if states is None else states.value,
+        "least_probability": least_probability,
+        "accept_loss": accept_loss or None,
+        "layers": split_names("--layers", layers) or None,
+        "parts": split_names("--parts", parts) or None,
+    }
     several = len(paths) > 1 or paths[0].is_dir()
-    check_options(options, several=several)
-    files = files_in(paths)
+    asked = RequestedOptions(
+        {key: value for key, value in said.items() if value is not None},
+        requested_heights(rig, heights, all_heights=all_heights),
+        SettingsOfFiles.load(paths[0], settings),
+    )
+    check_options(asked.of(None), several=several)
+    found = asked.select(files_in(paths, recursive=recursive))
+    files = found.paths
+    if write_settings:
+        place = write_settings_template(paths[0], files)
+        typer.echo(f"{place}: {len(files)} files; fill it in, then import again")
+        return 0
     target = out or Path(f"{paths[0].stem or paths[0].resolve().name}.objects.json")
     check_places({"--out": target}, {**rig_files(rig), **several_files(files)})
     there = load_target(target, add=add, again=several)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with StatusLine(console, "reading") as doing, ObjectsTarget(target, there) as file:
-        made = import_files(files, options, target, there, doing.now, keep=file.keep, several=several)
+        made = import_files(files, asked.of, target, there, doing.now, keep=file.keep, several=several)
         doing.now(f"writing {target}")
         size = file.write(made.text) if made.text.objects else 0
     new = [item for outcome in made.files for item in outcome.objects]
@@ -170,6 +209,7 @@ def import_objects(
         bytes=size,
         objects=tuple(item.result for item in new),
         warnings=(
+            *found.left_out,
             *(text for outcome in made.files for text in outcome.warnings),
             *(f'object "{name}" is kept, though its file {file} is gone' for name, file in made.gone),
         ),

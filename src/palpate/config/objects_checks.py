@@ -5,6 +5,7 @@ Points that repeat the previous one, or lie on a straight line between others, a
 redundant. They are dropped, with a notice, since the edges in answers are counted without them.
 """
 
+import unicodedata
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
@@ -59,7 +60,7 @@ def objects_problems(text: ObjectsFileText) -> Iterator[Finding]:
 def _repeated_names(names: list[str], place: Place, noun: str) -> Iterator[Finding]:
     first: dict[str, int] = {}
     for index, name in enumerate(names):
-        taken = first.setdefault(name, index)
+        taken = first.setdefault(unicodedata.normalize("NFC", name), index)
         if taken != index:
             yield (
                 (*place, index),

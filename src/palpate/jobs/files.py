@@ -4,6 +4,7 @@ import inspect
 import os
 import types
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache, wraps
 from importlib.resources.abc import Traversable
 from numbers import Real
@@ -22,6 +23,7 @@ from palpate.config.calibration_file import ReferencesFile
 from palpate.config.calibration_file import load_references as read_references
 from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
 from palpate.config.writers import file_text
+from palpate.rig.catalogue.finger_model import HasHeight, KnownObjects
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -118,6 +120,20 @@ def load_objects(path: PathLike | None = None) -> ObjectsFile:
     for line in found.notices:
         warn_operator(line)
     return found
+
+
+def known_objects(
+    objects: ObjectsFile, fingers: Sequence[HasHeight], name: str, warn: Callable[[str], None]
+) -> ObjectsFile:
+    """The objects without states that are not known where fingers are; `warn` is told which these are.
+
+    Raises InputError if none is left.
+    """
+    known = KnownObjects.of(objects.objects, fingers)
+    if known.left_out is None:
+        return objects
+    warn(f"{name}: {known.left_out}")
+    return replace(objects, objects=known.objects)
 
 
 @check_arguments

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate import recognizer
-from palpate.base.errors import InputError, PalpateError, quantity
+from palpate.base.errors import InputError, PalpateError, quantity, warn_operator
 from palpate.base.vocabulary import DEFAULT_BUDGET, IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
 from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut
-from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from
+from palpate.jobs.files import PathLike, check_arguments, known_objects, load_contacts, objects_from
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -24,7 +24,7 @@ from palpate.recognizer import (
     Recognition,
     explain_object,
 )
-from palpate.rig.catalogue.finger_model import check_known, fingers_of
+from palpate.rig.catalogue.finger_model import fingers_of
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import untouched_lines
 from palpate.rig.conversion import finger_of, grips_of
@@ -235,11 +235,11 @@ def recognise(
     `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's.
     `budget`: units of work; with fewer there are more hypotheses, with wider bounds. `progress` is told of
     the preparation of a large catalogue, and of many ways to understand the contacts before the hypotheses
-    are worked out. Raises InputError for files that are wrong, and for objects that are
-    not known at the contacts' heights.
+    are worked out. Raises InputError for files that are wrong, and if no state is known at
+    the contacts' heights; those that are not are left out, with a warning.
     """
     models, given = objects_from(objects), _contacts(contacts)
-    check_known(models.objects, fingers_of(given.contacts))
+    models = known_objects(models, fingers_of(given.contacts), _name(objects, "objects"), warn_operator)
     catalogue = prepare_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
@@ -266,11 +266,12 @@ def plan(
     """Plan: the grip of a rig that follows on contacts (memo §3.2), and what each hypothesis predicts of it.
 
     `seed` draws the grip of the strategy `random`. `progress` is told of a large catalogue's preparation.
-    Raises InputError for files that are wrong, for objects that are not known at the fingers' heights, and if
-    no finger touched anything.
+    States that are not known at the fingers' heights are left out, with a warning. Raises InputError for
+    files that are wrong, if no state is left, and if no finger touched anything.
     """
     models, given = objects_from(objects), _contacts(contacts)
-    check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
+    touching = [*rig.fingers, *fingers_of(given.contacts)]
+    models = known_objects(models, touching, _name(objects, "objects"), warn_operator)
     fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
     catalogue = prepare_catalogue(models.objects, fingers, progress)
     planned = grip_plan(rig, catalogue, given.grips, parse_strategy(strategy), seed)

@@ -5,8 +5,9 @@ that represent a range of heights. Their actual deviations are added up and writ
 tolerance.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -22,8 +23,8 @@ from palpate.cad.revolution import solid_of_revolution
 from palpate.cad.solid_symmetries import NEGLIGIBLE_SHARE, with_symmetry
 from palpate.cad.stable_states import volume_mm3
 from palpate.config.catalogue_results import ImportedObjectOut, ImportedStateOut
-from palpate.config.objects_file import FLAT
-from palpate.config.objects_tables import ObjectText, SectionText, StateText
+from palpate.config.objects_file import FLAT, objects_from_text
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.rig.catalogue.import_states import (
     Height,
     ImportedStates,
@@ -45,6 +46,17 @@ _ROUND_SHARE = 0.03  # of the tolerance, for the curves of a drawing that is rou
 _TOLERATED_LOSS, _MAX_LOSS = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
 _MAX_NAMES_SHOWN = 12  # parts in a message
+_GRAVITY_M_S2, _HOLDS_STEPS_PER_N = 9.81, 1000.0
+
+_TURN_UP = {
+    "+x": ((0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "-x": ((0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    "+y": ((1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "-y": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "+z": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-z": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
+}
+"""Rotations that bring an axis to +z."""
 
 
 class LossError(InputError):
@@ -61,6 +73,8 @@ class ImportOptions:
     ones of a DXF file that have outlines, none named: all. `parts`: names, or numbers from 1, of those that
     are wanted of a file. `as_is`: not dropped, but as it lies in the file. States that are less probable than
     `least_probability` are left out. `accept_loss`: even if they are a fifth of all cases together, or more.
+    `up`: axis of the file that points up where it is imported `as_is`. `part_holds_n`: force below which the
+    part does not slide; without it, that follows from `friction` and the mass, or the density.
     """
 
     units: str | None = None
@@ -74,6 +88,23 @@ class ImportOptions:
     accept_loss: bool = False
     layers: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
+    up: str | None = None
+    part_holds_n: float | None = None
+    mass_g: float | None = None
+    density_g_cm3: float | None = None
+    friction: float | None = None
+
+    def holds_n(self, volume_mm3: float) -> float | None:
+        """Force (N) below which a part of a volume does not slide, rounded down; None: not said."""
+        if self.part_holds_n is not None:
+            return self.part_holds_n
+        mass_g = self.mass_g
+        if mass_g is None and self.density_g_cm3 is not None:
+            mass_g = self.density_g_cm3 * volume_mm3 / 1000.0
+        if mass_g is None or self.friction is None:
+            return None
+        force = self.friction * mass_g / 1000.0 * _GRAVITY_M_S2
+        return math.floor(force * _HOLDS_STEPS_PER_N) / _HOLDS_STEPS_PER_N or None
 
 
 @dataclass(frozen=True)
@@ -99,19 +130,39 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     LossError where states that are left out are more than a fifth of all cases.
     """
     report(f"reading {path.name}")
-    if is_drawing(path):
-        return _drawings(path, options)
+    found = _drawings(path, options) if is_drawing(path) else _solids(path, options, report)
+    _check_models(path, found.objects)
+    return found
+
+
+def _check_models(path: Path, objects: Sequence[ImportedObject]) -> None:
+    """Raise InputError for a model that could not be read again: it must not cost what is beside it."""
+    for item in objects:
+        text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=[item.text])
+        try:
+            objects_from_text(text, item.text.name)
+        except InputError as error:
+            reason = str(error).removeprefix(f"{item.text.name}: ")
+            raise InputError(
+                f"{path}: its model would be no sound one: {reason}; another --tolerance may help"
+            ) from None
+
+
+def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
     if options.thickness_mm is not None:
         raise InputError(f"a thickness is for drawings; {path} holds solids, which have heights of their own")
     if options.layers:
         raise InputError(f"layers are for DXF files; {path} holds solids")
     curve = _CURVE_SHARE * options.tolerance_mm
-    solids = read_confined(path, simpler_file_advice(path), read_solids, path, options.units, curve)
-    objects, warnings = [], []
+    found = read_confined(path, simpler_file_advice(path), read_solids, path, options.units, curve)
+    solids, objects = found.solids, []
+    warnings = [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
     for drawn, name in _select_parts(
         path, solids, _part_names([solid.name for solid in solids], options), options
     ):
-        solid = solid_of_revolution(drawn, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm)) or drawn
+        upright = drawn if options.up is None else _turn_up(drawn, options.up)
+        solid = solid_of_revolution(upright, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm))
+        solid = solid or upright
         shares = _shares(solid, options)
         if solid.symmetry is None and not options.as_is:
             solid = with_symmetry(solid, NEGLIGIBLE_SHARE * shares.merged_mm)
@@ -123,6 +174,11 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
         warnings += [f'object "{name}": {text}' for text in imported.warnings]
         warnings += [_loss(name, lost)] if lost > _TOLERATED_LOSS else []
     return Imported(tuple(objects), tuple(warnings))
+
+
+def _turn_up(solid: Solid, axis: str) -> Solid:
+    turn = np.array(_TURN_UP[axis], dtype=np.float64)
+    return replace(solid, vertices_mm=solid.vertices_mm @ turn.T)
 
 
 def _loss(name: str, lost: float) -> str:
@@ -198,7 +254,8 @@ def _solid_object(
         left_out=imported.left_out,
     )
     states = [item.text for item in imported.states]
-    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states), out)
+    holds = options.holds_n(volume_mm3(solid))
+    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states, part_holds_n=holds), out)
 
 
 def _drawings(path: Path, options: ImportOptions) -> Imported:
@@ -275,4 +332,5 @@ def _flat_object(
         left_out=(),
     )
     state = StateText(name=FLAT, height=height, sections=[section])
-    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=[state]), out)
+    holds = options.holds_n(area.area * height)
+    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=[state], part_holds_n=holds), out)

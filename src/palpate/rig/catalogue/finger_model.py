@@ -1,14 +1,14 @@
 """Fingers of a rig as used to compare parts: heights, tip radii and the bound on contacts.
 
-Objects whose sections are not known where fingers touch are refused before anything is recognised or moved.
-An object that was imported near some heights only has nothing at others, as far as its sections say; a
-finger there would take it for free space.
+States whose sections are not known where fingers touch are left out before anything is recognised or moved:
+one that was imported near some heights only has nothing at others, as far as its sections say; a finger there
+would take it for free space.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 from palpate.base.errors import InputError, join_words, quantity
 from palpate.base.geometry import ObjectModel, State
@@ -191,6 +191,53 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
         f"{heights_in_words(state.heights_mm or ())} only; finger {finger.name} is at "
         f"{_place(finger)}{also}: import it again for heights {wanted}{other}"
     )
+
+
+_MAX_STATES_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class KnownObjects:
+    """Objects with those states alone that are known all along fingers' tips; `left_out` in one line, if any.
+
+    A part in a state that is left out is not recognised.
+    """
+
+    objects: tuple[ObjectModel, ...]
+    left_out: str | None = None
+
+    @classmethod
+    def of(cls, objects: Sequence[ObjectModel], fingers: Sequence[HasHeight]) -> Self:
+        """Raises InputError as `check_known` does if no state is left."""
+        kept: list[ObjectModel] = []
+        lost: list[tuple[ObjectModel, State]] = []
+        for model in objects:
+            known = [all(state.known_within(item.span_mm) for item in fingers) for state in model.states]
+            pairs = list(zip(model.states, known, strict=True))
+            lost += [(model, state) for state, is_known in pairs if not is_known]
+            if all(known):
+                kept.append(model)
+            elif any(known):
+                kept.append(replace(model, states=tuple(state for state, is_known in pairs if is_known)))
+        if not lost:
+            return cls(tuple(objects))
+        if not kept:
+            check_known(objects, fingers)
+        words = [
+            f"{model.name}, {state.name}{_share_text(state)}" for model, state in lost[:_MAX_STATES_SHOWN]
+        ]
+        more = len(lost) - len(words)
+        rest = f" and {quantity(more, 'more state', 'more states')}" if more > 0 else ""
+        wanted = ",".join(map(_span_text, sorted({item.span_mm for item in fingers})))
+        return cls(
+            tuple(kept),
+            f"left out, as they are not known where fingers are: {'; '.join(words)}{rest}; parts that rest "
+            f"so are not recognised; import them again for heights {wanted} to have them",
+        )
+
+
+def _share_text(state: State) -> str:
+    return "" if state.probability is None else f" ({100 * state.probability:.2g} % of cases)"
 
 
 def _span_text(span_mm: tuple[float, float]) -> str:

@@ -24,6 +24,9 @@ from palpate.rig.workers import in_processes
 
 Report = Callable[[str], None]
 
+OptionsOf = Callable[[Path], ImportOptions]
+"""Options of each file."""
+
 _ADVICE = "divide it"
 _REQUEST_EDITION = (
     1  # to be raised when the same file becomes another object: what was kept is then read again
@@ -58,27 +61,81 @@ class Catalogued:
     gone: tuple[tuple[str, str], ...]
 
 
-def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """All CAD files among paths and directly in folders, each once, in order.
+@dataclass(frozen=True)
+class FoundFiles:
+    """CAD files, each once, in order; `left_out`: what is not read of folders, and why, a line each."""
 
-    Raises InputError for a folder without any, and for two files of one name but for the suffix: their
-    objects would have one name.
+    paths: tuple[Path, ...]
+    left_out: tuple[str, ...] = ()
+
+
+_BY_PREFERENCE = (".step", ".stp", ".3mf", ".stl", ".obj", ".ply", ".dxf", ".svg")
+"""Of one part in several formats: first what has curves, then what has units, then what is most common."""
+
+_MOST_NAMED = 8  # files or folders in a line
+
+
+def files_in(paths: Sequence[Path], *, recursive: bool = False) -> FoundFiles:
+    """All CAD files among paths and in folders; if `recursive`, in theirs as well, but for hidden ones.
+
+    Of files of one folder that have one name but for the suffix, one is taken. Raises InputError for a folder
+    without any CAD file.
     """
     found: dict[Path, None] = {}
+    lines: list[str] = []
     for path in paths:
         if not path.is_dir():
             found[path] = None
             continue
-        inside = sorted(item for item in path.iterdir() if item.suffix.lower() in CAD_SUFFIXES)
+        inside, others = _inside(path, recursive=recursive)
         if not inside:
-            raise InputError(f"{path}: holds no CAD file ({', '.join(sorted(CAD_SUFFIXES))})")
+            more = f"; {others[0]}" if others else ""
+            raise InputError(f"{path}: holds no CAD file ({', '.join(sorted(CAD_SUFFIXES))}){more}")
         found |= dict.fromkeys(inside)
-    stems: dict[str, Path] = {}
-    for path in found:
-        other = stems.setdefault(path.stem, path)
-        if other is not path:
-            raise InputError(f"{path} and {other}: objects are named after files, and these have one name")
-    return tuple(found)
+        lines += others
+    best: dict[Path, Path] = {}
+    for path in sorted(found, key=_preference):
+        best.setdefault(path.with_suffix(""), path)
+    kept = {*best.values()}
+    twins = [
+        f"{path} ({best[path.with_suffix('')].name} is there, too)" for path in found if path not in kept
+    ]
+    if twins:
+        lines.append(f"not read: {some_of(twins)}")
+    return FoundFiles(tuple(path for path in found if path in kept), tuple(lines))
+
+
+def _inside(folder: Path, *, recursive: bool) -> tuple[list[Path], list[str]]:
+    """CAD files of a folder, in order, and what is left out of it."""
+    files, passed, hidden = [], [], []
+    for root, folders, names in os.walk(folder):
+        here = Path(root)
+        files += [here / name for name in names if Path(name).suffix.lower() in CAD_SUFFIXES]
+        folders.sort()
+        secret = [name for name in folders if name.startswith((".", "__"))]
+        hidden += [str(here / name) for name in secret]
+        folders[:] = [name for name in folders if name not in secret]
+        if not recursive:
+            passed += [str(here / name) for name in folders if _holdssome_of(here / name)]
+            break
+    lines = [f"not entered: {some_of(passed)}; --recursive enters folders"] if passed else []
+    return sorted(files), [*lines, *([f"hidden: {some_of(hidden)}"] if hidden and recursive else [])]
+
+
+def _preference(path: Path) -> int:
+    """Rank of a file's format; an unknown one is refused later, by its own name."""
+    suffix = path.suffix.lower()
+    return _BY_PREFERENCE.index(suffix) if suffix in _BY_PREFERENCE else -1
+
+
+def _holdssome_of(folder: Path) -> bool:
+    return any(Path(name).suffix.lower() in CAD_SUFFIXES for _, _, names in os.walk(folder) for name in names)
+
+
+def some_of(items: Sequence[str]) -> str:
+    """The first of some names, and how many more there are."""
+    more = len(items) - _MOST_NAMED
+    return ", ".join(items[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
@@ -94,7 +151,7 @@ def _source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
 
 def import_files(
     paths: Sequence[Path],
-    options: ImportOptions,
+    options: OptionsOf,
     target: Path,
     there: ObjectsFileText | None,
     report: Report = lambda _: None,
@@ -104,14 +161,14 @@ def import_files(
 ) -> Catalogued:
     """Import files into the text of an objects file, `there`, that is to be written to `target`.
 
-    `options.units` are for files that state none. Nothing that came from another file is replaced: an object
-    whose name is taken gets its file's name, or a number. `keep` is given what is done so far after every
-    file, as long as there are objects. One that is not among `several` raises InputError where it fails, and
-    is read in any case.
+    `options` of each file; units are for files that state none. Nothing that came from another file is
+    replaced: an object whose name is taken gets its file's name, or a number. `keep` is given what is done so
+    far after every file, as long as there are objects. One that is not among `several` raises InputError
+    where it fails, and is read in any case.
     """
     before = there or _text([], [])
     if not several:
-        return _one(paths[0], options, target, before, report)
+        return _one(paths[0], options(paths[0]), target, before, report)
     sources, outcomes = _sources(paths, options, target)
     outcomes |= {path: found for path, source in sources.items() if (found := _known(before, path, source))}
     changed = [path for path in paths if path not in outcomes]
@@ -176,14 +233,14 @@ def _with_all(
 
 
 def _sources(
-    paths: Sequence[Path], options: ImportOptions, target: Path
+    paths: Sequence[Path], options: OptionsOf, target: Path
 ) -> tuple[dict[Path, SourceText], dict[Path, FileOutcome]]:
     """The sources of files that can be read, and the outcomes of those that cannot."""
     sources, failed = {}, {}
     for path in paths:
         try:
             is_drawing(path)
-            sources[path] = _source_of(path, options, target)
+            sources[path] = _source_of(path, options(path), target)
         except InputError as error:
             failed[path] = FileOutcome(path, failure=str(error))
     return sources, failed
@@ -249,13 +306,13 @@ def _free_name(name: str, stem: str, taken: set[str]) -> str:
 
 
 def _import_all(
-    paths: Sequence[Path], options: ImportOptions, report: Report
+    paths: Sequence[Path], options: OptionsOf, report: Report
 ) -> Iterator[tuple[Path, FileOutcome]]:
     """Every file in a process of its own, as many at once as there are cores, as they come."""
     if not paths:
         return
     report(f"0 of {len(paths)} files")
-    work = in_processes(_import_one, [(path, _for_file(path, options)) for path in paths])
+    work = in_processes(_import_one, [(path, _for_file(path, options(path))) for path in paths])
     for done, (index, outcome) in enumerate(work, 1):
         report(f"{done} of {len(paths)} files")
         yield paths[index], outcome
