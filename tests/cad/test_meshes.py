@@ -98,6 +98,29 @@ def test_an_obj_of_two_materials_is_one_body(tmp_path):
     assert len(solid.faces) == 12
 
 
+def test_an_obj_that_counts_backwards_is_the_same_solid(tmp_path):
+    """Faces between vertices, each counted from where it stands, with normals and textures, too."""
+    mesh = trimesh.creation.cylinder(5, 20, sections=12)
+    lines = ["vn 0 0 1", "vt 0 0"]
+    for count, face in enumerate(mesh.faces.tolist(), 1):
+        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices[face].tolist()]
+        lines.append("f -3/-1/-1 -2/1/-1 " + (f"{3 * count}/1/1" if count % 2 else "-1/-1/-1"))
+    path = tmp_path / "part.obj"
+    path.write_text("\n".join(lines))
+    (solid,) = read_solids(path, "mm", 0.05).solids
+    assert volume(solid) == pytest.approx(mesh.volume)
+    path.write_text("\n".join([*lines, "f 0 1 2"]))
+    with pytest.raises(InputError, match="a face has vertex 0; OBJ counts vertices from 1"):
+        read_solids(path, "mm", 0.05)
+
+
+def test_an_stl_may_end_its_solid_in_two_words(tmp_path):
+    path = tmp_path / "part.stl"
+    text = trimesh.creation.box((9, 9, 9)).export(file_type="stl_ascii")
+    path.write_text(text.replace("endsolid", "end solid"))
+    assert volume(read_solids(path, "mm", 0.05).solids[0]) == pytest.approx(729.0)
+
+
 def test_a_3mf_file_has_units_names_and_each_shape_once(tmp_path):
     scene = trimesh.Scene()
     pin, plate = trimesh.creation.cylinder(2, 20, sections=16), trimesh.creation.box((30, 20, 3))

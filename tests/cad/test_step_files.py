@@ -108,6 +108,18 @@ def test_bodies_and_voids():
     assert volume(hollow) == pytest.approx(27000 - 125)
 
 
+CIRCLE_OF_UNITS = """ISO-10303-21;
+DATA;
+#3=(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNIT_ASSIGNED_CONTEXT((#4))REPRESENTATION_CONTEXT('',''));
+#4=(CONVERSION_BASED_UNIT('INCH',#5)LENGTH_UNIT()NAMED_UNIT(*));
+#5=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#6);
+#6=(CONVERSION_BASED_UNIT('INCH',#7)LENGTH_UNIT()NAMED_UNIT(*));
+#7=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#4);
+ENDSEC;
+END-ISO-10303-21;
+"""
+
+
 def test_damaged_files_are_refused(tmp_path):
     text = (HERE / "cylinder.step").read_text()
     path = tmp_path / "part.stp"
@@ -116,6 +128,7 @@ def test_damaged_files_are_refused(tmp_path):
         (text[: len(text) // 2], "cut short"),
         (text.replace("CLOSED_SHELL", "CLOSED_SHEL"), "OpenCASCADE|solid"),
         (text.replace("LENGTH_UNIT()", ""), "unit"),
+        (CIRCLE_OF_UNITS, "states no unit of length"),
     ):
         path.write_text(damaged)
         with pytest.raises(InputError, match=said):

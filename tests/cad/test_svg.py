@@ -82,6 +82,17 @@ def box(drawing: Drawing) -> list[float]:
             75 * math.pi,
         ),
         (SQUARE + '<circle cx="20" cy="30" r="5"/>', 600 - math.pi * 25),
+        # fill rules: a subpath that runs the same way as what it is in, and one that runs the other way
+        ('<path d="M10 10H70V60H10z M20 20H40V40H20z"/>', 3000.0),
+        ('<path d="M10 10H70V60H10z M20 20V40H40V20z"/>', 2600.0),
+        ('<path fill-rule="evenodd" d="M10 10H70V60H10z M20 20H40V40H20z"/>', 2600.0),
+        ('<path style="fill-rule:evenodd" d="M10 10H70V60H10z M20 20H40V40H20z"/>', 2600.0),
+        ('<path fill="none" stroke="red" d="M10 10H70V60H10z M20 20H40V40H20z"/>', 2600.0),
+        (
+            f'<switch><foreignObject requiredExtensions="x"><p/></foreignObject><g>{SQUARE}</g>'
+            '<circle r="9"/></switch>',
+            600.0,
+        ),
     ],
 )
 def test_area_of_every_shape(file: Path, body: str, area: float | list[float]) -> None:

@@ -3,6 +3,7 @@
 import json
 import signal
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -11,11 +12,13 @@ import trimesh
 
 from palpate.base.optional_imports import MissingPackageError
 from palpate.config import load_objects
+from palpate.config.import_settings import load_import_settings
 from palpate.config.schema import schema_text
+from palpate.rig.catalogue import cad_import, folder_import
 from palpate.rig.catalogue.cad_import import Imported, import_file
 from palpate.rig.session.signals import Interrupted
 from palpate.rig.workers import in_processes
-from support.commands.command import Here, violations
+from support.commands.command import Here, missing, violations
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -191,13 +194,131 @@ def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Here) -> None:
     assert "nothing was written" in ended.out
 
 
-def test_two_files_of_one_name_are_refused(parts: Path, tmp_path: Path, ask: Here) -> None:
-    trimesh.creation.box((10, 10, 10)).export(parts / "block-1.ply")
+def test_of_one_part_in_several_formats_one_is_read(parts: Path, tmp_path: Path, ask: Here) -> None:
+    box = trimesh.creation.box((10, 10, 10))
+    for suffix in ("ply", "3mf"):
+        box.export(parts / f"block-1.{suffix}")
+    box.export(parts / "BLOCK-9.STL")
     ended = ask(parts, *OPTIONS)
+    assert ended.code == 0
+    files = [Path(item["file"]).name for item in ended.json["files"]]
+    assert files == ["BLOCK-9.STL", "block-1.3mf", "block-2.stl", "block-3.stl"]
+    (line,) = ended.json["warnings"]
+    assert not missing(line, "block-1.stl", "block-1.ply", "block-1.3mf")
+
+
+def test_folders_in_a_folder_are_entered_only_if_asked(parts: Path, tmp_path: Path, ask: Here) -> None:
+    for inner in ("old", ".git", "old/__MACOSX", "empty"):
+        (parts / inner).mkdir()
+    for place in ("old", ".git", "old/__MACOSX"):
+        trimesh.creation.box((11, 12, 13)).export(parts / place / "block-1.stl")
+    ended = ask(parts, *OPTIONS)
+    assert (ended.code, len(ended.json["files"])) == (0, 3)
+    (line,) = ended.json["warnings"]
+    assert not missing(line, "old", "--recursive")
+    assert "empty" not in line
+    ended = ask(parts, *OPTIONS, "--recursive")
+    assert [item["name"] for item in ended.json["objects"]] == ["block-1-2"]
+    assert len(ended.json["files"]) == 4
+    assert not missing("\n".join(ended.json["warnings"]), ".git", "__MACOSX")
+
+
+SETTINGS = """
+format = "palpate/import-settings@1"
+tolerance_mm = 0.2
+density_g_cm3 = 1.2
+friction = 0.5
+
+[files."block-1*"]
+units = "inch"
+name = "inches"
+mass_g = 100.0
+
+[files."block-[12].stl"]
+deviation_mm = 0.3
+
+[files."block-3.stl"]
+leave_out = true
+
+[files."gone.stl"]
+units = "mm"
+"""
+
+
+def test_settings_say_of_each_file_what_it_is(parts: Path, tmp_path: Path, ask: Here) -> None:
+    trimesh.creation.box((1, 2, 0.5)).export(parts / "block-1.stl")
+    (parts / "palpate-import.toml").write_text(SETTINGS)
+    ended = ask(parts, *OPTIONS[2:], "--units", "mm")
+    sizes = {item["name"]: item["size"] for item in ended.json["objects"]}
+    assert sizes["inches"] == [1.0, 2.0, 0.5], "the command line goes before settings"
+    (parts / "palpate-import.toml").write_text(SETTINGS.replace("tolerance", 'units = "mm"\ntolerance', 1))
+    ended = ask(parts, *OPTIONS[2:])
+    assert ended.code == 0, ended.err
+    (changed,) = ended.json["objects"]
+    assert (changed["name"], changed["size"]) == ("inches", [25.4, 50.8, 12.7])
+    assert not missing("\n".join(ended.json["warnings"]), "block-3.stl", "gone.stl")
+    made = written(tmp_path)
+    # 0.1 kg; 4 cm³ of 1.2 g each
+    assert made["inches"]["part_holds_n"] == pytest.approx(0.5 * 0.1 * 9.81, abs=1e-3)
+    assert made["block-2"]["part_holds_n"] == pytest.approx(0.5 * 0.0048 * 9.81, abs=1e-3)
+    assert changed["deviation"] == 0.3
+    again = ask(parts, *OPTIONS[2:])
+    assert [item["kept"] for item in again.json["files"]] == [True, True]
+    other = tmp_path / "other.toml"
+    other.write_text(SETTINGS.replace("leave_out", "leave_it_out"))
+    ended = ask(parts, *OPTIONS, "--settings", other)
     assert ended.code == 2
-    assert "block-1.stl" in ended.err
-    assert "block-1.ply" in ended.err
-    assert not (tmp_path / "all.json").exists()
+    assert not missing(ended.err, "other.toml", "leave_it_out")
+
+
+def test_settings_to_be_filled_in_are_written_once(parts: Path, ask: Here) -> None:
+    (parts / "plate.svg").write_text("<svg/>")
+    assert ask(parts, "--write-settings").code == 0
+    text = (parts / "palpate-import.toml").read_text()
+    assert not missing(text, '[files."*.stl"]', '# units = "mm"', '[files."*.svg"]', "# thickness_mm = 10.0")
+    assert load_import_settings(parts / "palpate-import.toml").files.keys() == {"*.stl", "*.svg"}
+    ended = ask(parts, "--write-settings")
+    assert (ended.code, "is there already" in ended.err) == (2, True)
+
+
+def test_a_part_may_point_up_along_any_axis(parts: Path, tmp_path: Path, ask: Here) -> None:
+    (parts / "palpate-import.toml").write_text(
+        'format = "palpate/import-settings@1"\n[files."block-3.stl"]\nup = "-x"\nstates = "as-is"\n'
+    )
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 0
+    heights = {item["name"]: item["states"][0]["height"] for item in ended.json["objects"]}
+    assert heights == {"block-1": 10.0, "block-2": 10.0, "block-3": 30.0}
+
+
+def test_a_model_that_could_not_be_read_again_costs_no_other(
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As what once made a folder end in nothing: an outline that encloses no area."""
+
+    def spoilt(path: Path, *args: object) -> Imported:
+        found = import_solids(path, *args)
+        if path.stem != "block-2":
+            return found
+        (item,) = found.objects
+        sections = item.text.states[0].sections
+        (polygon,) = sections[0].polygons
+        line = polygon.model_copy(update={"outer": [(0.0, 0.0), (5.0, 0.0), (9.0, 0.0)]})
+        flat = sections[0].model_copy(update={"polygons": [line]})
+        state = item.text.states[0].model_copy(update={"sections": [flat]})
+        text = item.text.model_copy(update={"states": [state]})
+        return replace(found, objects=(replace(item, text=text),))
+
+    import_solids = cad_import._solids  # no file is known that spoils a model today
+    monkeypatch.setattr(cad_import, "_solids", spoilt)
+    monkeypatch.setattr(
+        folder_import, "in_processes", lambda work, jobs: enumerate(work(*job) for job in jobs)
+    )
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 1
+    assert set(written(tmp_path)) == {"block-1", "block-3"}
+    (failed,) = [item for item in ended.json["files"] if item["failure"]]
+    assert not missing(failed["failure"], "block-2.stl", "no sound one")
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path, ask: Here) -> None:

@@ -136,6 +136,12 @@ CASES: list[tuple[object, str, str]] = [
     (catalogue() | {"objects": [3]}, "object 0", "is 3; it must be a table of keys and values"),
     (catalogue() | {"objects": catalogue()["objects"] * 2}, PLATE, "the name is taken by object 0"),
     (
+        catalogue(name="\u00e9")
+        | {"objects": [*catalogue(name="\u00e9")["objects"], *catalogue(name="e\u0301")["objects"]]},
+        'object "e\u0301"',
+        "the name is taken by object 0",
+    ),
+    (
         in_states({"outer": SQUARE, "holes": [[[1, 1], [2, 1], [2, 20]]]}),
         f"{STATE} 0, hole 0",
         "outside the outer",

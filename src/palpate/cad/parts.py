@@ -5,6 +5,7 @@ file → `DrawingFile` with `Drawing`s (outlines that are the same at every heig
 25.4 or 1000 times too large or too small: `size_problem` says so, and which unit would fit.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +97,20 @@ class CrossSection(Section):
     """
 
     off_mm: float
+
+
+_PLACEHOLDER = re.compile(
+    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
+    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
+    re.IGNORECASE,
+)
+"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
+
+
+def real_name(name: str) -> str:
+    """A part's name; empty for one that a program gives to what nobody has named."""
+    name = name.strip()
+    return "" if _PLACEHOLDER.fullmatch(name) else name
 
 
 MIN_SIZE_MM = 1.0

@@ -21,20 +21,12 @@ from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
 from palpate.cad.mesh_files import mesh_triangles
 from palpate.cad.mesh_topology import vertex_rounding
-from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid
+from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, real_name
 
 STEP_SUFFIXES = (".step", ".stp")
 
 _SAME_TRANSFORM = 1e-6
 """Transforms whose lengths and angles differ by less are the same but for position and heading."""
-
-_PLACEHOLDER = re.compile(
-    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
-    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
-    re.IGNORECASE,
-)
-"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
-
 
 _MAX_CHORD_TURN_RAD = math.radians(10.0)
 """Most that neighbouring chords of a curve turn by."""
@@ -73,16 +65,10 @@ def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[MeshPart]:
         mesh = scene.geometry[geometry]
         if not hasattr(mesh, "faces"):
             continue
-        name = _real_name(str(geometry)) or fallback
+        name = real_name(str(geometry)) or fallback
         vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
         found.append(MeshPart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
     return found
-
-
-def _real_name(name: str) -> str:
-    """A part's name; empty for one that a program gives to what nobody has named."""
-    name = name.strip()
-    return "" if _PLACEHOLDER.fullmatch(name) else name
 
 
 def _order(scene: Any, node: str) -> tuple[int, str]:

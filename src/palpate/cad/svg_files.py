@@ -338,14 +338,14 @@ def _strokes(source: bytes, size: SvgPage, left_out: Counter[str]) -> Iterator[S
         matrix = size.user_mm * np.array([[own.a, own.c], [-own.b, -own.d]])
         shift = size.user_mm * np.array([own.e, -own.f])
         label = f"{tag} '{shape.id}'" if shape.id else f"{tag} {number[tag]}"
-        for curves in _bounding(shape, list(_subpaths(shape))):
+        for curves in _boundary_subpaths(shape, list(_subpaths(shape))):
             yield Stroke(label, tuple(transform_curve(curve, matrix, shift) for curve in curves))
 
 
 _FILL_CHORD_SHARE = 1e-3  # of a shape's size: chords by which subpaths are told to be in each other
 
 
-def _bounding(shape: Any, subpaths: list[list[DrawnCurve]]) -> list[list[DrawnCurve]]:
+def _boundary_subpaths(shape: Any, subpaths: list[list[DrawnCurve]]) -> list[list[DrawnCurve]]:
     """Subpaths on one side of which a shape is filled, all of one that is not only filled.
 
     By the fill rule nonzero (SVG 2, 13.4.2) one that runs the same way as what it is in bounds nothing.

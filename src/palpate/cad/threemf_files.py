@@ -34,7 +34,7 @@ from palpate.base.file_io import (
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.optional_imports import import_extra
 from palpate.cad.mesh_checks import check_solids
-from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, SolidFile
+from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, SolidFile, real_name
 
 _UNIT_MM = {
     "micron": 0.001,
@@ -225,7 +225,7 @@ class _Package:
             known.append(kind)
             meshes = list(self._meshes(member, item, 0))
             if meshes:
-                yield found.name or number or self._path.stem, meshes
+                yield real_name(found.name) or number or self._path.stem, meshes
 
     def _object(self, member: str, object_id: str) -> _Object:
         found = self.model(member).objects.get(object_id)

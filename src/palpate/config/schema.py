@@ -27,6 +27,7 @@ from palpate.config.contacts_file import ContactsFile
 from palpate.config.diagnosis_results import CheckOut, DoctorOut, WiringOut
 from palpate.config.emulation import Scene
 from palpate.config.fields import Out
+from palpate.config.import_settings import ImportSettings
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.recognition_results import GripOut, IdentificationOut, RecognitionOut
 from palpate.config.rig_file import RigFile
@@ -44,6 +45,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "home": HomeOut,
     "identification": IdentificationOut,
     "import": ImportOut,
+    "import-settings": ImportSettings,
     "objects": ObjectsFileText,
     "objects-check": ObjectsCheckOut,
     "objects-listing": ObjectsListingOut,

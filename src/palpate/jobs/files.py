@@ -122,7 +122,7 @@ def load_objects(path: PathLike | None = None) -> ObjectsFile:
     return found
 
 
-def known_objects(
+def select_known(
     objects: ObjectsFile, fingers: Sequence[HasHeight], name: str, warn: Callable[[str], None]
 ) -> ObjectsFile:
     """The objects without states that are not known where fingers are; `warn` is told which these are.

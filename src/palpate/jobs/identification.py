@@ -21,7 +21,7 @@ from palpate.config import ObjectsFile, RigOnBench, Scene
 from palpate.config.emulation import ConfigurationText
 from palpate.config.fields import to_json
 from palpate.config.writers import file_text
-from palpate.jobs.files import known_objects
+from palpate.jobs.files import select_known
 from palpate.jobs.recognition import Answer
 from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
 from palpate.rig.catalogue.preparation import prepare_catalogue
@@ -133,7 +133,7 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
     begin, on_bench = time.perf_counter(), request.on_bench
     on_bench.rig.require("identify")
     check_accuracy(on_bench.rig, str(on_bench.path))
-    objects = known_objects(request.objects, on_bench.rig.fingers, request.name, calls.warn)
+    objects = select_known(request.objects, on_bench.rig.fingers, request.name, calls.warn)
     request, lies = replace(request, objects=objects).with_part()
     for line in finding_lines(on_bench.rig, request.objects.objects, request.name):
         calls.warn(line)

@@ -12,7 +12,7 @@ from palpate.base.vocabulary import DEFAULT_BUDGET, IdentificationVerdict, Recog
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
 from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut
-from palpate.jobs.files import PathLike, check_arguments, known_objects, load_contacts, objects_from
+from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from, select_known
 from palpate.recognizer import (
     Budget,
     Catalogue,
@@ -239,7 +239,7 @@ def recognise(
     the contacts' heights; those that are not are left out, with a warning.
     """
     models, given = objects_from(objects), _contacts(contacts)
-    models = known_objects(models, fingers_of(given.contacts), _name(objects, "objects"), warn_operator)
+    models = select_known(models, fingers_of(given.contacts), _name(objects, "objects"), warn_operator)
     catalogue = prepare_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
@@ -271,7 +271,7 @@ def plan(
     """
     models, given = objects_from(objects), _contacts(contacts)
     touching = [*rig.fingers, *fingers_of(given.contacts)]
-    models = known_objects(models, touching, _name(objects, "objects"), warn_operator)
+    models = select_known(models, touching, _name(objects, "objects"), warn_operator)
     fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
     catalogue = prepare_catalogue(models.objects, fingers, progress)
     planned = grip_plan(rig, catalogue, given.grips, parse_strategy(strategy), seed)

@@ -20,7 +20,7 @@ from palpate.config.study_result import (
     StudyOut,
     StudyRunOut,
 )
-from palpate.jobs.files import PathLike, check_arguments, known_objects
+from palpate.jobs.files import PathLike, check_arguments, select_known
 from palpate.jobs.recognition import parse_strategy
 from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
 from palpate.rig.catalogue.preparation import prepare_catalogue
@@ -93,7 +93,7 @@ def study(  # noqa: PLR0913  # the command's options, all optional
         raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
     check_accuracy(rig, rig_name)
     varied = min(runs // VARIATION_DIVISOR, _MAX_VARIATION_RUNS) if budget is None else min(budget, runs)
-    objects = known_objects(objects, rig.fingers, name, warn_operator)
+    objects = select_known(objects, rig.fingers, name, warn_operator)
     begin = time.perf_counter()
     motion, chosen = motion_of(rig) if parts is None else _parse_motion(parts), parse_strategy(strategy)
     _check_placed(placed_within_mm, rig.workspace.radius_mm)
