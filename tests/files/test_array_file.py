@@ -99,16 +99,49 @@ _TABLES: list[object] = [
 ]
 
 
-@pytest.mark.parametrize("table", [*map(json.dumps, _TABLES), "[" * 5000, "{", "\x00"])
+_TITLED = [json.dumps(["forged", table]) for table in _TABLES]
+
+
+@pytest.mark.parametrize("table", [*_TITLED, '["other", []]', '["forged"]', "3", "[" * 5000, "{", "\x00"])
 def test_a_table_that_was_forged_with_its_digest_is_refused(tmp_path: Path, table: str) -> None:
     text = table.encode()
     text += b" " * (-len(text) % 64)
     rest = struct.pack("<QQ", len(text), 64 + len(text) + 64) + text + bytes(64)
     path = tmp_path / "forged"
-    path.write_bytes(b"palpate/arrays@1" + sha256(rest).digest() + rest)
+    path.write_bytes(b"palpate/arrays@2" + sha256(rest).digest() + rest)
     path.chmod(0o600)
     with pytest.raises(ArrayFileError):
         map_arrays(path)
+
+
+def test_files_that_were_exchanged_are_nobodys(tmp_path: Path) -> None:
+    """As when somebody renames them: each is whole, and is not what its name says."""
+    cache = Cache(tmp_path)
+    cache.keep("kind", "one", SOME)
+    cache.keep("kind", "two", {"other": np.arange(3)})
+    one, two = sorted(tmp_path.iterdir())
+    both = one.read_bytes(), two.read_bytes()
+    for path, data in ((one, both[1]), (two, both[0])):
+        path.write_bytes(data)
+    assert cache.fetch("kind", "one") is None
+    assert cache.fetch("kind", "two") is None
+    assert list(cache.newest("kind", 9)) == []
+    cache.keep("kind", "one", SOME)
+    assert cache.fetch("kind", "one") is not None
+
+
+def test_a_folder_that_others_may_write_to_is_not_used(tmp_path: Path) -> None:
+    cache = Cache(tmp_path / "cache")
+    cache.keep("kind", "one", SOME)
+    assert cache.fetch("kind", "one") is not None
+    for mode in (0o770, 0o707):
+        (tmp_path / "cache").chmod(mode)
+        assert cache.fetch("kind", "one") is None
+        assert list(cache.newest("kind", 9)) == []
+        cache.keep("kind", "two", SOME)
+        assert len(list((tmp_path / "cache").iterdir())) == 1
+    (tmp_path / "cache").chmod(0o700)
+    assert cache.fetch("kind", "one") is not None
 
 
 def _group_may_write(path: Path) -> None:

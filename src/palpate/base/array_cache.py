@@ -8,10 +8,11 @@ would be forgotten.
 Array files hold named arrays, whole or refused, and are mapped into memory instead of read:
 
     magic (16 bytes) | SHA-256 of all that follows (32) | length of the table, and of the file (8 + 8)
-    table: JSON, [[name, type, shape, offset], …] | arrays, each on a 64-byte boundary
+    table: JSON, [title, [[name, type, shape, offset], …]] | arrays, each on a 64-byte boundary
 
-Integers are little-endian. A file contains only numbers: nothing in it is ever executed. A file is moved
-into place when it is complete, and never written to again, so that other processes may keep it mapped.
+Integers are little-endian. The title is the file's own name, so that one in the place of another is refused.
+A file contains only numbers: nothing in it is ever executed. A file is moved into place when it is complete,
+and never written to again, so that other processes may keep it mapped.
 """
 
 import hashlib
@@ -46,7 +47,7 @@ Arrays = Mapping[str, NDArray[Any]]
 _PARTIAL_SUFFIX = ".part"
 """Suffix of a file that is being written."""
 
-_MAGIC = b"palpate/arrays@1"
+_MAGIC = b"palpate/arrays@2"
 _HEAD = struct.Struct("<16s32sQQ")
 _HASHED_FROM_BYTE = 48
 _BOUNDARY_BYTES = 64
@@ -68,7 +69,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
     for name, value in stored.items():
         table.append([name, value.dtype.str, list(value.shape), at])
         at += _padded_size(value.nbytes)
-    text = json.dumps(table).encode()
+    text = json.dumps([path.name, table]).encode()
     text += b" " * (_padded_size(_HEAD.size + len(text)) - _HEAD.size - len(text))
     size = _HEAD.size + len(text) + at
     head = struct.pack("<QQ", len(text), size) + text
@@ -95,8 +96,8 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of a file, read-only and mapped: processes that have the same file share its memory.
 
-    Raises ArrayFileError for a file that is not whole, and for one that another user owns or could write to;
-    OSError where there is none.
+    Raises ArrayFileError for a file that is not whole, one that was written under another name, and one that
+    another user owns or could write to; OSError where there is none.
     """
     data = _map_file(path)
     if len(data) < _HEAD.size:
@@ -109,7 +110,7 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
         raise ArrayFileError("not whole")
     if hashlib.sha256(memoryview(data)[_HASHED_FROM_BYTE:]).digest() != digest:
         raise ArrayFileError("damaged")
-    return dict(_parse_arrays(data, data[_HEAD.size : begin], begin))
+    return dict(_parse_arrays(path.name, data, data[_HEAD.size : begin], begin))
 
 
 def _map_file(path: Path) -> mmap.mmap:
@@ -128,9 +129,11 @@ def _map_file(path: Path) -> mmap.mmap:
         os.close(number)
 
 
-def _parse_arrays(data: mmap.mmap, text: bytes, begin: int) -> Iterator[tuple[str, NDArray[Any]]]:
+def _parse_arrays(title: str, data: mmap.mmap, text: bytes, begin: int) -> Iterator[tuple[str, NDArray[Any]]]:
     try:
-        table = json.loads(text)
+        written, table = json.loads(text)
+        if written != title:
+            raise ArrayFileError("another file's content")
         if len(table) > _MOST_ARRAYS:
             raise ArrayFileError("too many arrays")
         for name, kind, shape, at in table:
@@ -186,11 +189,13 @@ class Cache:
 
     def fetch(self, kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         """Return what was kept, mapped from its file and read-only; None where nothing sound was."""
-        return None if self.folder is None else _fetch_file(self._place(self.folder, kind, key))
+        if self.folder is None or not _is_private(self.folder):
+            return None
+        return _fetch_file(self._place(self.folder, kind, key))
 
     def newest(self, kind: str, most: int) -> Iterator[dict[str, NDArray[Any]]]:
         """Return what is kept of a kind, whatever its key: the latest used first, from so many files."""
-        if self.folder is None:
+        if self.folder is None or not _is_private(self.folder):
             return
         found = sorted(_cached_files(self.folder, f"{kind}-*{_SUFFIX}"), reverse=True)
         for _, _, path in found[:most]:
@@ -205,6 +210,8 @@ class Cache:
         size = sum(value.nbytes for value in arrays.values())
         with suppress(OSError):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if not _is_private(self.folder):
+                return
             if 2 * size > self.most_bytes or shutil.disk_usage(self.folder).free < _FREE_DISK_FACTOR * size:
                 return
             place = self._place(self.folder, kind, key)
@@ -224,6 +231,15 @@ class Cache:
             size += own
             if size > self.most_bytes:
                 path.unlink(missing_ok=True)
+
+
+def _is_private(folder: Path) -> bool:
+    """True of a folder that only this user can write to."""
+    try:
+        found = folder.stat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
 
 
 def _fetch_file(path: Path) -> dict[str, NDArray[Any]] | None:
