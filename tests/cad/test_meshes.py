@@ -247,8 +247,8 @@ def test_a_face_that_is_turned_over_is_refused():
         check_solids("part.stl", "part", shape.vertices, faces)
 
 
-def test_bodies_that_overlap_are_refused_with_a_place_on_both():
-    message = refusal(box((10, 10, 10)), box((10, 10, 10), (5, 5, 5)))
+def test_bodies_that_cross_and_are_no_bodies_are_refused_with_a_place_on_both():
+    message = refusal(box((10, 10, 10)), inverted(box((10, 10, 10), (5, 5, 5))))
     place = np.array([float(x) for x in message.split("at (")[1].split(")")[0].split(",")])
     assert np.abs(place).max() == pytest.approx(5)
     assert np.abs(place - 5).max() == pytest.approx(5)

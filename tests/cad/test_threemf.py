@@ -1,7 +1,8 @@
 """3MF files: written by the consortium's own library, or by hand where it writes no such thing."""
 
+import locale
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import lib3mf
@@ -77,8 +78,11 @@ def volumes(found: SolidFile) -> dict[str, float]:
 
 
 @pytest.fixture
-def file() -> Written:
-    return Written()
+def file() -> Iterator[Written]:
+    """A new file; lib3mf leaves another locale behind, in which Python reads no UTF-8."""
+    before = locale.setlocale(locale.LC_ALL)
+    yield Written()
+    locale.setlocale(locale.LC_ALL, before)
 
 
 def test_items_of_the_build_are_parts_each_shape_once(file: Written, tmp_path: Path) -> None:

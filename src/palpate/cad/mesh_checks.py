@@ -1,15 +1,20 @@
 """Checks of a triangle mesh: one `Solid` per body, or an error that says what is wrong and where.
 
-Equal corners become one vertex, which is all that formats without vertices (STL) leave to do; nothing else is
-repaired. A shell within another one bounds a void of it; one within that void is a body of its own. Shells
-neither cross nor touch along edges: such files are refused before.
+Equal corners become one vertex, which is all that formats without vertices (STL) leave to do. Shells that
+cross are united if each of them is a body, and crossings of a micrometre are smoothed (`mesh_mending`);
+nothing else is repaired. A shell within another one bounds a void of it; one within that void is a body of
+its own.
 """
+
+from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
+from palpate.cad.mesh_mending import Mesh, close_cracks, smooth_crossings, unite_bodies
 from palpate.cad.mesh_topology import (
     TriangleSurface,
     component_of,
@@ -19,10 +24,18 @@ from palpate.cad.mesh_topology import (
     vertex_rounding,
 )
 from palpate.cad.parts import MIN_SIZE_MM, Solid, size_problem
-from palpate.cad.self_crossing import MAX_CROSSINGS, find_crossings
+from palpate.cad.self_crossing import MAX_CROSSINGS, FaceCrossings, find_crossings
 
 _PROBE_COUNT = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
+
+
+CLOSE_ADVICE = "; close the surface and export it again"
+"""End of the message for a surface that is not closed."""
+
+
+class OpenSurfaceError(InputError):
+    """Refusal of a surface that is not closed."""
 
 
 def _split_bodies(where: str, surface: TriangleSurface) -> list[Ints]:
@@ -149,9 +162,8 @@ def check_solids(
     vertices, faces, moved = _merge_vertices(vertices, faces, tolerance)
     if not len(faces):
         raise InputError(f"{where}: has no faces wider than {tolerance:.2g} mm")
-    _check_edges(where, vertices, faces)
-    surface = triangle_surface_of(vertices, faces, tolerance)
-    _check_crossings(where, surface)
+    found = _sound_surface(where, (vertices, faces), tolerance)
+    surface, vertices, moved = found.surface, found.surface.vertices, moved + found.moved_mm
     parts = _split_bodies(where, surface)
     solids = []
     for number, part in enumerate(parts, start=1):
@@ -160,7 +172,7 @@ def check_solids(
         whole = where if len(parts) == 1 else f"{where}: body {number} of {len(parts)}"
         _check_size(whole, float(np.ptp(vertices[kept], axis=0).max()), units)
         off = off_mm if moved == 0 else float(np.nextafter(off_mm + moved, np.inf))
-        solids.append(Solid(label, vertices[kept], renumbered.reshape(-1, 3), off))
+        solids.append(Solid(label, vertices[kept], renumbered.reshape(-1, 3), off, mended=found.mended))
     return tuple(solids)
 
 
@@ -219,9 +231,9 @@ def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:
 
     open_edges = np.flatnonzero(count == 1)
     if len(open_edges):
-        raise InputError(
+        raise OpenSurfaceError(
             f"{where}: is not watertight: {place(open_edges)} belongs to 1 face"
-            f"{_more(len(open_edges), 'edge', 'edges')}; close the surface and export it again"
+            f"{_more(len(open_edges), 'edge', 'edges')}{CLOSE_ADVICE}"
         )
     crowded = np.flatnonzero(count > 2)
     if len(crowded):
@@ -238,10 +250,79 @@ def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:
         )
 
 
-def _check_crossings(where: str, surface: TriangleSurface) -> None:
-    found = find_crossings(surface)
-    if not len(found.pairs):
-        return
+@dataclass(frozen=True, eq=False)
+class _SoundSurface:
+    """A closed surface without crossings, how far it was moved to be one, and what was `mended`, in words."""
+
+    surface: TriangleSurface
+    moved_mm: float = 0.0
+    mended: tuple[str, ...] = ()
+
+
+def _sound_surface(where: str, mesh: Mesh, tolerance: float) -> _SoundSurface:
+    """The surface of a mesh, mended where that is possible. Raises InputError where it is not."""
+    moved, words = 0.0, tuple[str, ...]()
+    try:
+        _check_edges(where, *mesh)
+    except OpenSurfaceError:
+        closed = close_cracks(mesh)
+        smoothed = None if closed is None else smooth_crossings(closed[0])
+        if closed is None or smoothed is None:
+            raise
+        mesh, moved = smoothed[0], closed[1] + smoothed[1]
+        words = (f"cracks of up to {closed[1]:.2g} mm were closed",)
+        _check_edges(where, *mesh)
+    surface = triangle_surface_of(*mesh, tolerance)
+    crossings = find_crossings(surface)
+    if not len(crossings.pairs):
+        return _SoundSurface(surface, moved, words)
+    found = _without_crossings(surface, crossings)
+    if found is None:
+        _refuse_crossings(where, crossings)
+    return _SoundSurface(found.surface, moved + found.moved_mm, (*words, *found.mended))
+
+
+def _without_crossings(surface: TriangleSurface, crossings: FaceCrossings) -> _SoundSurface | None:
+    """The surface without crossings; None if that cannot be had."""
+    mesh: Mesh = surface.vertices, surface.faces
+    moved, words = 0.0, tuple[str, ...]()
+    shell = _shell_of_faces(surface.neighbours)
+    between = shell[crossings.pairs]
+    if (between[:, 0] != between[:, 1]).any():
+        bodies = [_own_mesh(surface, shell == number) for number in range(int(shell.max()) + 1)]
+        if any(_volume(vertices[faces]) <= 0 for vertices, faces in bodies):
+            return None  # one may bound a void
+        mesh, moved = unite_bodies(bodies)
+        words = ("bodies that cross were united",)
+    made = _surface_without_crossings(mesh, surface.tolerance)
+    if made is not None:
+        return _SoundSurface(made, moved, words)
+    smoothed = smooth_crossings(mesh)
+    made = None if smoothed is None else _surface_without_crossings(smoothed[0], surface.tolerance)
+    if smoothed is None or made is None:
+        return None
+    return _SoundSurface(made, moved + smoothed[1], (*words, "crossings of less than 1 µm were smoothed"))
+
+
+def _surface_without_crossings(mesh: Mesh, tolerance: float) -> TriangleSurface | None:
+    """The surface of a mesh; None if it is not closed, or crosses itself."""
+    if not len(mesh[1]):
+        return None
+    try:
+        _check_edges("", *mesh)
+    except InputError:
+        return None
+    surface = triangle_surface_of(*mesh, tolerance)
+    return None if len(find_crossings(surface).pairs) else surface
+
+
+def _own_mesh(surface: TriangleSurface, chosen: Bools) -> Mesh:
+    """Some faces, with the vertices that they use."""
+    used, faces = np.unique(surface.faces[chosen], return_inverse=True)
+    return surface.vertices[used], faces.reshape(-1, 3)
+
+
+def _refuse_crossings(where: str, found: FaceCrossings) -> NoReturn:
     count = len(found.pairs) if len(found.pairs) <= MAX_CROSSINGS else MAX_CROSSINGS + 1
     more = (
         _more(count, "pair", "pairs")

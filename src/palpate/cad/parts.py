@@ -31,7 +31,8 @@ class Solid:
 
     `vertices_mm` (n, 3), each used by some face; `faces` (m, 3), counter-clockwise seen from outside; every
     edge belongs to two faces. The real surface is nowhere further than `off_mm` from it. `axis` (3,): about
-    which it is a solid of revolution, and `symmetry`, as far as is known.
+    which it is a solid of revolution, and `symmetry`, as far as is known. `mended`: what was wrong with the
+    file's surface, in words.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Solid:
     off_mm: float = 0.0
     axis: Floats | None = None
     symmetry: RotationalSymmetry | None = None
+    mended: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from palpate.base.errors import InputError
 from palpate.base.file_io import CAD_BYTES, read_bytes
 from palpate.base.geometry import Floats, Ints
 from palpate.base.optional_imports import import_extra
-from palpate.cad.mesh_checks import check_solids
+from palpate.cad.mesh_checks import CLOSE_ADVICE, OpenSurfaceError, check_solids
 from palpate.cad.mesh_files import mesh_triangles
 from palpate.cad.mesh_topology import vertex_rounding
 from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, real_name
@@ -35,6 +35,9 @@ _DEVIATION_SHARE = 0.5
 
 _FINER_FACTOR, _FINE_FACETS = 3.0, 12_000
 """Curves are cut so many times as finely as they have to be, if that takes few facets: many take long."""
+
+_COARSER_FACTOR, _MAX_COARSE_TURN_RAD = 8.0, math.radians(30.0)
+"""Where chords do not close a surface that is closed: half of an import's tolerance."""
 
 _ADVICE = "allow its curves a larger tolerance, or export it as STL"
 
@@ -89,7 +92,22 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     if not data.rstrip().endswith(b"END-ISO-10303-21;"):
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     _check_units(path, data, units)
-    scene, within_mm = read_confined(path, _ADVICE, _tessellate, path, curve_mm)
+    try:
+        return _solids(path, *read_confined(path, _ADVICE, _tessellate, path, curve_mm))
+    except OpenSurfaceError as error:
+        problem = str(error)
+    try:  # chords of other lengths may meet
+        return _solids(path, *read_confined(path, _ADVICE, _tessellate_coarsely, path, curve_mm))
+    except InputError:
+        pass
+    raise InputError(
+        f"{problem.removesuffix(CLOSE_ADVICE)}, as OpenCASCADE cuts it into triangles; export it as STL "
+        "from the program that drew it"
+    )
+
+
+def _solids(path: Path, scene: Any, within_mm: float) -> tuple[Solid, ...]:
+    """The solids of a scene in metres, whose chords deviate by so much."""
     solids: list[Solid] = []
     for shape in _distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
@@ -111,7 +129,13 @@ def _tessellate(path: Path, curve_mm: float) -> tuple[Any, float]:
     return _scene(path, curve_mm / _FINER_FACTOR), curve_mm / _FINER_FACTOR
 
 
-def _scene(path: Path, curve_mm: float) -> Any:
+def _tessellate_coarsely(path: Path, curve_mm: float) -> tuple[Any, float]:
+    """The same with longer chords."""
+    within_mm = _COARSER_FACTOR * curve_mm
+    return _scene(path, within_mm, _MAX_COARSE_TURN_RAD), within_mm
+
+
+def _scene(path: Path, curve_mm: float, turn_rad: float = _MAX_CHORD_TURN_RAD) -> Any:
     trimesh = import_extra("trimesh", "step", "reading STEP files")
     cascadio = import_extra("cascadio", "step", "reading STEP files")
     with tempfile.TemporaryDirectory() as folder:
@@ -121,7 +145,7 @@ def _scene(path: Path, curve_mm: float) -> Any:
             str(path.resolve()),
             str(target),
             tol_linear=curve_mm * _DEVIATION_SHARE,
-            tol_angular=_MAX_CHORD_TURN_RAD,
+            tol_angular=turn_rad,
             use_parallel=False,
         )
         if failed or not target.is_file():

@@ -31,9 +31,9 @@ from palpate.base.file_io import (
     read_bytes,
     size_in_words,
 )
-from palpate.base.geometry import Bools, Floats, Ints
-from palpate.base.optional_imports import import_extra
+from palpate.base.geometry import Bools, Floats
 from palpate.cad.mesh_checks import check_solids
+from palpate.cad.mesh_mending import Mesh, unite_bodies
 from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, SolidFile, real_name
 
 _UNIT_MM = {
@@ -55,9 +55,6 @@ _SAME_TRANSFORM = 1e-6
 _PRUSA_VOLUMES, _BAMBU_PARTS = "Metadata/Slic3r_PE_model.config", "Metadata/model_settings.config"
 _PRINTED = {"ModelPart", "normal_part"}
 _SUBTRACTED = {"NegativeVolume", "negative_part"}
-
-Mesh = tuple[Floats, Ints]
-"""Vertices (n, 3) and faces (m, 3)."""
 
 
 def read_3mf(path: Path, units: str | None) -> SolidFile:
@@ -86,23 +83,14 @@ def read_3mf(path: Path, units: str | None) -> SolidFile:
 
 def _unite(where: str, name: str, meshes: Sequence[Mesh]) -> tuple[Solid, ...]:
     """Solids of a part that consists of several: what overlaps or touches is one."""
-    manifold3d = import_extra("manifold3d", "cad", "uniting the components of 3MF files")
     bodies = [
         solid
         for number, mesh in enumerate(meshes, 1)
         for solid in check_solids(f"{where}: component {number} of {len(meshes)}", name, *mesh)
     ]
-    whole = manifold3d.Manifold.batch_boolean(
-        [
-            manifold3d.Manifold(manifold3d.Mesh64(item.vertices_mm, item.faces.astype(np.uint64)))
-            for item in bodies
-        ],
-        manifold3d.OpType.Add,
-    )
-    mesh = whole.to_mesh64()
-    off = math.nextafter(max(item.off_mm for item in bodies) + float(whole.get_tolerance()), math.inf)
-    vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
-    return check_solids(where, name, vertices, np.asarray(mesh.tri_verts, dtype=np.int64), off)
+    whole, moved = unite_bodies([(item.vertices_mm, item.faces) for item in bodies])
+    off = math.nextafter(max(item.off_mm for item in bodies) + moved, math.inf)
+    return check_solids(where, name, *whole, off)
 
 
 @dataclass(frozen=True, eq=False)

@@ -172,6 +172,7 @@ def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
         if lost > _MAX_LOSS and not options.accept_loss:
             raise LossError(f"{path}: {_loss(name, lost)}; accept the loss to import it without them")
         warnings += [f'object "{name}": {text}' for text in imported.warnings]
+        warnings += [f'object "{name}": {text}' for text in drawn.mended]
         warnings += [_loss(name, lost)] if lost > _TOLERATED_LOSS else []
     return Imported(tuple(objects), tuple(warnings))
 

@@ -1,0 +1,88 @@
+"""Mending of surfaces: overlapping bodies are united, cracks closed, and crossings of a micrometre smoothed.
+
+Programs write parts of several bodies into one file, leave cracks where faces meet, and facets that cross by
+less than they mean. All is mended by the library manifold3d, but for cracks; how far surfaces move is stated.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.base.geometry import Floats, Ints
+from palpate.base.optional_imports import import_extra
+
+_SMOOTHED_MM = 1e-3
+"""Surfaces are moved by less than this (manifold3d, Simplify)."""
+
+_CRACK_MM = 0.05
+"""Width of what is a crack, and no hole."""
+
+Mesh = tuple[Floats, Ints]
+"""Vertices (n, 3) and faces (m, 3)."""
+
+
+def unite_bodies(bodies: Sequence[Mesh]) -> tuple[Mesh, float]:
+    """Union of closed bodies that face outwards, and how far (mm) it may be off: what overlaps is one."""
+    manifold3d = import_extra("manifold3d", "cad", "uniting bodies that overlap")
+    parts = [_manifold_of(manifold3d, body) for body in bodies]
+    whole = manifold3d.Manifold.batch_boolean(parts, manifold3d.OpType.Add)
+    return _mesh_of(whole), float(whole.get_tolerance())
+
+
+def smooth_crossings(mesh: Mesh) -> tuple[Mesh, float] | None:
+    """A surface without crossings of a micrometre, and how far (mm) it may be off; None if none is left."""
+    manifold3d = import_extra("manifold3d", "cad", "mending surfaces that cross")
+    whole = _manifold_of(manifold3d, mesh)
+    if whole.status() != manifold3d.Error.NoError:
+        return None
+    smooth = whole.simplify(_SMOOTHED_MM)
+    return None if smooth.is_empty() else (_mesh_of(smooth), _SMOOTHED_MM + float(whole.get_tolerance()))
+
+
+def close_cracks(mesh: Mesh) -> tuple[Mesh, float] | None:
+    """A surface whose cracks are closed by facets, and how wide (mm) they were; None: it has holes."""
+    vertices, faces = mesh
+    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    there = set(map(tuple, edges.tolist()))
+    following = {b: a for a, b in there if (b, a) not in there}
+    open_edges = [(b, a) for a, b in there if (b, a) not in there]
+    if len(following) != len(open_edges):
+        return None  # several cracks meet in a vertex
+    more: list[list[int]] = []
+    widest = 0.0
+    while following:
+        start, at = following.popitem()
+        loop = [start]
+        while at != start:
+            if at not in following:
+                return None
+            loop.append(at)
+            at = following.pop(at)
+        width, first = _crack(vertices[loop])
+        if len(loop) < 3 or width > _CRACK_MM:
+            return None
+        widest, loop = max(widest, width), loop[first:] + loop[:first]
+        more += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
+    return (vertices, np.vstack([faces, np.array(more, dtype=np.int64).reshape(-1, 3)])), widest
+
+
+def _crack(points: Floats) -> tuple[float, int]:
+    """Width of a loop (k, 3) across the line between its ends, and the index of one of them."""
+    first = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
+    away = points - points[first]
+    length = np.linalg.norm(away, axis=1)
+    along = away[int(length.argmax())] / max(float(length.max()), 1e-12)
+    across = away - (away @ along)[:, None] * along
+    return 2 * float(np.linalg.norm(across, axis=1).max()), first
+
+
+def _manifold_of(manifold3d: Any, mesh: Mesh) -> Any:
+    vertices, faces = mesh
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
+
+
+def _mesh_of(manifold: Any) -> Mesh:
+    mesh = manifold.to_mesh64()
+    vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
+    return vertices, np.asarray(mesh.tri_verts, dtype=np.int64)
