@@ -215,7 +215,7 @@ def test_folders_in_a_folder_are_entered_only_if_asked(parts: Path, tmp_path: Pa
     ended = ask(parts, *OPTIONS)
     assert (ended.code, len(ended.json["files"])) == (0, 3)
     (line,) = ended.json["warnings"]
-    assert not missing(line, "old", "--recursive")
+    assert not missing(line, "old", "not entered")
     assert "empty" not in line
     ended = ask(parts, *OPTIONS, "--recursive")
     assert [item["name"] for item in ended.json["objects"]] == ["block-1-2"]

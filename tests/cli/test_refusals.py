@@ -181,6 +181,7 @@ INPUTS = {
     "scene": "scene.json",
     "contacts": "contacts.json",
     "references": "references.toml",
+    "settings": "settings.toml",
     "session": "session/session.jsonl.zst",
     "file": "objects.json",
     "files": "objects.json",
@@ -220,6 +221,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "session").mkdir()
     (tmp_path / INPUTS["session"]).touch()
     (tmp_path / "part.stl").write_text("solid\n")
+    (tmp_path / "settings.toml").write_text('format = "palpate/import-settings@1"\n')
     (tmp_path / "rig.toml").write_text(shipped_rig().read_text(encoding="utf-8"))
     (tmp_path / "objects.json").write_text(shipped_objects().read_text(encoding="utf-8"))
     (tmp_path / "references.toml").write_text(shipped_references().read_text(encoding="utf-8"))

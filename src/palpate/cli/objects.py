@@ -195,7 +195,8 @@ def import_objects(
         typer.echo(f"{place}: {len(files)} files; fill it in, then import again")
         return 0
     target = out or Path(f"{paths[0].stem or paths[0].resolve().name}.objects.json")
-    check_places({"--out": target}, {**rig_files(rig), **several_files(files)})
+    read = {**rig_files(rig), "--settings": settings, **several_files(files)}
+    check_places({"--out": target}, read)
     there = load_target(target, add=add, again=several)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with StatusLine(console, "reading") as doing, ObjectsTarget(target, there) as file:

@@ -144,7 +144,7 @@ def _check_models(path: Path, objects: Sequence[ImportedObject]) -> None:
         except InputError as error:
             reason = str(error).removeprefix(f"{item.text.name}: ")
             raise InputError(
-                f"{path}: its model would be no sound one: {reason}; another --tolerance may help"
+                f"{path}: its model would be no sound one: {reason}; another tolerance may help"
             ) from None
 
 

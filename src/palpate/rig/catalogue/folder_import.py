@@ -118,7 +118,7 @@ def _inside(folder: Path, *, recursive: bool) -> tuple[list[Path], list[str]]:
         if not recursive:
             passed += [str(here / name) for name in folders if _holdssome_of(here / name)]
             break
-    lines = [f"not entered: {some_of(passed)}; --recursive enters folders"] if passed else []
+    lines = [f"folders that were not entered: {some_of(passed)}"] if passed else []
     return sorted(files), [*lines, *([f"hidden: {some_of(hidden)}"] if hidden and recursive else [])]
 
 

@@ -169,6 +169,7 @@ class _Search:
         self._doubted: IdentificationVerdict | None = None
         self._understood = 0  # grips that hypotheses rest on
         self._repeated: int | None = None  # grip (index) whose touches are made again
+        self._most_at_once = len(self._rig.fingers)  # that may touch the part in one grip
         self._doubting = 0  # grips by which the set-up is doubted
         self._refuted: Recognition | None = None  # the last of which nothing was left
         self._present: tuple[int, Recognition | None] = 0, None  # after so many grips
@@ -227,7 +228,7 @@ class _Search:
             return self._doubt(self._doubted)
         if recognition is not None and recognition.verdict is RecognitionVerdict.NONE:
             return self._resolve_contradiction()
-        if len(self._moved_before) > _MAX_MOVES:
+        if self._moves_too_often:
             return self._doubt(self._moving())
         if recognition is None:
             grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
@@ -270,7 +271,7 @@ class _Search:
         self._refuted = self._evidence.recognition
         if self._repeated is None and not self._may_have_moved():
             return self._doubt(IdentificationVerdict.UNKNOWN)
-        if len(self._moved_before) > _MAX_MOVES:
+        if self._moves_too_often:
             return self._doubt(self._moving())
         if self._repeated is None and (again := self._touches_again()):
             return None, again
@@ -282,6 +283,12 @@ class _Search:
         for later in range(number + 1, len(self._grips) + 1):
             self._understand(later)
         return self._next()
+
+    @property
+    def _moves_too_often(self) -> bool:
+        """True if it was moved again although fingers touched it one by one, where that was why."""
+        one_by_one = len(self._rig.fingers) - self._most_at_once
+        return len(self._moved_before) > _MAX_MOVES + one_by_one
 
     def _moving(self) -> IdentificationVerdict:
         """Verdict where grips contradict each other again: moving only if it is known to have moved."""
@@ -336,7 +343,7 @@ class _Search:
                 return IdentificationVerdict.UNKNOWN
             moved = self._judge_contradiction().cause is not ContradictionCause.NOT_IN_CATALOGUE
             return IdentificationVerdict.UNRESOLVED if moved else IdentificationVerdict.UNKNOWN
-        if len(self._moved_before) > _MAX_MOVES:
+        if self._moves_too_often:
             return self._moving()
         answer = self._chooser.answer(recognition)
         confirmed = answer is not None and self._chooser.is_confirmed(self._evidence)
@@ -358,6 +365,8 @@ class _Search:
         """Do the grip and interpret its contacts."""
         number = len(self._grips) + 1
         self._observers.check()
+        if self._repeated is None:
+            grip = grip[: self._most_at_once]
         gently = [replace(approach, touch_mm_s=self._touch_mm_s(approach)) for approach in grip]
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
@@ -366,6 +375,8 @@ class _Search:
         self._observers(TouchEvent(number, touches))
         known = self._evidence.recognition if self._doubted is None else None
         self._motions.append(self._bounds.of_grip(touches, known, since))
+        if len(gently) > 1 and not self._is_bounded(self._motions[-1].whole):
+            self._most_at_once = len(gently) - 1  # together they may press too much unfelt on a light part
         if self._doubted is None and self._repeated is None:
             self._understand(number)
 
