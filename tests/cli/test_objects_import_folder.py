@@ -264,6 +264,9 @@ def test_settings_say_of_each_file_what_it_is(parts: Path, tmp_path: Path, ask: 
     assert changed["deviation"] == 0.3
     again = ask(parts, *OPTIONS[2:])
     assert [item["kept"] for item in again.json["files"]] == [True, True]
+    alone = ask(parts / "block-2.stl", "--states", "as-is", "--out", "one.json", "--json")
+    assert (alone.code, alone.json["warnings"]) == (0, []), "a file by itself has its folder's settings, too"
+    assert alone.json["objects"][0]["deviation"] == 0.3
     other = tmp_path / "other.toml"
     other.write_text(SETTINGS.replace("leave_out", "leave_it_out"))
     ended = ask(parts, *OPTIONS, "--settings", other)

@@ -24,9 +24,9 @@ class SettingsOfFiles:
 
     @classmethod
     def load(cls, path: Path, file: Path | None) -> Self:
-        """The settings in `file`, or those of a folder `path`. Raises InputError."""
-        own = path / SETTINGS_FILE
-        if file is None and path.is_dir() and own.is_file():
+        """The settings in `file`, or those of the folder `path`, or which it is in. Raises InputError."""
+        own = (path if path.is_dir() else path.parent) / SETTINGS_FILE
+        if file is None and own.is_file():
             file = own
         return cls(
             None if file is None else load_import_settings(file), Path() if file is None else file.parent
@@ -63,7 +63,8 @@ class RequestedOptions:
         """The files but for those that settings leave out, and what to say of settings. Raises InputError."""
         out = [path for path in found.paths if self.settings.of(path).get("leave_out")]
         lines = [f"left out by settings: {some_of([str(path) for path in out])}"] if out else []
-        if unused := self.settings.unused(found.paths):
+        unused = self.settings.unused(found.paths) if len(found.paths) > 1 else ()
+        if unused:
             lines.append(f"settings match no file: {some_of(list(unused))}")
         left = tuple(path for path in found.paths if path not in out)
         if not left:

@@ -134,7 +134,7 @@ def import_objects(
         typer.Option(
             "--settings",
             metavar="FILE",
-            help="Settings of files (TOML); else palpate-import.toml of the FOLDER, if it has one.",
+            help="Settings of files (TOML); else palpate-import.toml of their folder, if it has one.",
         ),
     ] = None,
     write_settings: Annotated[
