@@ -6,6 +6,7 @@ import trimesh
 
 from palpate.base.errors import InputError
 from palpate.cad.mesh_checks import check_solids
+from palpate.cad.mesh_mending import smooth_crossings, unite_bodies
 from palpate.cad.parts import Solid
 from palpate.cad.stable_states import volume_mm3
 
@@ -30,6 +31,13 @@ def test_bodies_of_one_file_that_overlap_are_one_part() -> None:
     inside = 10 * pin.volume / 30
     assert volume_mm3(solid) == pytest.approx(base.volume + pin.volume - inside)
     assert solid.off_mm < 1e-6
+
+
+def test_arrays_may_lie_in_memory_as_they_like() -> None:
+    mesh = folded(4e-4)
+    vertices, faces = np.asfortranarray(mesh.vertices), np.asfortranarray(mesh.faces)
+    assert smooth_crossings((vertices, faces)) is not None
+    assert unite_bodies([(vertices, faces)])[0][0].shape[1] == 3
 
 
 def test_bodies_that_touch_with_their_faces_are_one_part() -> None:

@@ -18,6 +18,8 @@ _SMOOTHED_MM = 1e-3
 _CRACK_MM = 0.05
 """Width of what is a crack, and no hole."""
 
+_TYPES = np.float64, np.uint64
+
 Mesh = tuple[Floats, Ints]
 """Vertices (n, 3) and faces (m, 3)."""
 
@@ -78,8 +80,8 @@ def _crack(points: Floats) -> tuple[float, int]:
 
 
 def _manifold_of(manifold3d: Any, mesh: Mesh) -> Any:
-    vertices, faces = mesh
-    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
+    vertices, faces = (np.array(item, dtype=kind, order="C") for item, kind in zip(mesh, _TYPES, strict=True))
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces))
 
 
 def _mesh_of(manifold: Any) -> Mesh:
