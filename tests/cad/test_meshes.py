@@ -109,6 +109,8 @@ def test_an_obj_that_counts_backwards_is_the_same_solid(tmp_path):
     path.write_text("\n".join(lines))
     (solid,) = read_solids(path, "mm", 0.05).solids
     assert volume(solid) == pytest.approx(mesh.volume)
+    path.write_text("\n".join([f"{line} # face 0" if line[0] == "f" else line for line in lines]))
+    assert volume(read_solids(path, "mm", 0.05).solids[0]) == pytest.approx(mesh.volume)
     path.write_text("\n".join([*lines, "f 0 1 2"]))
     with pytest.raises(InputError, match="a face has vertex 0; OBJ counts vertices from 1"):
         read_solids(path, "mm", 0.05)

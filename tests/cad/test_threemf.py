@@ -141,7 +141,7 @@ def test_what_is_no_part_is_left_out_and_said(file: Written, tmp_path: Path) -> 
     file.item(support)
     found = file.read(tmp_path / "cube.3mf")
     assert volumes(found) == pytest.approx({"cube": 1000.0})
-    assert found.left_out == ("1 objects of type support",)
+    assert found.left_out == ("1 of type support",)
 
 
 BOX = trimesh.creation.box((10, 10, 10))
@@ -241,7 +241,7 @@ def test_what_slicers_do_not_print_is_no_part(tmp_path: Path, members: dict[str,
                     f'<object id="1">{xml_of(BOX)}</object>', '<item objectid="1" printable="0"/>'
                 )
             },
-            "1 items that are not to be printed",
+            "1 not to be printed",
         ),
         (
             {

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
 
@@ -292,6 +293,9 @@ def test_a_part_may_point_up_along_any_axis(parts: Path, tmp_path: Path, ask: He
     assert ended.code == 0
     heights = {item["name"]: item["states"][0]["height"] for item in ended.json["objects"]}
     assert heights == {"block-1": 10.0, "block-2": 10.0, "block-3": 30.0}
+    (frame,) = [item["states"][0]["frame"] for item in ended.json["objects"] if item["name"] == "block-3"]
+    top, bottom = (np.array(frame["rotation"]) @ (x, 0, 0) + frame["offset"] for x in (-15, 15))
+    assert [top[2], bottom[2]] == pytest.approx([30.0, 0.0]), "the frame is that of the file"
 
 
 def test_a_model_that_could_not_be_read_again_costs_no_other(

@@ -205,7 +205,7 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     if kind == "stl" and not _is_binary_stl(data):
         data = _STL_END.sub(b"endsolid", data)
     if kind == "obj":
-        data = triangulate_concave(_count_forwards(data))
+        data = triangulate_concave(_count_forwards(re.sub(rb"#.*", b"", data)))
     vertices, faces = _one_mesh(path, _load_scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
@@ -283,7 +283,7 @@ def _obj_problem(data: bytes) -> str:
     """Return what trimesh would read wrongly in an OBJ file, or nothing."""
     if not data.strip():
         return "the file is empty"
-    if re.search(rb"(?m)^[ \t]*f\b.*[ \t]0+(?![.\d])", data):
+    if re.search(rb"(?m)^[ \t]*f\b[^#\n]*[ \t]0+(?![.\d])", data):
         return "a face has vertex 0; OBJ counts vertices from 1: export it again"
     return ""
 

@@ -197,12 +197,12 @@ class _Package:
         seen: dict[tuple[str, str], list[Floats]] = {}
         for item, printed, number in self.model(self.root).items:
             if not printed:
-                self.left_out["items that are not to be printed"] += 1
+                self.left_out["not to be printed"] += 1
                 continue
             member = item.path or self.root
             found = self._object(member, item.object_id)
             if found.kind != "model":
-                self.left_out[f"objects of type {found.kind}"] += 1
+                self.left_out[f"of type {found.kind}"] += 1
                 continue
             # Equal up to a rotation: the same lengths and angles, and the same handedness.
             linear = item.matrix
@@ -231,7 +231,7 @@ class _Package:
             )
         found = self._object(member, item.object_id)
         if found.kind not in ("model", "other"):
-            self.left_out[f"objects of type {found.kind}"] += 1
+            self.left_out[f"of type {found.kind}"] += 1
             return
         if found.mesh is not None:
             for vertices, faces in self._printed_volumes(item.object_id, found.mesh):
@@ -257,7 +257,7 @@ class _Package:
                 f"{self._path}: a slicer subtracts a volume ({role}) from the part; export the printed shape"
             )
         if role not in _PRINTED:
-            self.left_out[f"volumes of kind {role}"] += 1
+            self.left_out[f"of kind {role}"] += 1
         return role in _PRINTED
 
     def _printed_volumes(self, object_id: str, mesh: Mesh) -> Iterator[Mesh]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
+from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import region_of
 from palpate.cad.parts import Drawing, DrawingFile, Solid
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler_file_advice
@@ -94,6 +95,11 @@ class ImportOptions:
     density_g_cm3: float | None = None
     friction: float | None = None
 
+    @property
+    def turn_up(self) -> Floats:
+        """Rotation (3, 3) that brings the axis `up` of the file to +z, if it is imported as it is."""
+        return np.array(_TURN_UP[self.up if self.as_is and self.up else "+z"], dtype=np.float64)
+
     def holds_n(self, volume_mm3: float) -> float | None:
         """Force (N) below which a part of a volume does not slide, rounded down; None: not said."""
         if self.part_holds_n is not None:
@@ -160,7 +166,7 @@ def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
     for drawn, name in _select_parts(
         path, solids, _part_names([solid.name for solid in solids], options), options
     ):
-        upright = drawn if options.up is None else _turn_up(drawn, options.up)
+        upright = replace(drawn, vertices_mm=drawn.vertices_mm @ options.turn_up.T)
         solid = solid_of_revolution(upright, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm))
         solid = solid or upright
         shares = _shares(solid, options)
@@ -175,11 +181,6 @@ def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
         warnings += [f'object "{name}": {text}' for text in drawn.mended]
         warnings += [_loss(name, lost)] if lost > _TOLERATED_LOSS else []
     return Imported(tuple(objects), tuple(warnings))
-
-
-def _turn_up(solid: Solid, axis: str) -> Solid:
-    turn = np.array(_TURN_UP[axis], dtype=np.float64)
-    return replace(solid, vertices_mm=solid.vertices_mm @ turn.T)
 
 
 def _loss(name: str, lost: float) -> str:
@@ -251,12 +252,18 @@ def _solid_object(
         tolerance=tolerance,
         curve_tolerance=bound_mm([solid.off_mm]),
         deviation=options.deviation_mm,
-        states=tuple(item.result for item in imported.states),
+        states=tuple(_in_file_frame(item.result, options) for item in imported.states),
         left_out=imported.left_out,
     )
     states = [item.text for item in imported.states]
     holds = options.holds_n(volume_mm3(solid))
     return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states, part_holds_n=holds), out)
+
+
+def _in_file_frame(state: ImportedStateOut, options: ImportOptions) -> ImportedStateOut:
+    """The state with the frame of the file itself, before it was turned up."""
+    rotation = np.array(state.frame.rotation) @ options.turn_up
+    return state.model_copy(update={"frame": frame_out(rotation, np.array(state.frame.offset))})
 
 
 def _drawings(path: Path, options: ImportOptions) -> Imported:
