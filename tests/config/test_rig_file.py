@@ -192,7 +192,7 @@ CASES = [
     (BENCH, "[workspace]", "[worksapce]", "unknown key", '"worksapce"; did you mean "workspace"?'),
     (BENCH, "contact_force_n = 0.3", "contact_force_n = 9.0", "closing.contact_force_n", "is 9, not below"),
     (BENCH, "touch_speed_mm_s = 5.0", "touch_speed_mm_s = 90.0", "closing.touch_speed_mm_s", "is 90, above"),
-    (BENCH, "max_grips = 8", "max_grips = 8.5", "search.max_grips", "must be a whole number"),
+    (BENCH, "max_grips = 12", "max_grips = 8.5", "search.max_grips", "must be a whole number"),
     (BENCH, "_radius_mm = 20.0", "_radius_mm = 125.0", "emulation.placement_radius_mm", "is 125"),
     (
         BENCH,

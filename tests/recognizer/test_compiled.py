@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer import Catalogue, Contact, Finger, numpy_steps, recognise
+from palpate.recognizer.approach import Facing, Rays
 from palpate.recognizer.budget import Budget, BudgetSpentError
 from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
 from palpate.recognizer.constraints import Constraints
@@ -663,3 +664,30 @@ def test_no_such_state() -> None:
         poses = Poses(np.array([state]), np.zeros(1), np.zeros((1, 2)))
         with pytest.raises(IndexError, match="no such state"):
             compiled_verify(Query(Catalogue([SQUARE]), [contact], np.zeros(2)), poses)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Stops that approaches may come to are enclosed as numpy encloses them, by short outlines and by long ones.
+
+
+@pytest.mark.parametrize("source", ["memo", "own", "loose"])
+@pytest.mark.parametrize("seed", sample(range(12), range(3)))
+def test_stops_are_the_same(source: str, seed: int) -> None:
+    rng = np.random.default_rng([48, seed])
+    catalogue, finger = Catalogue(objects_of(source)), Finger(float(rng.choice([0.0, 5.0])), 10.0)
+    edges, strips = catalogue.outlines(finger), catalogue.outline_strips(finger)
+    count = 300
+    state = rng.integers(len(catalogue.states), size=count)
+    heading, away = rng.uniform(-np.pi, np.pi, count), rng.uniform(-60, 60, count)
+    ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+    start = -rng.uniform(0, 150, count)[:, None] * ahead + away[:, None] * ahead[:, ::-1] * [-1, 1]
+    rays = Rays(state, start, ahead, rng.choice([0.0, 0.3, 5.0, 40.0], count))
+    facing = Facing(
+        heading + np.pi, rng.uniform(0, 0.5, count), rng.uniform(1.6, 3.2, count), rng.random(count) < 0.2
+    )
+    found, expected = (
+        steps.enclose_stops(edges, strips, rays, facing) for steps in (compiled_steps, numpy_steps)
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    assert np.isfinite(expected[2]).sum() > count / 10
+    assert not np.isfinite(expected[2]).all()

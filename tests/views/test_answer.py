@@ -120,6 +120,9 @@ def test_one_object_is_named_in_all_of_its_states_that_are_left() -> None:
     standing = TWIN.model_copy(update={"object": "plate", "state": "standing"})
     first, *_ = answer_lines(ended(TWINS, alternatives=(standing,)))
     assert first.startswith("indistinguishable: plate, flat or standing: ")
+    near = standing.model_copy(update={"relation": Relation.NEAR})
+    first, *_ = answer_lines(ended(TWINS, alternatives=(near,)))
+    assert first.startswith("indistinguishable: plate, flat or standing: at the same place")
     first, *_ = answer_lines(ended(TWINS, alternatives=(standing, TWIN)))
     assert first.startswith("indistinguishable: plate, flat, or something ")
 

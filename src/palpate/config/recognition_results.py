@@ -215,9 +215,13 @@ class GripOut(Out):
 
 
 class Relation(StrEnum):
-    """Relation of an alternative to the answer: another object or state, or the same state elsewhere."""
+    """Relation of an alternative to the answer: another object or state, or the same state elsewhere.
+
+    Near: another state of the same object, whose configuration agrees within the rig file's goals.
+    """
 
     TWIN = "twin"
+    NEAR = "near"
     SYMMETRY = "symmetry"
 
 
@@ -225,7 +229,7 @@ class AlternativeOut(Out):
     """A hypothesis that is left beside the first one.
 
     `turned` (rad, −π to π) and `moved` (mm, of the state's centre of area) take the first one's configuration
-    to this one; both are null for a twin.
+    to this one; both are null for another state.
     """
 
     object: str

@@ -22,7 +22,8 @@ class StudyRunOut(Out):
     `inside_bounds`: the true state is among those that are left, and its true place within that one's bounds.
     `left`: states, object and name, that are still possible. `rivals`: others, those that lasted longest.
     `sticks_out`: the part was put so that it sticks out of the workspace, where answers do not hold.
-    `grip_seconds`: rig time in grips; None for parts that lie still, whose touches take no time.
+    `grip_seconds`: rig time in grips; None for parts that lie still, whose touches take no time. `fewest`:
+    touches that any strategy needs, with those up to the first that met the part; None if the part was lost.
     """
 
     number: int
@@ -43,6 +44,7 @@ class StudyRunOut(Out):
     rivals: tuple[RivalOut, ...]
     sticks_out: bool = False
     grip_seconds: Rounded | None = None
+    fewest: int | None = None
 
 
 class AccuracyOut(Out):
@@ -112,12 +114,16 @@ class VerdictCountOut(Out):
 
 
 class TouchesOut(Out):
-    """Touches that runs took."""
+    """Touches that runs took. `fewest`: that any strategy needs on average, in the runs that were identified;
+    `taken`: those that these runs took.
+    """
 
     mean: Rounded
     median: Rounded
     p90: Rounded
     max: int
+    fewest: Rounded | None = None
+    taken: Rounded | None = None
 
 
 class ConfusionOut(Out):

@@ -23,6 +23,7 @@ from palpate.recognizer.explanation import (
     is_explained,
     suspected_contacts,
 )
+from palpate.recognizer.fewest_touches import fewest_touches
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypotheses, Hypothesis, Slide
 from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
 from palpate.recognizer.pad_face import face_offsets_mm, point_to_left
@@ -55,7 +56,7 @@ from palpate.recognizer.strategy import (
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tip_obstacle import ball_obstacle, is_exact
-from palpate.recognizer.touch_model import Goals, PushLimits, Resolution
+from palpate.recognizer.touch_model import Goals, PushLimits, Resolution, near_equal
 
 __all__ = [
     "DIGEST_BYTES",
@@ -109,11 +110,13 @@ __all__ = [
     "explain_object",
     "extend_to_confirm",
     "face_offsets_mm",
+    "fewest_touches",
     "grips_before_move",
     "heuristic_grip",
     "is_exact",
     "is_explained",
     "memo_counts",
+    "near_equal",
     "offset_from_lines",
     "plan_grip",
     "point_to_left",

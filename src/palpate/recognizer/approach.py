@@ -57,6 +57,21 @@ class Rays(Table):
     rho: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class Facing(Table):
+    """Directions in which r rays can be stopped, in the frames of the objects' middle orientations.
+
+    `against` (r,): against the travel; orientations may turn it by `half_width` (r,) either way. A finger is
+    stopped only where its path, which leans by less than `lean` − π/2 (r,) over its stated direction, goes
+    into the outline; anywhere, and with any normal, where it is `vague` (r,).
+    """
+
+    against: Floats
+    half_width: Floats
+    lean: Floats
+    vague: Bools
+
+
 def in_object_frame(cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
     """Start and unit heading (k, m, 2) of m paths in the frame of each cell's middle configuration."""
     cos, sin = np.cos(cells.middle)[:, None], np.sin(cells.middle)[:, None]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.recognizer.approach import Approach
+from palpate.recognizer.approach import Approach, Facing, Rays
 from palpate.recognizer.boundary_pieces import block_circles, segment_circles
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.connected_components import Boxes, component_labels, few_in_each, region_boxes
@@ -34,6 +34,7 @@ from palpate.recognizer.pose_region import (
     WitnessedCells,
     intervals_to_probe,
 )
+from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.true_boundary import TrueBoundary
 from palpate.recognizer.verification import Nearness, Poses
 
@@ -314,6 +315,16 @@ def divide_cells(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints
     """Each cell in `parts` along whichever of its sides is longest; and which cell each part is of."""
     found, owner = _parts(cells, lever_mm, parts, None)
     return found.cells, owner
+
+
+def enclose_stops(edges: EdgeSet, strips: StripForest, rays: Rays, facing: Facing) -> Floats:
+    """Earliest, latest and furthest stop of r rays (mm), and least and greatest normal there: (5, r)."""
+    del strips  # edges lie in blocks
+    rows = _contiguous(rays.state, rays.start, rays.heading, rays.rho)
+    seen = _contiguous(facing.against, facing.half_width, facing.lean, facing.vague)
+    return np.frombuffer(_KERNEL.enclose_stops(_prepared_edges(edges), *rows, *seen, len(rays))).reshape(
+        5, -1
+    )
 
 
 def sift_intervals(constraints: Constraints, intervals: Intervals, *, corners: bool) -> WitnessedCells:

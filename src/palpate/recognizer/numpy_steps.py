@@ -10,12 +10,14 @@ from palpate.recognizer.numpy_cells import (
 )
 from palpate.recognizer.numpy_pairing import extend, second_level, third_level
 from palpate.recognizer.numpy_regions import search_round
+from palpate.recognizer.numpy_stops import enclose_stops
 from palpate.recognizer.numpy_witnesses import can_be_verified, sift_intervals, sift_parts
 
 __all__ = [
     "can_be_verified",
     "cut_cells",
     "divide_cells",
+    "enclose_stops",
     "extend",
     "free_cells",
     "narrow",

@@ -37,7 +37,7 @@ _MAX_TWIN_PAIRS = 200  # pairs among which twins are looked for; where more are 
 _OUTCOMES_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
 _APPROACHES_AT_ONCE = 8
 FREE_MARGIN_MM = 1.0  # before the earliest predicted stop, for a part that earlier touches have nudged
-_PERCEPTIBLE_SIMILARITY = np.exp(-1.0)  # similarity of what the rig can just distinguish
+PERCEPTIBLE_SIMILARITY = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -187,7 +187,7 @@ def _indistinguishable(
         kept = [
             piece[
                 similarity(outcome, first[piece], second[piece], resolution, some).min(axis=0)
-                >= _PERCEPTIBLE_SIMILARITY
+                >= PERCEPTIBLE_SIMILARITY
             ]
             for piece in np.array_split(left, 1 + len(left) * _APPROACHES_AT_ONCE // _OUTCOMES_AT_ONCE)
         ]

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.base.geometry import Bools, Floats, Ints
+from palpate.base.geometry import Bools, Floats
 from palpate.base.geometry.plane import wrap_angle
-from palpate.recognizer.approach import Approach, EdgeCapsules, capsules_of, rays_of, split_rays
+from palpate.recognizer.approach import Approach, Facing, rays_of
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.pad_face import face_points, strip_extents
 from palpate.recognizer.pose_region import Cells
+from palpate.recognizer.steps import STEPS
 from palpate.recognizer.tables import Table
 
 _EARLY_END_MM = 1.0
@@ -160,44 +160,8 @@ def _predict_tips(
     against = np.array([item.direction_rad + np.pi for item in approaches])
     row, column = np.divmod(np.arange(len(rays)), len(approaches))
     # Where vertices may be off, so may normals, by anything if edges are short: nothing is said of them.
-    vague = catalogue.has_tolerance(approaches[0].finger)
-    parts, begin = [], 0
-    for some in split_rays(edges, strips, rays):
-        piece = slice(begin, begin + len(some))
-        begin = piece.stop
-        cell, of = row[piece], column[piece]
-        parts.append(
-            _enclose(
-                edges,
-                capsules_of(edges, strips, some),
-                against[of] - cells.middle[cell],
-                cells.half_width[cell],
-                lean[of],
-                vague[cells.state[cell]],
-            )
-        )
+    vague = catalogue.has_tolerance(approaches[0].finger)[cells.state[row]]
+    facing = Facing(against[column] - cells.middle[row], cells.half_width[row], lean[column], vague)
+    stops = STEPS.enclose_stops(edges, strips, rays, facing)
     shape = (len(cells), len(approaches))
-    return Predictions(*(np.concatenate(each).reshape(shape) for each in zip(*parts, strict=True)))
-
-
-def _enclose(
-    edges: EdgeSet, met: EdgeCapsules, against: Floats, half_width: Floats, lean: Floats, vague: Bools
-) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Earliest, latest, furthest stop (r,) of rays, and their normals lo, hi (r,) from against the travel.
-
-    `against` (r,): that direction in the frame of the object's middle orientation, which may turn by
-    `half_width` (r,) either way. A finger is stopped only where its path, which leans by less than `lean` −
-    π/2 (r,) over its stated direction, goes into the outline.
-    """
-    edge: Ints = np.maximum(met.edge, 0)
-    off = wrap_angle(edges.normal_rad[edge] - against[:, None])
-    spread = edges.span[edge] + half_width[:, None] + 1e-9
-    stops = met.touchable & (met.edge >= 0) & (met.enter <= met.latest[:, None])
-    stops &= vague[:, None] | (np.abs(off) - spread <= lean[:, None])
-    leave = np.minimum(met.leave, met.latest[:, None])
-    furthest = np.where(stops, leave, -np.inf).max(axis=1, initial=-np.inf)
-    lo = np.where(stops, off - spread, np.inf).min(axis=1, initial=np.inf)
-    hi = np.where(stops, off + spread, -np.inf).max(axis=1, initial=-np.inf)
-    lo, hi = np.maximum(lo, -lean), np.minimum(hi, lean)
-    lo, hi = np.where(vague, -np.pi, lo), np.where(vague, np.pi, hi)
-    return met.earliest, met.latest, furthest, lo, hi
+    return Predictions(*(each.reshape(shape) for each in stops))

@@ -9,10 +9,13 @@ from typing import Protocol
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.recognizer import numpy_steps
+from palpate.recognizer.approach import Facing, Rays
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import NormalRange
+from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.interpretations import Interpretations, Query, TreeLevel
 from palpate.recognizer.pose_region import Cells, Intervals, Regions, WitnessedCells
+from palpate.recognizer.strip_trees import StripForest
 
 
 class Steps(Protocol):
@@ -61,6 +64,12 @@ class Steps(Protocol):
 
     def free_cells(self, evidence: Query, cells: Cells, skipped: Bools | None) -> Bools:
         """Cells (k,) that free paths (m) do not rule out altogether, except for those `skipped` (k, m)."""
+
+    def enclose_stops(self, edges: EdgeSet, strips: StripForest, rays: Rays, facing: Facing) -> Floats:
+        """Earliest, latest and furthest stop of r rays (mm), and least and greatest normal there: (5, r).
+
+        Normals count from against the travel.
+        """
 
     def sift_intervals(
         self, constraints: Constraints, intervals: Intervals, *, corners: bool

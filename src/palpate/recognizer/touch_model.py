@@ -215,7 +215,8 @@ def witness_poses(hypotheses: Hypotheses) -> SampledPoses:
 def pairs_to_distinguish(poses: SampledPoses, hypotheses: Hypotheses, goals: Goals) -> Pairs:
     """Pairs of different hypotheses, and pairs of one that are further apart than is fine enough.
 
-    Where there are too many, some that are drawn in proportion to their weight: always the same ones.
+    Hypotheses that are `near_equal` count as one. Where there are too many pairs, some that are drawn in
+    proportion to their weight: always the same ones.
     """
     first, second = np.triu_indices(len(poses.owner), 1)
     weight = poses.weight[first] * poses.weight[second]
@@ -223,8 +224,8 @@ def pairs_to_distinguish(poses: SampledPoses, hypotheses: Hypotheses, goals: Goa
         rng = np.random.default_rng(len(first))
         drawn = rng.choice(len(first), _MAX_PAIRS, p=weight / weight.sum())
         first, second, weight = first[drawn], second[drawn], np.ones(_MAX_PAIRS)
-    other = poses.owner[first] != poses.owner[second]
-    coarse = ~other & _is_coarse(poses, hypotheses, goals, first, second)
+    other = ~near_equal(hypotheses, goals)[poses.owner[first], poses.owner[second]]
+    coarse = ~other & _are_coarse(poses, hypotheses, goals, first, second)
     # Both kinds count for half: a grip that rules out hypotheses should also narrow what is left.
     for kind in (other, coarse):
         weight[kind] /= float(weight[kind].sum()) or 1.0
@@ -233,16 +234,43 @@ def pairs_to_distinguish(poses: SampledPoses, hypotheses: Hypotheses, goals: Goa
     return Pairs(first, second, weight / (float(weight.sum()) or 1.0))
 
 
-def _is_coarse(poses: SampledPoses, hypotheses: Hypotheses, goals: Goals, first: Ints, second: Ints) -> Bools:
+def near_equal(hypotheses: Hypotheses, goals: Goals) -> Bools:
+    """Pairs of hypotheses (h, h) of one object, in any states, whose configurations agree within `goals`.
+
+    Every hypothesis with itself is one.
+    """
+    catalogue = hypotheses.constraints.catalogue
+    names = [catalogue.states[k].object_name for k in hypotheses.state.tolist()]
+    _, item = np.unique(names, return_inverse=True)
+    first, second = np.triu_indices(len(names), 1)
+    same = item[first] == item[second]
+    first, second = first[same], second[same]
+    away, turned = distances_between(witness_poses(hypotheses), hypotheses, first, second)
+    near = (away <= goals.position_mm) & (turned <= goals.orientation_rad)
+    result: Bools = np.eye(len(names), dtype=bool)
+    result[first[near], second[near]] = result[second[near], first[near]] = True
+    return result
+
+
+def _are_coarse(
+    poses: SampledPoses, hypotheses: Hypotheses, goals: Goals, first: Ints, second: Ints
+) -> Bools:
     """Mask of pairs of poses of one object that are further apart than bounds that are fine enough allow."""
+    away, turned = distances_between(poses, hypotheses, first, second)
+    result: Bools = (away > _GOAL_SHARE * goals.position_mm) | (turned > _GOAL_SHARE * goals.orientation_rad)
+    return result
+
+
+def distances_between(
+    poses: SampledPoses, hypotheses: Hypotheses, first: Ints, second: Ints
+) -> tuple[Floats, Floats]:
+    """Differences of pairs of poses of one object (n,): of x or y, whichever differs more (mm), and of θ."""
     origin = hypotheses.constraints.catalogue.origins_mm[poses.cells.state]
     x, y = (poses.cells.polygon[:, 0] - origin).T
     cos, sin = np.cos(poses.cells.lo), np.sin(poses.cells.lo)
     place = np.column_stack([cos * x - sin * y, sin * x + cos * y])
-    away = np.abs(place[first] - place[second]).max(axis=1)
-    turned = np.abs(wrap_angle(poses.cells.lo[first] - poses.cells.lo[second]))
-    result: Bools = (away > _GOAL_SHARE * goals.position_mm) | (turned > _GOAL_SHARE * goals.orientation_rad)
-    return result
+    away: Floats = np.abs(place[first] - place[second]).max(axis=1)
+    return away, np.abs(wrap_angle(poses.cells.lo[first] - poses.cells.lo[second]))
 
 
 def _weights(hypotheses: Hypotheses) -> Floats:

@@ -11,6 +11,7 @@ from palpate.config.recognition_results import (
     CalibrationUsedOut,
     ContradictionOut,
     IdentificationOut,
+    Relation,
     SetUpDoubtOut,
 )
 
@@ -227,8 +228,11 @@ def _again_words(item: ContradictionOut) -> str:
 def _alike_words(out: IdentificationOut, name: str) -> str:
     """What is left, where no touch distinguishes it: one object in some of its states, or several objects."""
     states = list(dict.fromkeys([out.state, *(item.state for item in out.alternatives)]))
+    named = f"{out.object}, {' or '.join(map(str, states))}"
+    if all(item.relation is Relation.NEAR for item in out.alternatives):
+        return f"{named}: at the same place, as finely as the rig file asks"
     if len(states) > 1 and all(item.object == out.object for item in out.alternatives):
-        return f"{out.object}, {' or '.join(map(str, states))}: no touch within reach distinguishes these"
+        return f"{named}: no touch within reach distinguishes these"
     return f"{name}, or something that no touch within reach distinguishes from it"
 
 

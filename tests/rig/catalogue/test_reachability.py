@@ -153,7 +153,7 @@ def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, here: Here)
     sessions = tmp_path / "sessions"
     objects = write(tmp_path, None)
     rig = tmp_path / "rig.toml"
-    rig.write_text(small(firm_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
+    rig.write_text(small(firm_rig()).replace("max_grips = 12", "max_grips = 1"), encoding="utf-8")
     words = ("--rig", rig, "--objects", objects, "--sessions", sessions)
     assert here("identify", *words).code in (0, 1)
     (folder,) = sessions.iterdir()

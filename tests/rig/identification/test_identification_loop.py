@@ -24,6 +24,7 @@ from palpate.recognizer import (
     FingerApproach,
     Grip,
     NormalRange,
+    StrangerEvidence,
     approach_lines,
     offset_from_lines,
 )
@@ -37,6 +38,7 @@ from palpate.rig.identification.exploration import (
     unswept_places,
 )
 from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
+from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import Identification, PushTables, search, search_with
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
@@ -299,6 +301,25 @@ def test_exact_twins_end_indistinguishable() -> None:
         assert result.recognition is not None
         assert {item.state.object_name for item in result.recognition.hypotheses} == {SIX[5].name, "twin"}
         assert held(result, table.placed)
+
+
+def test_where_nothing_checks_an_answer_again_the_checks_that_were_made_must_do() -> None:
+    table, catalogue = Table(placed_by(1, SIX), seed=1), Catalogue(SIX)
+    found = search(RIG, REACH, table, catalogue, seed=1)
+    assert found.outcome is IdentificationVerdict.IDENTIFIED
+    assert found.recognition is not None
+    nowhere = REACH.only(np.empty(0, dtype=np.int64))
+    chooser = GripChooser(RIG, nowhere, Strategy.PLANNED, strategy_rng(1))
+    evidence = GripEvidence(catalogue, chooser.resolution)
+    evidence.strangers = StrangerEvidence(0.0 * StrangerEvidence.none().agreed)
+    assert not chooser.is_confirmed(evidence)
+    verdicts = [
+        chooser.choose(replace(evidence, checks=checks), found.recognition).verdict for checks in (0, 1)
+    ]
+    assert verdicts == [IdentificationVerdict.UNRESOLVED, IdentificationVerdict.IDENTIFIED]
+    evidence.strangers = StrangerEvidence.none()
+    choice = chooser.choose(replace(evidence, checks=1), found.recognition)
+    assert choice.verdict is IdentificationVerdict.UNRESOLVED
 
 
 def test_an_observer_that_fails_at_the_end_leaves_the_answer() -> None:

@@ -318,7 +318,7 @@ def test_a_grip_with_ten_frames_a_second(tmp_path: Path, here: Here) -> None:
     text = small(firm_rig())
     text = text.replace("sample_rate_hz = 250.0", "sample_rate_hz = 10.0")
     text = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 10.0")
-    text = text.replace("max_grips = 8", "max_grips = 1")
+    text = text.replace("max_grips = 12", "max_grips = 1")
     Path("rig.toml").write_text(text, encoding="utf-8")
     words = ["--rig", "rig.toml", "--objects", small_parts(tmp_path), "--seed", 7, "--json"]
     done = here("identify", *words)

@@ -48,6 +48,8 @@ def test_the_truth_is_never_lost_and_no_answer_is_wrong(strategy: Strategy, runs
     assert [row for row in rows if not row.inside_bounds] == []
     assert not any(map(is_wrong, rows))
     assert len({row.object for row in rows}) >= 5
+    known = [row for row in rows if row.verdict is IdentificationVerdict.IDENTIFIED]
+    assert all(row.fewest is not None and 3 <= row.fewest <= row.touches for row in known)
     if strategy is Strategy.PLANNED:
         assert sum(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows) >= 0.9 * runs
 

@@ -18,6 +18,7 @@ PyObject *regions(PyObject *self, PyObject *arguments);
 PyObject *furthest(PyObject *self, PyObject *arguments);
 PyObject *groups(PyObject *self, PyObject *arguments);
 PyObject *free_paths(PyObject *self, PyObject *arguments);
+PyObject *enclose_stops(PyObject *self, PyObject *arguments);
 PyObject *prepared_boundary(PyObject *self, PyObject *arrays);
 PyObject *verify(PyObject *self, PyObject *arguments);
 PyObject *may_fit(PyObject *self, PyObject *arguments);
@@ -37,6 +38,7 @@ PyObject *polish(PyObject *self, PyObject *arguments);
     {"furthest", furthest, METH_VARARGS, NULL}, \
     {"groups", groups, METH_VARARGS, NULL}, \
     {"free_paths", free_paths, METH_VARARGS, NULL}, \
+    {"enclose_stops", enclose_stops, METH_VARARGS, NULL}, \
     {"prepared_boundary", prepared_boundary, METH_O, NULL}, \
     {"verify", verify, METH_VARARGS, NULL}, \
     {"may_fit", may_fit, METH_VARARGS, NULL}, \

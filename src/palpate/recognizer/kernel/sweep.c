@@ -279,3 +279,102 @@ PyObject *free_paths(PyObject *self, PyObject *arguments)
     end_sweeping(&all, &job);
     return found;
 }
+
+/* What rays look for: seen from against the travel, normals that a stop may have, and whether all may (`vague`). */
+typedef struct {
+    const edge_set *edges;
+    Py_ssize_t count;
+    const int64_t *state;
+    const double *start, *heading, *rho, *against, *half_width, *lean;
+    const char *vague;
+} stops;
+
+/* First travel ≥ 0 at which the ray is inside the outline and in no capsule, of those sorted; infinite if never. */
+static double latest_of(const capsule *sorted, int count)
+{
+    double covered = -INFINITY;
+    int inside = 0;
+    for (int k = 0; k < count; k++) {
+        double following = k + 1 < count ? sorted[k + 1].enter : INFINITY;
+        covered = larger(covered, sorted[k].leave);
+        inside ^= sorted[k].crossing;
+        if (inside && following > covered && following > 0)
+            return larger(covered, 0.0);
+    }
+    return INFINITY;
+}
+
+/* Earliest, latest and furthest stop of a ray, and the least and the greatest normal, into every `count`-th number. */
+static void enclose(const stops *of, Py_ssize_t row, capsule *room, int64_t *near, double *into)
+{
+    const edge_set *edges = of->edges;
+    const ray path = {of->start[2 * row], of->start[2 * row + 1], of->heading[2 * row], of->heading[2 * row + 1],
+                      of->rho[row]};
+    const int beside = beside_line(edges, of->state[row], &path, INFINITY, near), vague = of->vague[row];
+    int count = 0;
+    for (int k = 0; k < beside; k++) {
+        room[count] = capsule_of(edges, near[k], &path);
+        count += room[count].enter <= room[count].leave;
+    }
+    sort_by_enter(room, count);
+    const double latest = latest_of(room, count), lean = of->lean[row];
+    double earliest = INFINITY, furthest = -INFINITY, lo = INFINITY, hi = -INFINITY;
+    for (int k = 0; k < count; k++) {
+        if (room[k].leave < 0)
+            continue;
+        earliest = smaller(earliest, larger(room[k].enter, 0.0));
+        if (room[k].enter > latest)
+            break;
+        const double off = wrapped(edges->normal_rad[room[k].edge] - of->against[row]);
+        const double spread = edges->span[room[k].edge] + of->half_width[row] + 1e-9;
+        if (!vague && fabs(off) - spread > lean)
+            continue;
+        furthest = larger(furthest, smaller(room[k].leave, latest));
+        lo = smaller(lo, off - spread);
+        hi = larger(hi, off + spread);
+    }
+    const double found[5] = {earliest, latest, furthest, vague ? -PI : larger(lo, -lean), vague ? PI : smaller(hi, lean)};
+    for (int k = 0; k < 5; k++)
+        into[k * of->count + row] = found[k];
+}
+
+static int take_stops(buffers *all, stops *of, PyObject *arguments)
+{
+    PyObject *edges, *in[8];
+    memset(of, 0, sizeof(stops));
+    if (!PyArg_ParseTuple(arguments, "OOOOOOOOOn", &edges, &in[0], &in[1], &in[2], &in[3], &in[4], &in[5], &in[6], &in[7],
+                          &of->count))
+        return 0;
+    const Py_ssize_t row = of->count * (Py_ssize_t)sizeof(double);
+    return (of->edges = edges_of(edges)) && (of->state = borrow(all, in[0], row)) &&
+           (of->start = borrow(all, in[1], 2 * row)) && (of->heading = borrow(all, in[2], 2 * row)) &&
+           (of->rho = borrow(all, in[3], row)) && (of->against = borrow(all, in[4], row)) &&
+           (of->half_width = borrow(all, in[5], row)) && (of->lean = borrow(all, in[6], row)) &&
+           (of->vague = borrow(all, in[7], of->count));
+}
+
+/* enclose_stops(outlines, states, starts (r × 2), headings (r × 2), ρ, against, half widths, lean, vague, r): earliest,
+   latest and furthest stop of each ray, least and greatest normal (5 × r). */
+PyObject *enclose_stops(PyObject *self, PyObject *arguments)
+{
+    buffers all = {.count = 0};
+    stops of;
+    PyObject *found = NULL;
+    capsule *room = NULL;
+    int64_t *near = NULL;
+    (void)self;
+    if (take_stops(&all, &of, arguments)) {
+        room = malloc((size_t)(of.edges->most_edges + 1) * sizeof(capsule));
+        near = malloc((size_t)(of.edges->most_edges + 1) * sizeof(int64_t));
+        if (room && near)
+            found = PyByteArray_FromStringAndSize(NULL, 5 * of.count * (Py_ssize_t)sizeof(double));
+        else
+            PyErr_NoMemory();
+    }
+    for (Py_ssize_t row = 0; found && row < of.count; row++)
+        enclose(&of, row, room, near, (double *)PyByteArray_AS_STRING(found));
+    free(room);
+    free(near);
+    release(&all);
+    return found;
+}

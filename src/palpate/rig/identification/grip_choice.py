@@ -30,6 +30,7 @@ from palpate.recognizer import (
     confirmation_grip,
     extend_to_confirm,
     heuristic_grip,
+    near_equal,
     plan_grip,
     recognise,
     twins,
@@ -190,7 +191,11 @@ class GripChooser:
         if self.is_confirmed(evidence):
             return GripChoice(answer or IdentificationVerdict.UNRESOLVED)
         grip = self._check(evidence, recognition)
-        return GripChoice(IdentificationVerdict.UNRESOLVED if grip is None else None, grip, is_check=True)
+        if grip is not None:
+            return GripChoice(None, grip, is_check=True)
+        # Nothing within reach checks it again: the checks that were made must do.
+        final = evidence.checks > 0 and self._is_no_stranger(evidence)
+        return GripChoice((answer if final else None) or IdentificationVerdict.UNRESOLVED)
 
     def reason(self, choice: GripChoice, evidence: GripEvidence, recognition: Recognition) -> str:
         """Why a grip is made though hypotheses are left, in words."""
@@ -207,10 +212,16 @@ class GripChooser:
         return f"to confirm it: a shift of {limits.detectable_shift_mm:g} mm could have gone unnoticed"
 
     def answer(self, recognition: Recognition) -> IdentificationVerdict | None:
-        """The verdict once it is confirmed: one hypothesis is left, or some that no approach tells apart."""
+        """The verdict once it is confirmed: one hypothesis is left, or some that need not be told apart.
+
+        No approach can, or they are states of one object whose configurations agree within the goals.
+        """
         if recognition.verdict is RecognitionVerdict.UNIQUE:
             return IdentificationVerdict.IDENTIFIED
-        return IdentificationVerdict.INDISTINGUISHABLE if self.twins(recognition).all() else None
+        alike = near_equal(recognition.hypotheses, goals_of(self.rig))
+        if alike.all() or (alike | self.twins(recognition)).all():
+            return IdentificationVerdict.INDISTINGUISHABLE
+        return None
 
     def twins(self, recognition: Recognition) -> Bools:
         """Pairs of hypotheses that no approach that is left tells apart: (h, h)."""
@@ -230,9 +241,12 @@ class GripChooser:
         """
         limits = self.rig.search
         steady = evidence.detectable_shift_mm <= limits.detectable_shift_mm or evidence.checks >= _MAX_CHECKS
-        steady |= evidence.is_bounded
-        strangers = evidence.strangers
-        return steady and strangers is not None and strangers.probability <= limits.false_match_probability
+        return (steady or evidence.is_bounded) and self._is_no_stranger(evidence)
+
+    def _is_no_stranger(self, evidence: GripEvidence) -> bool:
+        """Return whether something else would hardly have agreed with all touches."""
+        strangers, most = evidence.strangers, self.rig.search.false_match_probability
+        return strangers is not None and strangers.probability <= most
 
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
         if self.strategy is not Strategy.PLANNED:

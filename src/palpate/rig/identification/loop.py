@@ -375,10 +375,11 @@ class _Search:
         self._observers(TouchEvent(number, touches))
         known = self._evidence.recognition if self._doubted is None else None
         self._motions.append(self._bounds.of_grip(touches, known, since))
-        if len(gently) > 1 and not self._is_bounded(self._motions[-1].whole):
-            self._most_at_once = len(gently) - 1  # together they may press too much unfelt on a light part
         if self._doubted is None and self._repeated is None:
             self._understand(number)
+        # Asked of the states that are left: of others of a catalogue some may always be pushed anywhere.
+        if len(gently) > 1 and not self._is_bounded(self._motions[-1].whole):
+            self._most_at_once = len(gently) - 1  # together they may press too much unfelt on a light part
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.

@@ -23,7 +23,7 @@ from palpate.config.recognition_results import (
     WidthsWithoutOut,
 )
 from palpate.config.wiring_record import ConfirmedWiring
-from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition
+from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition, near_equal
 from palpate.rig.conversion import goals_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.hidden_truth import PartTruth
@@ -135,7 +135,7 @@ class IdentificationRun(ShortRepr):
             state=first and first.state.state.name,
             configuration=first and first.configuration,
             bounds=first and first.bounds,
-            alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
+            alternatives=self._alternatives(hypotheses),
             symmetry_order=1 if first is None else first.state.symmetry_order,
             strategy=self.job.strategy,
             grips=len(result.grips),
@@ -168,6 +168,15 @@ class IdentificationRun(ShortRepr):
             contradictions=tuple(_contradiction(item) for item in result.contradictions),
             narrower_without=self._narrower_without(),
             truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
+        )
+
+    def _alternatives(self, hypotheses: Sequence[Hypothesis]) -> tuple[AlternativeOut, ...]:
+        if len(hypotheses) < 2 or self.result.recognition is None:
+            return ()
+        near = near_equal(self.result.recognition.hypotheses, goals_of(self.job.rig))[0].tolist()
+        return tuple(
+            _alternative(item, hypotheses[0], is_near=is_near)
+            for item, is_near in zip(hypotheses[1:], near[1:], strict=True)
         )
 
     def _not_bounded(self) -> tuple[NotBoundedOut, ...]:
@@ -243,13 +252,14 @@ def state_names(item: Hypothesis) -> dict[str, object]:
     return {"object": item.state.object_name, "state": item.state.state.name}
 
 
-def _alternative(item: Hypothesis, first: Hypothesis) -> AlternativeOut:
+def _alternative(item: Hypothesis, first: Hypothesis, *, is_near: bool) -> AlternativeOut:
     same = item.state_index == first.state_index
     turned, moved = _displacement(first, item) if same else (None, None)
+    other = Relation.NEAR if is_near else Relation.TWIN
     return AlternativeOut.of(
         item,
         **state_names(item),
-        relation=Relation.SYMMETRY if same else Relation.TWIN,
+        relation=Relation.SYMMETRY if same else other,
         turned=turned,
         moved=moved,
     )

@@ -13,9 +13,9 @@ from palpate.config import ObjectsFile, RigFile
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.study_result import RivalOut, StudyRunOut
 from palpate.drivers.emulators import Part
-from palpate.recognizer import Catalogue, Recognition, Resolution
+from palpate.recognizer import Catalogue, Recognition, Resolution, fewest_touches
 from palpate.rig.catalogue.preparation import prepare_catalogue
-from palpate.rig.conversion import finger_of
+from palpate.rig.conversion import finger_of, goals_of
 from palpate.rig.emulated.driven_tips import ArrayNoise, noise_of
 from palpate.rig.emulated.ground_truth import compare_answer, sticks_out_mm
 from palpate.rig.emulated.hidden_truth import draw_part, part_of
@@ -182,7 +182,7 @@ class Simulation:
         """Draw a part and where it lies, and identify it. `variation`: how this simulation is called."""
         rng = np.random.default_rng([self.seed, number])
         placement = draw_placement(self.objects, self.within_mm, rng, self.rig.workspace.radius_mm)
-        watch = _RivalRecorder((placement.model.name, placement.state.name))
+        watch = _RunRecorder((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
         result = search_with(
             self._chooser(number),
@@ -216,6 +216,23 @@ class Simulation:
             rivals=watch.rivals(),
             sticks_out=sticks_out_mm(self.rig, placement) > 0,
             grip_seconds=touches.seconds,
+            fewest=self._fewest(watch, placement),
+        )
+
+    def _fewest(self, watch: "_RunRecorder", placement: Placement) -> int | None:
+        """Touches up to the first that met the part, and those that any strategy needs beyond."""
+        if watch.first is None:
+            return None
+        touches, recognition = watch.first
+        goals = goals_of(self.rig)
+        return min(
+            (
+                touches + fewest_touches(recognition, self._reach, self._resolution, goals, number)
+                for number, item in enumerate(recognition.hypotheses)
+                if (item.state.object_name, item.state.state.name)
+                == (placement.model.name, placement.state.name)
+            ),
+            default=None,
         )
 
     def _touches(self, placement: Placement, rng: np.random.Generator) -> SimulatedTouches | PushingTouches:
@@ -251,21 +268,25 @@ def _middle_half(reach: Reach) -> Reach:
     return reach.only(np.array(sorted(kept), dtype=np.int64))
 
 
-class _RivalRecorder:
-    """After how many touches and grips each other state was ruled out."""
+class _RunRecorder:
+    """After how many touches and grips each other state was ruled out; what the `first` ones left."""
 
     def __init__(self, truth: tuple[str, str]) -> None:
         self._truth = truth
         self._touches = self._grips = 0
         self._last: dict[tuple[str, str], tuple[int, int]] = {}
+        self._made = 0
+        self.first: tuple[int, Recognition] | None = None
 
     def __call__(self, event: Event) -> None:
         match event:
             case TouchEvent():
                 touched = sum(touch.contact.touched for touch in event.touches)
+                self._made += len(event.touches)
                 self._touches += touched
                 self._grips += touched > 0
             case RecognitionEvent(_, recognition):
+                self.first = self.first or (self._made, recognition)
                 for name in _names(recognition):
                     self._last[name] = self._touches, self._grips
 

@@ -183,7 +183,11 @@ def _twins(runs: Sequence[StudyRunOut]) -> tuple[TwinsOut, ...]:
 def _touches(runs: Sequence[StudyRunOut]) -> TouchesOut:
     found = np.array([run.touches for run in runs])
     median, p90 = _spread(found)
-    return TouchesOut(mean=float(found.mean()), median=median, p90=p90, max=int(found.max()))
+    both = [(run.fewest, run.touches) for run in runs if _is_identified(run) and run.fewest is not None]
+    fewest, taken = np.mean(both, axis=0).tolist() if both else (None, None)
+    return TouchesOut(
+        mean=float(found.mean()), median=median, p90=p90, max=int(found.max()), fewest=fewest, taken=taken
+    )
 
 
 def confusion_of(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:

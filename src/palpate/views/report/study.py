@@ -23,6 +23,7 @@ from palpate.views.report.study_text import (
     best_heights_words,
     bounds_words,
     draws_words,
+    fewest_words,
     goal_words,
     hard_pairs,
     may_be_chance,
@@ -225,7 +226,8 @@ def _costs(out: StudyOut) -> str:
     if out.parts is PartMotion.MOVING:
         rows.append(("part moved by, mm", "", *(f"{value:.2f}" for value in out.moved), ""))
     numbers = ("mean", "median", "90 %", "worst")
-    return table(("", *numbers), rows, numbers=numbers)
+    found = table(("", *numbers), rows, numbers=numbers)
+    return found if touches.fewest is None else found + paragraph(_sentence(fewest_words(touches)))
 
 
 def _confusion(out: StudyOut) -> Iterator[str]:

@@ -13,6 +13,7 @@ from palpate.config.study_result import (
     NoiseCostOut,
     PairStudiedOut,
     StudyOut,
+    TouchesOut,
 )
 from palpate.rig.study.variations import VARIATION_DIVISOR
 from palpate.views.numerals import at_most, signed
@@ -85,6 +86,14 @@ def _unresolved_words(out: StudyOut) -> str:
     some = "" if out.stopped == unresolved else f"{out.stopped} of them "
     stopped = f"{some}stopped at max_grips ({out.max_grips}): " if out.stopped else ""
     return f"{stopped}{'; '.join(named[:_MAX_HEIGHT_SETS])}{more}"
+
+
+def fewest_words(touches: TouchesOut) -> str:
+    """Say how many touches any strategy needs, beside those that were made."""
+    return (
+        f"identified runs took {touches.taken:.1f}; any strategy needs {touches.fewest:.1f} to single out "
+        "and to place the part, before anything confirms it"
+    )
 
 
 def _accuracy_words(item: AccuracyOut) -> str:
@@ -277,6 +286,7 @@ def _cost_lines(out: StudyOut) -> list[str]:
     lines = [
         f"touches {touches.mean:.1f} on average, in 90 % of runs at most {touches.p90:g}, "
         f"{touches.max} at worst",
+        *([] if touches.fewest is None else [f"  {fewest_words(touches)}"]),
         f"grips {grips[0]:g} in the median, in 90 % of runs at most {grips[1]:g}, {out.grips_max} at worst",
     ]
     if out.grip_seconds is not None:
