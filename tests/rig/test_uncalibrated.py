@@ -287,10 +287,11 @@ def doubted(drift_counts_per_s: float, force_drift_n_per_s: float | None) -> tup
     )
     extractor = ContactExtractor(description, calibration)
     none, period_s = np.zeros((description.rows, description.cols)), 1 / bench.closing.sample_rate_hz
-    frames = [TactileFrame(k, k * period_s, 0.0, taxels.counts(none)) for k in range(1625)]
-    extractor.tare(frames[:64])
-    extractor.follow(frames[64:375])  # on its way through free space
-    extractor.follow(frames[375:], may_touch=True)
+    tared, on_its_way, over = (round(seconds / period_s) for seconds in (0.5, 3.0, 13.0))
+    frames = [TactileFrame(k, k * period_s, 0.0, taxels.counts(none)) for k in range(over)]
+    extractor.tare(frames[:tared])
+    extractor.follow(frames[tared:on_its_way])  # through free space
+    extractor.follow(frames[on_its_way:], may_touch=True)
     return doubt_warning(bench, spec, extractor), extractor.zero_doubt_n[0]
 
 

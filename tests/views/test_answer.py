@@ -151,7 +151,7 @@ def identified(folder: Path, here: Here, outlines: dict[str, list[list[float]]],
     """Run a small emulated bench with a catalogue of these outlines."""
     rig, objects = quick_bench(folder)
     rig.write_text(
-        rig.read_text(encoding="utf-8").replace("max_grips = 8", "max_grips = 4"), encoding="utf-8"
+        rig.read_text(encoding="utf-8").replace("max_grips = 12", "max_grips = 4"), encoding="utf-8"
     )
     entries = [{"name": name, "height": 20.0, "outline": ring} for name, ring in outlines.items()]
     objects.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": entries}))

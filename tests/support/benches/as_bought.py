@@ -130,7 +130,7 @@ ROWS: tuple[Row, ...] = (
         "mechanics = {slip_mm = [0.5, 3], slip_after_s = [20, 30]}",
         _NO_ANSWER + "|meets its back stop",
         bounds=(
-            ("max_grips = 8", "max_grips = 8\ncheck_slips = true"),
+            ("max_grips = 12", "max_grips = 12\ncheck_slips = true"),
             ("zero_mm = 40.0", "zero_mm = 40.0\nstops_mm = [42.0, 253.0]"),
         ),
     ),

@@ -40,7 +40,7 @@ def quick_rig(path: Path, max_grips: int = 8) -> Path:
         ("radius_mm = 125.0", "radius_mm = 60.0"),
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
         ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
-        ("max_grips = 8", f"max_grips = {max_grips}"),
+        ("max_grips = 12", f"max_grips = {max_grips}"),
     )
     path.write_text(text[: text.rindex("[[fingers]]")], encoding="utf-8")
     return path
