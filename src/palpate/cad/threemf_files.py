@@ -213,7 +213,7 @@ class _Package:
             known.append(kind)
             meshes = list(self._meshes(member, item, 0))
             if meshes:
-                yield real_name(found.name) or number or self._path.stem, meshes
+                yield real_name(found.name) or real_name(number) or self._path.stem, meshes
 
     def _object(self, member: str, object_id: str) -> _Object:
         found = self.model(member).objects.get(object_id)
