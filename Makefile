@@ -69,7 +69,7 @@ test: $(DEV)
 
 # a process a core: more threads for small matrices only stand in each other's way
 tests: $(DEV) firmware
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal --durations 40 -m "not realtime and not campaign"
 
 # four at a time, each a client and an emulator in real time; printed at the end, not between the others
 realtime: $(DEV) firmware

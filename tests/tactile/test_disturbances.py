@@ -35,6 +35,16 @@ def test_noise_drift_and_contacts_are_no_disturbance(
     assert not _found(make(), seed, sigma, press=press)
 
 
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_taxel_that_jumps_once_may_have_brushed_past_something(times: int) -> None:
+    def jump(frame: np.ndarray, time_s: float) -> np.ndarray:
+        frame = frame.copy()
+        frame[2, 3] += 3000.0 * (round(250 * time_s) in (60, 180)[:times])
+        return frame
+
+    assert _found(jump, 1, 2.0).taxels == ({} if times == 1 else {(2, 3): 2})
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("press", [0.0, 300.0])
 def test_each_disturbance_is_told_by_its_shape(seed: int, press: float) -> None:

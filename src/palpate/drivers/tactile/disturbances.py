@@ -20,6 +20,7 @@ _MIN_NOISE_COUNTS = 0.3  # of a taxel whose noise is lost in rounding
 _ROUNDING_COUNTS = 1.5  # that quartiles of rounded counts may jump by
 _MIN_GROUP_TAXELS = 4  # of which a contact never presses three quarters
 _JUMP_SHARE = 1 / 8  # of the largest count: no contact grows and goes by that much within a frame
+_LEAST_JUMPS = 2  # of a taxel: a tip that brushes past something may do it once
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Disturbances:
     """Disturbed frames of `frames`, and by how many counts at most.
 
     `common`: frames in which all taxels moved alike; `rows`: and those of each row that moved by itself;
-    `taxels`: and of each taxel (row, column) that jumped for a single frame.
+    `taxels`: and of each taxel (row, column) that jumped for a single frame, more than once.
     """
 
     frames: int
@@ -60,13 +61,14 @@ def find_disturbances(counts: Counts | Floats, usable: Bools, max_count: int) ->
     alone[1:-1] = middle - np.fmax(before, after) > limit
     alone[1:-1] |= np.fmin(before, after) - middle > limit
     alone &= ~row_off[:, :, None]
+    jumps = alone.sum(axis=0)
     return Disturbances(
         frames=len(counts),
         common=int(is_common.sum()),
         common_counts=float(np.abs(common).max(initial=0.0, where=is_common)),
         rows={int(k): int(row_off[:, k].sum()) for k in np.flatnonzero(row_off.any(axis=0))},
         row_counts=float(np.abs(row).max(initial=0.0, where=row_off)),
-        taxels={(int(i), int(j)): int(alone[:, i, j].sum()) for i, j in np.argwhere(alone.any(axis=0))},
+        taxels={(int(i), int(j)): int(jumps[i, j]) for i, j in np.argwhere(jumps >= _LEAST_JUMPS)},
     )
 
 
