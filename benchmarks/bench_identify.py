@@ -28,8 +28,9 @@ import shapely
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
-from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_approaches
+from palpate.recognizer import Approach, Catalogue, Grip, Recognition, near_equal, used_approaches
 from palpate.rig.bench import BenchRig, connect, set_up
+from palpate.rig.conversion import goals_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.fingers import resolution_of
@@ -223,13 +224,15 @@ def _separable(result: Identification) -> bool:
     heights = {item.finger.height_mm for item in candidates}
     shapes = {height: [item.shape_at(height) for item in placed] for height in heights}
     limit = resolution_of(rig).distance_mm
+    wanted = np.triu(~near_equal(result.recognition.hypotheses, goals_of(rig)))  # the others are one answer
     for k in np.flatnonzero(~used):
         approach = candidates[k]
         felt = [_felt(shape, approach) for shape in shapes[approach.finger.height_mm]]
         hits = [item for item in felt if item is not None]
         if len(hits) == len(felt):
-            travel, facing = zip(*hits, strict=True)
-            if (max(travel) - min(travel)) * min(facing) > limit:
+            travel, facing = map(np.array, zip(*hits, strict=True))
+            apart = np.abs(travel[:, None] - travel) * facing.min()
+            if (apart[wanted] > limit).any():
                 return True
     return False
 

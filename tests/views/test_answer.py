@@ -123,6 +123,11 @@ def test_one_object_is_named_in_all_of_its_states_that_are_left() -> None:
     near = standing.model_copy(update={"relation": Relation.NEAR})
     first, *_ = answer_lines(ended(TWINS, alternatives=(near,)))
     assert first.startswith("indistinguishable: plate, flat or standing: at the same place")
+    other = standing.model_copy(update={"state": "leaning"})
+    first, *_ = answer_lines(ended(TWINS, alternatives=(near, other)))
+    assert (
+        "plate, flat or standing or leaning: no touch within reach distinguishes those that are not" in first
+    )
     first, *_ = answer_lines(ended(TWINS, alternatives=(standing, TWIN)))
     assert first.startswith("indistinguishable: plate, flat, or something ")
 

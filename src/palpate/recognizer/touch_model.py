@@ -235,7 +235,7 @@ def pairs_to_distinguish(poses: SampledPoses, hypotheses: Hypotheses, goals: Goa
 
 
 def near_equal(hypotheses: Hypotheses, goals: Goals) -> Bools:
-    """Pairs of hypotheses (h, h) of one object, in any states, whose configurations agree within `goals`.
+    """Pairs of hypotheses (h, h): states of one object whose configurations agree within `goals`.
 
     Every hypothesis with itself is one.
     """
@@ -243,7 +243,7 @@ def near_equal(hypotheses: Hypotheses, goals: Goals) -> Bools:
     names = [catalogue.states[k].object_name for k in hypotheses.state.tolist()]
     _, item = np.unique(names, return_inverse=True)
     first, second = np.triu_indices(len(names), 1)
-    same = item[first] == item[second]
+    same = (item[first] == item[second]) & (hypotheses.state[first] != hypotheses.state[second])
     first, second = first[same], second[same]
     away, turned = distances_between(witness_poses(hypotheses), hypotheses, first, second)
     near = (away <= goals.position_mm) & (turned <= goals.orientation_rad)

@@ -229,10 +229,12 @@ def _alike_words(out: IdentificationOut, name: str) -> str:
     """What is left, where no touch distinguishes it: one object in some of its states, or several objects."""
     states = list(dict.fromkeys([out.state, *(item.state for item in out.alternatives)]))
     named = f"{out.object}, {' or '.join(map(str, states))}"
-    if all(item.relation is Relation.NEAR for item in out.alternatives):
+    near = [item.relation is Relation.NEAR for item in out.alternatives]
+    if all(near):
         return f"{named}: at the same place, as finely as the rig file asks"
     if len(states) > 1 and all(item.object == out.object for item in out.alternatives):
-        return f"{named}: no touch within reach distinguishes these"
+        ones = "those that are not at the same place" if any(near) else "these"
+        return f"{named}: no touch within reach distinguishes {ones}"
     return f"{name}, or something that no touch within reach distinguishes from it"
 
 
