@@ -170,11 +170,9 @@ def run(job: Job) -> Run:
         placement.model.name,
         result.outcome.value,
         job.outside is None,
-        found.hypothesis is not None,
+        found.named,
         found.inside_bounds,
-        result.outcome is IdentificationVerdict.INDISTINGUISHABLE
-        and found.hypothesis is not None
-        and _separable(result),
+        result.outcome is IdentificationVerdict.INDISTINGUISHABLE and found.named and _separable(result),
         found.position_error_mm,
         found.orientation_error_rad,
         result.touches,
