@@ -225,7 +225,7 @@ def _is_decisive(
 
 
 _LEAST_FIRST_GAIN = 1e-3  # the first finger must take at least this share of confusion away
-_LEAST_FURTHER_GAIN = 0.08  # and every further one this
+_LEAST_FURTHER_GAIN = 0.08  # and every further one this, unless touches may move the part
 _MAX_CONFUSION_LEFT = 0.1  # where less is confused, no further finger is worth its touch
 _EQUAL_PLAN_SHARE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _HAZARD_WEIGHT = 0.2  # a plan may leave this share more, times the hazard that it saves
@@ -273,7 +273,7 @@ class _GripSearch:
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `hazard` (n,):
     of moving the part (`push_hazard`); `confused` (pairs,): the weight of pairs of poses that are still
     indistinguishable, `remaining` together; `compared`: number of pairs at first. `search_s` (n,): time of a
-    slow search where the part may be.
+    slow search where the part may be. `least_gain`: share of confusion that a further finger must take away.
     """
 
     def __init__(
@@ -297,7 +297,11 @@ class _GripSearch:
         self.seconds = reachable.seconds(self.furthest)
         self.search_s: Floats = np.zeros(len(self.open_to))
         self.hazard: Floats = np.zeros(len(self.open_to))
+        self.least_gain = _LEAST_FURTHER_GAIN
         if limits is not None:
+            # Contacts of one grip hold against one another; those of a later one are widened by its motion.
+            if limits.slide_shares(recognition.hypotheses.state).any():
+                self.least_gain = 0.0
             search_mm = _search_mm(self.outcome, self.poses.weight)
             self.search_s = search_mm / limits.touch_mm_s(recognition.hypotheses.state)
             self.seconds = self.seconds + self.search_s
@@ -331,7 +335,7 @@ class _GripSearch:
         alike = similarity(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
         scores = alike @ self.confused
         least = float(scores.min())
-        worth = (0.0 if wanted else _LEAST_FURTHER_GAIN) if self.chosen else _LEAST_FIRST_GAIN
+        worth = (0.0 if wanted else self.least_gain) if self.chosen else _LEAST_FIRST_GAIN
         if least > self.remaining - worth:
             return None
         weighed = scores + _HAZARD_WEIGHT * self.remaining * self.hazard[rows]

@@ -355,7 +355,13 @@ class _Search:
         return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
     def _begin_again(self, number: int, furthest_mm: float | None) -> None:
-        """Keep a grip only, and touch more lightly from now on; the reason as `MoveEvent` has it."""
+        """Keep a grip only, and touch more lightly from now on; the reason as `MoveEvent` has it.
+
+        Contacts of one grip hold against one another, however far it moved the part: fewer fingers say less,
+        but together they may press too much unfelt on a light part.
+        """
+        if furthest_mm is not None and len(self._moved_before) >= _MAX_MOVES and self._most_at_once > 1:
+            self._most_at_once -= 1
         self._moved_before.append(number)
         self._evidence = self._no_evidence()
         self._observers(MoveEvent(number, furthest_mm))
@@ -377,9 +383,6 @@ class _Search:
         self._motions.append(self._bounds.of_grip(touches, known, since))
         if self._doubted is None and self._repeated is None:
             self._understand(number)
-        # Asked of the states that are left: of others of a catalogue some may always be pushed anywhere.
-        if len(gently) > 1 and not self._is_bounded(self._motions[-1].whole):
-            self._most_at_once = len(gently) - 1  # together they may press too much unfelt on a light part
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
