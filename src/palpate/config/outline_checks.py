@@ -12,7 +12,9 @@ from palpate.base.geometry import Floats
 MIN_EDGE_MM = 1e-6
 """Points closer together than this are the same point."""
 
-_MIN_AREA_MM2 = 1e-6
+MIN_AREA_MM2 = 1e-6
+"""An outline that encloses less encloses no area."""
+
 _MAX_OVERLAP_MM2 = 1e-9
 
 OutlineFault = tuple[int | None, str]
@@ -29,7 +31,7 @@ def outline_problem(points: Floats) -> OutlineFault | None:
         return _describe_repeat(points, int(short[0]))
     if not shapely.LinearRing(points).is_simple:
         return None, _describe_crossing(points)
-    if shapely.Polygon(points).area < _MIN_AREA_MM2:
+    if shapely.Polygon(points).area < MIN_AREA_MM2:
         return None, "encloses no area"
     return None
 

@@ -146,7 +146,7 @@ def _known_heights_lines(item: ImportedObjectOut) -> list[str]:
     ]
     if len(some) > _MAX_STATES:
         lines.append(f"and so are {len(some) - _MAX_STATES} further states")
-    return [*lines, "a rig with a finger elsewhere is refused"] if some else []
+    return [*lines, "a rig with a finger elsewhere leaves them out"] if some else []
 
 
 def _percent(share: float) -> str:

@@ -1,4 +1,4 @@
-"""Round states: sections and drawings."""
+"""Polygons as they are written; round states: sections and drawings."""
 
 import math
 from pathlib import Path
@@ -11,14 +11,33 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely import affinity
 
-from palpate.base.geometry import Polygon
+from palpate.base.geometry import Floats, Polygon
 from palpate.cad.parts import Drawing
 from palpate.config.objects_tables import CircleText, StateText
 from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
+from palpate.rig.catalogue.import_states import polygons_text
 from palpate.rig.catalogue.round_outlines import round_drawing
 from support.benches.parts import prism
 
 pytestmark = pytest.mark.usefixtures("read_here")
+
+# ----------------------------------------------------------------------------------------------------
+# Polygons as they are written: what can be read again, and nothing else that a tip could reach is lost.
+
+
+def slit(width: float, at: float) -> Floats:
+    """A hole of that width, 2 mm long."""
+    return np.array([[at, 0.0], [at, 2.0], [at + width, 2.0], [at + width, 0.0]])
+
+
+def test_holes_that_enclose_no_area_are_not_written() -> None:
+    outer = np.array([[-5.0, -5.0], [9.0, -5.0], [9.0, 5.0], [-5.0, 5.0]])
+    wide, thin = slit(0.01, 1.0), slit(2e-7, 3.0)
+    (written,) = polygons_text([Polygon(outer, (wide, thin))])
+    assert written.holes == [[tuple(point) for point in wide.tolist()]]
+    (solid,) = polygons_text([Polygon(outer, (thin, thin[:3]))])
+    assert not solid.holes
+
 
 # ----------------------------------------------------------------------------------------------------
 # Round states of imported solids: circles where the surface is round, judged by trimesh's own sections.

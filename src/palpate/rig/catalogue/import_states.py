@@ -30,7 +30,7 @@ from palpate.cad.state_merging import MergedState, merge_states
 from palpate.config.catalogue_results import FrameOut, ImportedStateOut, OmittedStatesOut
 from palpate.config.fields import DECIMALS
 from palpate.config.objects_tables import PolygonText, SectionText, StateText, outline_edges
-from palpate.config.outline_checks import MIN_EDGE_MM
+from palpate.config.outline_checks import MIN_AREA_MM2, MIN_EDGE_MM
 from palpate.rig.catalogue.round_outlines import RoundSections, round_sections
 from palpate.rig.workers import in_processes
 
@@ -143,10 +143,10 @@ def bound_mm(parts_mm: Iterable[float]) -> float:
 
 
 def _polygon_text(region: Polygon, origin: Floats) -> PolygonText:
-    outer = _ring_text(region.outer - origin)
-    if not region.holes:
-        return PolygonText(outer=outer)
-    return PolygonText(outer=outer, holes=[_ring_text(hole - origin) for hole in region.holes])
+    outer, holes = _ring_text(region.outer - origin), [_ring_text(hole - origin) for hole in region.holes]
+    # No tip reaches into a hole: one that encloses no area is none.
+    kept = [hole for hole in holes if len(hole) > 2 and shapely.Polygon(hole).area >= MIN_AREA_MM2]
+    return PolygonText(outer=outer, holes=kept) if kept else PolygonText(outer=outer)
 
 
 def _ring_text(ring: Floats) -> list[tuple[float, float]]:
