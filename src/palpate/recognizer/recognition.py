@@ -60,9 +60,14 @@ class Motion:
     def __bool__(self) -> bool:
         return bool(self.shift_mm.any() or self.turn_rad.any())
 
+    def ways_mm(self, catalogue: Catalogue) -> Floats:
+        """Largest way of any point of the part in each state (S,); infinite: no bound."""
+        result: Floats = self.shift_mm + self.turn_rad * catalogue.reach_mm
+        return result
+
     def furthest_mm(self, catalogue: Catalogue, states: Ints) -> float:
-        """Largest way of any point of the part, in one of `states` (indices); infinite: no bound."""
-        return _largest(self.shift_mm + self.turn_rad * catalogue.reach_mm, states)
+        """The largest of those ways in one of `states` (indices)."""
+        return _largest(self.ways_mm(catalogue), states)
 
     def __add__(self, other: "Motion") -> "Motion":
         """One motion after the other."""

@@ -355,13 +355,7 @@ class _Search:
         return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
     def _begin_again(self, number: int, furthest_mm: float | None) -> None:
-        """Keep a grip only, and touch more lightly from now on; the reason as `MoveEvent` has it.
-
-        Contacts of one grip hold against one another, however far it moved the part: fewer fingers say less,
-        but together they may press too much unfelt on a light part.
-        """
-        if furthest_mm is not None and len(self._moved_before) >= _MAX_MOVES and self._most_at_once > 1:
-            self._most_at_once -= 1
+        """Keep a grip only, and touch more lightly from now on; the reason as `MoveEvent` has it."""
         self._moved_before.append(number)
         self._evidence = self._no_evidence()
         self._observers(MoveEvent(number, furthest_mm))
@@ -383,6 +377,11 @@ class _Search:
         self._motions.append(self._bounds.of_grip(touches, known, since))
         if self._doubted is None and self._repeated is None:
             self._understand(number)
+        # Contacts of one grip hold against one another, so fewer fingers say less: only for what is light in
+        # most of the states that are left, on which together they may press too much unfelt.
+        furthest_mm = self._motions[-1].whole.ways_mm(self._catalogue)[self._states()]
+        if len(gently) > 1 and np.median(furthest_mm) > _MAX_CARRIED_MOTION_MM:
+            self._most_at_once = len(gently) - 1
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
