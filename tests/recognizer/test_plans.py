@@ -17,6 +17,7 @@ from palpate.recognizer import (
     Confirmation,
     Grip,
     Recognition,
+    Resolution,
     StrangerEvidence,
     confirmation_grip,
     detectable_shift_mm,
@@ -591,6 +592,30 @@ def test_the_hazard_of_sliding_grows_with_the_distance_from_the_middle() -> None
     expected = 1 - 1 / np.maximum(0.5 + 0.05 * np.array(off), 1.0)
     assert hazard[rows] == pytest.approx(expected, abs=0.06)
     assert not hazard[~outcome.hit.any(axis=1)].any()
+
+
+class Steady(Light):
+    """The same limits, of states that do not slide."""
+
+    def slide_shares(self, states: Ints) -> Floats:
+        return np.zeros((len(states), 2))
+
+
+def test_more_fingers_touch_what_may_slide_while_much_is_confused() -> None:
+    """What a grip measures holds for the part as it lies then: later grips are worth less to one another."""
+    blunt = Resolution(12.0, math.radians(60))
+    fingers: dict[bool, list[int]] = {False: [], True: []}
+    for seed in range(6):
+        _, found = some_recognition(seed)
+        if len(found.hypotheses) < 2:
+            continue
+        for light in (False, True):
+            limits = Light() if light else Steady()
+            chosen = plan_grip(found, ring(), blunt, GOALS, limits=limits)
+            assert chosen is not None
+            fingers[light].append(len(chosen.approaches))
+            assert not light or chosen.remaining <= 0.1 or len(chosen.approaches) > 1
+    assert sum(fingers[True]) > sum(fingers[False]), fingers
 
 
 def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:
