@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from palpate.base.geometry.plane import point_segment_distance, rotate
-from palpate.recognizer import Finger, Hypothesis, Recognition, numpy_steps
+from palpate.recognizer import Finger, Hypothesis, Recognition, numpy_steps, recognise
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.connected_components import Boxes, component_labels, group_by_links
 from palpate.recognizer.contact import Contact
@@ -170,6 +170,27 @@ def test_sections_of_the_middle_are_feasible() -> None:
             bound = contact.position_bound_mm + 1e-5
             assert -bound <= along <= edges.length[edge] + bound
             assert -bound <= across <= edges.slack_out[edge] + bound
+
+
+@pytest.mark.parametrize("most", [1, 40, 300])
+def test_coarse_cells_cover_those_of_their_region(most: int) -> None:
+    catalogue, rng = Catalogue(MODELS), np.random.default_rng(3)
+    contacts = grip(place(MODELS[1], rng), rng, fingers=2, half_range=0.6)
+    regions = recognise(catalogue, contacts).hypotheses.regions
+    assert len(regions.cells) > most
+    coarse, first = regions.coarse_cells(most)
+    assert len(coarse) <= most + len(regions)
+    assert (np.diff(first) > 0).all()
+    for k in range(len(regions)):
+        own, covers = slice(*regions.first[k : k + 2]), slice(*first[k : k + 2])
+        cells, boxes = regions.cells.select(own), coarse.select(covers)
+        assert (boxes.state == cells.state[0]).all()
+        low, high = boxes.polygon.min(axis=1), boxes.polygon.max(axis=1)
+        held = (boxes.lo <= cells.lo[:, None]) & (cells.hi[:, None] <= boxes.hi)
+        held &= (low <= cells.polygon.min(axis=1)[:, None]).all(axis=2)
+        held &= (cells.polygon.max(axis=1)[:, None] <= high).all(axis=2)
+        assert held.any(axis=1).all()
+    assert regions.coarse_cells(len(regions.cells))[0] is regions.cells
 
 
 def test_volume_and_radius_of_a_square_cell() -> None:

@@ -237,6 +237,38 @@ class Regions:
     def __len__(self) -> int:
         return len(self.theta)
 
+    def coarse_cells(self, most: int) -> tuple[Cells, Ints]:
+        """Cells that cover the regions, about `most` in all, and `first` (h + 1,) of them.
+
+        As they are where they are no more; else neighbours in orientation are one, with a box about their
+        positions.
+        """
+        size, cells = np.diff(self.first), self.cells
+        if len(cells) <= most:
+            return cells, self.first
+        wanted = np.minimum(size, max(most // len(size), 1))
+        region = np.repeat(np.arange(len(size)), size)
+        rank = np.arange(len(cells)) - self.first[region]
+        part = rank * wanted[region] // size[region]
+        begin = np.flatnonzero(np.append(True, (np.diff(part) != 0) | (np.diff(region) != 0)))
+        cells = cells.select(np.lexsort((cells.middle, region)))
+        low = np.minimum.reduceat(cells.polygon.min(axis=1), begin)
+        high = np.maximum.reduceat(cells.polygon.max(axis=1), begin)
+        corners = [
+            (low[:, 0], low[:, 1]),
+            (high[:, 0], low[:, 1]),
+            (high[:, 0], high[:, 1]),
+            (low[:, 0], high[:, 1]),
+        ]
+        covering = Cells(
+            cells.node[begin],
+            cells.state[begin],
+            np.minimum.reduceat(cells.lo, begin),
+            np.maximum.reduceat(cells.hi, begin),
+            np.stack([np.column_stack(corner) for corner in corners], axis=1),
+        )
+        return covering, np.searchsorted(region[begin], np.arange(len(size) + 1))
+
     def select(self, rows: Ints) -> "Regions":
         """Regions at `rows` (n,), in that order."""
         count = np.diff(self.first)[rows]

@@ -24,6 +24,7 @@ _EARLY_END_MM = 1.0
 """A finger may end its travel this much early: only a stop before that is a sure one."""
 
 _SPARE_TRAVEL_MM = 5.0  # beyond the furthest stop that is possible
+_MOST_CELLS = 32_768  # of all hypotheses: more are of so many, or so wide, that coarser ones say as much
 _LEAST_LEAN_RAD = 0.1  # by which a path may lean over its stated direction where it meets something
 
 
@@ -96,7 +97,8 @@ def predict(
     catalogue: Catalogue, hypotheses: Hypotheses, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> Predictions:
     """Enclose what each of the approaches meets anywhere in the region of each hypothesis."""
-    cells, first = hypotheses.regions.cells, hypotheses.regions.first[:-1]
+    cells, first = hypotheses.regions.coarse_cells(_MOST_CELLS)
+    first = first[:-1]
     shape = (len(approaches), len(first))
     found = Predictions(*(np.zeros(shape) for _ in range(5)))
     for finger in dict.fromkeys(approach.finger for approach in approaches):
