@@ -205,12 +205,15 @@ def test_bodies_that_do_not_touch_are_solids_of_their_own():
     assert all(len(np.unique(solid.faces)) == len(solid.vertices_mm) == 8 for solid in solids)
 
 
-def test_crumbs_beside_a_part_are_left_out_and_it_is_said():
+def test_fragments_beside_a_part_are_left_out_and_it_is_said():
     (part,) = read(box(), box((0.1, 0.2, 0.9), (50, 0, 0)), box((0.5, 0.5, 0.5), (0, 50, 0)))
     assert part.name == "part"
     assert volume(part) == pytest.approx(6000)
     assert part.mended == ("2 bodies were left out: smaller than 1 mm",)
     assert not any(solid.mended for solid in read(box(), box((1, 1, 1), (50, 0, 0))))
+    small = refusal(box((2, 2, 4)), box((0.9, 0.9, 0.9), (50, 0, 0)), units="mm")
+    assert "body 2 of 2: its largest side is 0.9 mm" in small
+    assert "22.86 mm if its unit were inch" in small
 
 
 def test_repeated_and_nearly_equal_corners_are_one_vertex_and_the_move_is_told():

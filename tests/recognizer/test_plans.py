@@ -602,7 +602,7 @@ class Steady(Light):
 
 
 def test_more_fingers_touch_what_may_slide_while_much_is_confused() -> None:
-    """What a grip measures holds for the part as it lies then: later grips are worth less to one another."""
+    """Contacts of one grip are of the part as it lay then; a later grip's motion widens them."""
     blunt = Resolution(12.0, math.radians(60))
     fingers: dict[bool, list[int]] = {False: [], True: []}
     for seed in range(6):

@@ -149,8 +149,8 @@ def check_solids(
     faces that lose a side by this are dropped. A closed shell within another one bounds a void of it. Several
     bodies are called name-1, name-2, … in the file's order.
 
-    Crumbs of less than 1 mm beside a part are left out. Raises InputError for anything but closed, oriented
-    surfaces that do not cross themselves or each other, enclose a volume, and are 1 to 1000 mm long.
+    Fragments of less than 1 mm beside a part are left out. Raises InputError for anything but closed and
+    oriented surfaces that do not cross themselves or each other, enclose a volume, and are 1 to 1000 mm long.
     """
     if not len(faces):
         raise InputError(f"{where}: has no faces; export the part as a closed solid")
@@ -164,7 +164,7 @@ def check_solids(
         raise InputError(f"{where}: has no faces wider than {tolerance:.2g} mm")
     found = _sound_surface(where, (vertices, faces), tolerance)
     surface, vertices, moved = found.surface, found.surface.vertices, moved + found.moved_mm
-    parts, crumbs = _without_crumbs(surface, _split_bodies(where, surface))
+    parts, fragments = _without_fragments(surface, _split_bodies(where, surface))
     solids = []
     for number, part in enumerate(parts, start=1):
         kept, renumbered = np.unique(part, return_inverse=True)
@@ -172,23 +172,25 @@ def check_solids(
         whole = where if len(parts) == 1 else f"{where}: body {number} of {len(parts)}"
         _check_size(whole, float(np.ptp(vertices[kept], axis=0).max()), units)
         off = off_mm if moved == 0 else float(np.nextafter(off_mm + moved, np.inf))
-        mended = (*found.mended, *crumbs)
+        mended = (*found.mended, *fragments)
         solids.append(Solid(label, vertices[kept], renumbered.reshape(-1, 3), off, mended=mended))
     return tuple(solids)
 
 
-def _without_crumbs(surface: TriangleSurface, bodies: list[Ints]) -> tuple[list[Ints], tuple[str, ...]]:
-    """The bodies that are large enough for parts, and in words that there are others.
+_FRAGMENT_SHARE = 1 / 20
+"""Bodies that are too small for parts, but not smaller than the largest by this, may have a wrong unit."""
 
-    All of them if none is: then the unit may be wrong.
-    """
+
+def _without_fragments(surface: TriangleSurface, bodies: list[Ints]) -> tuple[list[Ints], tuple[str, ...]]:
+    """The bodies without those that are too small to be parts; how many these are, in words."""
     sides_mm = [float(np.ptp(surface.vertices[np.unique(body)], axis=0).max()) for body in bodies]
-    parts = [body for body, side in zip(bodies, sides_mm, strict=True) if side >= MIN_SIZE_MM]
-    crumbs = len(bodies) - len(parts)
-    if not parts or not crumbs:
+    least_mm = min(MIN_SIZE_MM, _FRAGMENT_SHARE * max(sides_mm))
+    parts = [body for body, side in zip(bodies, sides_mm, strict=True) if side >= least_mm]
+    fragments = len(bodies) - len(parts)
+    if not fragments:
         return bodies, ()
-    were = "body was" if crumbs == 1 else "bodies were"
-    return parts, (f"{crumbs} {were} left out: smaller than {MIN_SIZE_MM:g} mm",)
+    were = "body was" if fragments == 1 else "bodies were"
+    return parts, (f"{fragments} {were} left out: smaller than {least_mm:.3g} mm",)
 
 
 def _check_numbers(where: str, vertices: Floats) -> None:

@@ -299,7 +299,7 @@ class _GripSearch:
         self.hazard: Floats = np.zeros(len(self.open_to))
         self.least_gain = _LEAST_FURTHER_GAIN
         if limits is not None:
-            # Contacts of one grip hold against one another; those of a later one are widened by its motion.
+            # Contacts of one grip are of the part as it lay then; a later grip's motion widens them.
             if limits.slide_shares(recognition.hypotheses.state).any():
                 self.least_gain = 0.0
             search_mm = _search_mm(self.outcome, self.poses.weight)

@@ -24,7 +24,7 @@ _EARLY_END_MM = 1.0
 """A finger may end its travel this much early: only a stop before that is a sure one."""
 
 _SPARE_TRAVEL_MM = 5.0  # beyond the furthest stop that is possible
-_MOST_CELLS = 32_768  # of all hypotheses: more are of so many, or so wide, that coarser ones say as much
+_MOST_CELLS = 32_768  # of all hypotheses together; where there are more, coarser ones cover them
 _LEAST_LEAN_RAD = 0.1  # by which a path may lean over its stated direction where it meets something
 
 

@@ -60,14 +60,14 @@ class Motion:
     def __bool__(self) -> bool:
         return bool(self.shift_mm.any() or self.turn_rad.any())
 
-    def ways_mm(self, catalogue: Catalogue) -> Floats:
-        """Largest way of any point of the part in each state (S,); infinite: no bound."""
+    def displacements_mm(self, catalogue: Catalogue) -> Floats:
+        """Largest displacement of any point of the part, in each state (S,); infinite: no bound."""
         result: Floats = self.shift_mm + self.turn_rad * catalogue.reach_mm
         return result
 
     def furthest_mm(self, catalogue: Catalogue, states: Ints) -> float:
-        """The largest of those ways in one of `states` (indices)."""
-        return _largest(self.ways_mm(catalogue), states)
+        """The largest of these displacements in any of `states` (indices)."""
+        return _largest(self.displacements_mm(catalogue), states)
 
     def __add__(self, other: "Motion") -> "Motion":
         """One motion after the other."""

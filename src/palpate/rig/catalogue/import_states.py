@@ -144,7 +144,7 @@ def bound_mm(parts_mm: Iterable[float]) -> float:
 
 def _polygon_text(region: Polygon, origin: Floats) -> PolygonText:
     outer, holes = _ring_text(region.outer - origin), [_ring_text(hole - origin) for hole in region.holes]
-    # No tip reaches into a hole: one that encloses no area is none.
+    # A hole that encloses no area has no room for any tip, and could not be read again.
     kept = [hole for hole in holes if len(hole) > 2 and shapely.Polygon(hole).area >= MIN_AREA_MM2]
     return PolygonText(outer=outer, holes=kept) if kept else PolygonText(outer=outer)
 

@@ -377,10 +377,10 @@ class _Search:
         self._motions.append(self._bounds.of_grip(touches, known, since))
         if self._doubted is None and self._repeated is None:
             self._understand(number)
-        # Contacts of one grip hold against one another, so fewer fingers say less: only for what is light in
-        # most of the states that are left, on which together they may press too much unfelt.
-        furthest_mm = self._motions[-1].whole.ways_mm(self._catalogue)[self._states()]
-        if len(gently) > 1 and np.median(furthest_mm) > _MAX_CARRIED_MOTION_MM:
+        # Contacts of one grip are of the part as it lay then, so fewer fingers say less. Only a part that is
+        # light in most of the states that are left gets fewer: together they may press too much unfelt.
+        moved_mm = self._motions[-1].whole.displacements_mm(self._catalogue)[self._states()]
+        if len(gently) > 1 and np.median(moved_mm) > _MAX_CARRIED_MOTION_MM:
             self._most_at_once = len(gently) - 1
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
