@@ -147,8 +147,8 @@ def test_both_ways_to_the_second_level(
         if len(contacts) < 2:
             continue
         query = Query(catalogue(flat_edges), contacts, np.zeros(2))
-        at_once, count = second_level(query)
         nodes, _ = first_level(catalogue(flat_edges), contacts[0])
+        at_once, count = second_level(query, nodes)
         in_turn = narrow_by(query, filter_by_distance(query, pair_by_angle(query, nodes), 0), 0)
         one, two = as_rows(at_once), as_rows(in_turn)
         assert one.shape == two.shape
@@ -166,7 +166,8 @@ def test_normals_that_allow_nothing_leave_no_pair() -> None:
     against = Contact("a", THICK, True, (-100.0, 0.0), (-25.0, 0.0), 0.3, NormalRange(-0.1, 0.1))
     other = Contact("b", THICK, True, (100.0, 0.0), (25.0, 0.0), 0.3)
     for contacts in ([against, other], [other, against]):
-        nodes, count = second_level(Query(catalogue(), contacts, np.zeros(2)))
+        query = Query(catalogue(), contacts, np.zeros(2))
+        nodes, count = second_level(query, first_level(catalogue(), contacts[0])[0])
         assert len(nodes) == count.after_model == 0
 
 

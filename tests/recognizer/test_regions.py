@@ -35,7 +35,7 @@ def interpreted(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Query, I
     query = Query(catalogue, contacts, np.mean([c.end_mm for c in contacts], axis=0))
     if len(contacts) == 1:
         return query, first_level(catalogue, contacts[0])[0]
-    nodes, _ = second_level(query.select(range(2)))
+    nodes, _ = second_level(query.select(range(2)), first_level(catalogue, contacts[0])[0])
     return query, third_level(query, nodes)[0] if len(contacts) == 3 else nodes
 
 

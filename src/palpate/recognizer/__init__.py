@@ -44,6 +44,7 @@ from palpate.recognizer.recognition import (
     Recognition,
     contact_after_motion,
     contact_in_motion,
+    narrow_first,
     recognise,
 )
 from palpate.recognizer.strategy import (
@@ -116,6 +117,7 @@ __all__ = [
     "is_exact",
     "is_explained",
     "memo_counts",
+    "narrow_first",
     "near_equal",
     "offset_from_lines",
     "plan_grip",

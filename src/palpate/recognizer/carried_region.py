@@ -12,8 +12,10 @@ import numpy as np
 
 from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate, wrap_angle
+from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.model_test import sinusoid_maximum
 from palpate.recognizer.pose_region import Cells, WitnessedCells, clip_polygons
+from palpate.recognizer.tables import expand_ranges
 
 _MOST_CELLS = 16384  # more are of hypotheses that are many still, or wide: they would clip little
 _MOST_PARTS = 512  # of the region, which every cell is compared with: neighbours in orientation are one
@@ -53,6 +55,14 @@ class CarriedRegion:
         grown = reach + (shift_mm + _ROUNDING_MM)[:, None]
         wide = turn_rad + _ROUNDING_RAD
         return cls._join_neighbours(cells.state, cells.lo - wide, cells.hi + wide, grown)
+
+    def on_all_branches(self, catalogue: Catalogue) -> Self:
+        """The same on every branch of each state's symmetry: a new search may find the part on any."""
+        orders = np.array([catalogue.states[state].symmetry_order for state in self.state.tolist()])
+        row, nth = expand_ranges(np.zeros_like(orders), np.maximum(orders, 1))
+        turn = nth * (2 * np.pi / np.maximum(orders, 1)[row])
+        half_width = np.where(orders == 0, np.inf, self.half_width)
+        return type(self)(self.state[row], self.middle[row] + turn, half_width[row], self.limit_mm[row])
 
     @classmethod
     def _join_neighbours(cls, state: Ints, lo: Floats, hi: Floats, limit_mm: Floats) -> Self:

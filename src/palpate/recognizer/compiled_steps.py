@@ -223,17 +223,23 @@ def _level(found: tuple[int, int, int, bytearray]) -> TreeLevel:
 
 
 def second_level(
-    query: Query, normals: Sequence[NormalRange], most: int | None, *, modelled: bool
+    query: Query,
+    normals: Sequence[NormalRange],
+    most: int | None,
+    *,
+    modelled: bool,
+    first: EdgeSet | None = None,
 ) -> TreeLevel:
     """Pairings of the second contact under each representative edge of the first, which is their `parent`.
 
-    Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most` are to
-    be looked at; None: there cannot be too many.
+    Unless they are `modelled`, the model test is left out. `first`: the first contact's edges, some of which
+    only may represent their orbits; None: as the catalogue has them. Raises BudgetSpentError if more than
+    `most` are to be looked at; None: there cannot be too many.
     """
     limit = -1 if most is None else most
     one, two = (_tip_with_normals(*item) for item in zip(query.contacts, normals, strict=True))
-    first, second = (_prepared_edges(edges) for edges in query.edges)
-    return _level(_KERNEL.second_level(first, second, one, two, limit, modelled))
+    edges = _prepared_edges(first or query.edges[0]), _prepared_edges(query.edges[1])
+    return _level(_KERNEL.second_level(*edges, one, two, limit, modelled))
 
 
 def third_level(

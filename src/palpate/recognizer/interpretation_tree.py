@@ -17,7 +17,7 @@ from palpate.base.geometry import Bools, Floats
 from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, NormalRange
-from palpate.recognizer.edges import NULL_EDGE
+from palpate.recognizer.edges import NULL_EDGE, EdgeSet
 from palpate.recognizer.interpretations import (
     Children,
     Interpretations,
@@ -45,9 +45,12 @@ def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations
     return nodes, LevelCount(1, len(edge), len(nodes), len(nodes), len(nodes))
 
 
-def second_level(query: Query) -> tuple[Interpretations, LevelCount]:
-    """Both first contacts at once. Raises BudgetSpentError where there are too many ways."""
-    first, second = query.edges
+def second_level(query: Query, nodes: Interpretations) -> tuple[Interpretations, LevelCount]:
+    """Both first contacts at once, the first on edges that it has in `nodes`.
+
+    Raises BudgetSpentError where there are too many ways.
+    """
+    first, second = _only_in(nodes, query.edges[0]), query.edges[1]
     candidates = int(np.sum(first.representative * second.count[first.state]))
     if query.normals is None:
         return Interpretations.none(2), LevelCount(2, candidates, 0, 0, 0)
@@ -55,7 +58,7 @@ def second_level(query: Query) -> tuple[Interpretations, LevelCount]:
         level for level, contact in enumerate(query.contacts) if _has_pockets(query.catalogue, contact)
     ]
     most = query.budget.pairs if candidates > query.budget.pairs else None
-    found = STEPS.second_level(query, query.normals, most, modelled=not pocketed)
+    found = STEPS.second_level(query, query.normals, most, modelled=not pocketed, first=first)
     edge = found.children.parent
     pair = np.column_stack([edge, found.children.edge])
     nodes = Interpretations(first.state[edge], pair, found.children.lo, found.children.hi)
@@ -66,6 +69,15 @@ def second_level(query: Query) -> tuple[Interpretations, LevelCount]:
         nodes = narrow_by(query, nodes, 0)
     _check_room(query, nodes)
     return nodes, LevelCount(2, candidates, found.near, unmodelled, len(nodes))
+
+
+def _only_in(nodes: Interpretations, edges: EdgeSet) -> EdgeSet:
+    """A contact's edges, of which only those in `nodes` represent their orbits, where that saves much."""
+    representative = np.zeros_like(edges.representative)
+    representative[nodes.edges[:, 0]] = True
+    if 2 * np.count_nonzero(representative) > np.count_nonzero(edges.representative):
+        return edges
+    return replace(edges, representative=representative)
 
 
 def third_level(query: Query, nodes: Interpretations) -> tuple[Interpretations, LevelCount]:
@@ -274,7 +286,7 @@ def _pair_last(query: Query, branch: Branch) -> Growth:
     if not branch.paired:
         return Growth(*first_level(query.catalogue, query.contacts[-1]), branch)
     if len(branch.paired) == 1:
-        return Growth(*second_level(paired), branch)
+        return Growth(*second_level(paired, branch.nodes), branch)
     if len(branch.paired) < TREE_LEVELS:
         return Growth(*third_level(paired, branch.nodes), branch)
     cells = branch.cells

@@ -14,7 +14,7 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import distance_range, point_segment_distance, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger, NormalRange
-from palpate.recognizer.edges import ROUNDING_MM
+from palpate.recognizer.edges import ROUNDING_MM, EdgeSet
 from palpate.recognizer.interpretations import (
     Children,
     Interpretations,
@@ -121,14 +121,20 @@ def _distances_fit(
 
 
 def second_level(
-    query: Query, normals: Sequence[NormalRange], most: int | None, *, modelled: bool
+    query: Query,
+    normals: Sequence[NormalRange],
+    most: int | None,
+    *,
+    modelled: bool,
+    first: EdgeSet | None = None,
 ) -> TreeLevel:
     """Pairings of the second contact under each representative edge of the first, which is their `parent`.
 
-    Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most` are to
-    be looked at; None: there cannot be too many.
+    Unless they are `modelled`, the model test is left out. `first`: the first contact's edges, some of which
+    only may represent their orbits; None: as the catalogue has them. Raises BudgetSpentError if more than
+    `most` are to be looked at; None: there cannot be too many.
     """
-    first = query.edges[0]
+    first = first or query.edges[0]
     edge = np.flatnonzero(first.representative)
     lo, hi = orientation_range(normals[0], first, edge)
     found = _level(

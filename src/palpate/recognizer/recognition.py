@@ -33,6 +33,7 @@ from palpate.recognizer.interpretation_tree import (
     Branch,
     branches_of,
     contact_in_object,
+    first_level,
     grow_branches,
     join_branches,
     split_into_runs,
@@ -127,6 +128,7 @@ def _largest(values: Floats, states: Ints) -> float:
     return float(np.max(values[states], initial=0.0))
 
 
+_WORN_FACTOR = 2.0  # by which carried contacts are wider than others: a new tree says more
 _CELLS_IF_FEW, _MAX_CELLS_EACH = 24, 8
 
 
@@ -229,6 +231,8 @@ class Recognition(ShortRepr):
         `motion`: of the part since the last of the earlier contacts was measured; None if it lay still.
         """
         earlier = self.move(motion) if motion else self
+        if earlier._is_worn_beside(contacts):
+            return earlier._extend_anew(contacts)
         branches = branches_of(earlier.interpretations, earlier.cells)
         return earlier._with(contacts, branches, earlier.constraints.carried)
 
@@ -248,6 +252,30 @@ class Recognition(ShortRepr):
         )
         nodes = self.interpretations.turn(motion.turn_rad[self.interpretations.state])
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells), region)
+
+    def _is_worn_beside(self, new: Sequence[Contact]) -> bool:
+        """Return whether motions have widened the contacts with which the tree begins, others much less."""
+        root = self.constraints.touched[:TREE_LEVELS]
+        if self.max_spurious or not any(item.turn_bound_rad for item in root):
+            return False
+        touched = [item for item in narrow_first((*self.contacts, *new)) if item.touched][:TREE_LEVELS]
+        widest = max(item.position_bound_mm for item in root)
+        return len(touched) == TREE_LEVELS and widest > _WORN_FACTOR * touched[-1].position_bound_mm
+
+    def _extend_anew(self, new: Sequence[Contact]) -> "Recognition":
+        """The same as `extend`, by a new tree of the states that are left: narrow contacts come first.
+
+        It is clipped by the region that is known. Contacts are in another order.
+        """
+        cells = self.hypotheses.cells
+        still = np.zeros(len(cells))
+        known = CarriedRegion.of(cells, still, still)
+        order = narrow_first((*self.contacts, *new))
+        nodes, count = first_level(self.catalogue, order[0])
+        left = nodes.select(np.flatnonzero(np.isin(nodes.state, cells.state)))
+        first = _SearchState((order[0],), frozenset(), [Branch((0,), left)], (count,))
+        region = None if known is None else known.on_all_branches(self.catalogue)
+        return _search(self.constraints.paired, 0, first, order[1:], region)
 
     def _distance_mm(self, contact: Contact) -> Floats:
         """Largest distance of a contact from each state's centroid (S,); 0 for states that are ruled out."""
@@ -283,6 +311,11 @@ def recognise(
         )
     nothing = _SearchState((), frozenset(), [ROOT_BRANCH], ())
     return _search(Query(catalogue, touched, anchor_of(touched), budget), max_spurious, nothing, contacts)
+
+
+def narrow_first(contacts: Sequence[Contact]) -> list[Contact]:
+    """The contacts in the order in which a tree is smallest: those of narrow bounds first, misses last."""
+    return sorted(contacts, key=lambda item: (not item.touched, item.position_bound_mm))
 
 
 def anchor_of(touched: Sequence[Contact]) -> Floats:

@@ -22,12 +22,19 @@ class Steps(Protocol):
     """Innermost steps of a search; modules implement it."""
 
     def second_level(
-        self, query: Query, normals: Sequence[NormalRange], most: int | None, *, modelled: bool
+        self,
+        query: Query,
+        normals: Sequence[NormalRange],
+        most: int | None,
+        *,
+        modelled: bool,
+        first: EdgeSet | None = None,
     ) -> TreeLevel:
         """Pairings of the second contact under each representative edge of the first, their `parent`.
 
-        Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most`
-        are to be looked at; None: there cannot be too many.
+        Unless they are `modelled`, the model test is left out. `first`: the first contact's edges, some of
+        which only may represent their orbits; None: as the catalogue has them. Raises BudgetSpentError if
+        more than `most` are to be looked at; None: there cannot be too many.
         """
 
     def third_level(

@@ -23,6 +23,7 @@ from palpate.recognizer import (
     StrangerEvidence,
     contact_after_motion,
     detectable_shift_mm,
+    narrow_first,
     predict,
     recognise,
     recognised_shift_mm,
@@ -38,6 +39,7 @@ _PATH_EXTENSION_MM = 50.0  # than a finger got: it might have been stopped there
 class GripEvidence:
     """Evidence of some grips, those before a move of the part left out.
 
+    `contacts`: all of them, of the part as it lies now; `earlier`: those before the last grip.
     `recognition`: None before enough contacts were made. `idle`: grips in a row without gain. `predicted`:
     touches that came out as the hypotheses had predicted, and `strangers`: how probable that is if the part
     is none of the catalogue; None before `recognition`. `narrowest`: the least extent that the present
@@ -51,6 +53,7 @@ class GripEvidence:
     resolution: Resolution
     budget: Budget = STANDARD_BUDGET
     contacts: list[Contact] = field(default_factory=list)
+    earlier: list[Contact] = field(default_factory=list)
     recognition: Recognition | None = None
     idle: int = 0
     predicted: int = 0
@@ -74,15 +77,17 @@ class GripEvidence:
         before = self.recognition
         if before is not None:
             moved = before if motion is None else before.move(motion)
+            self.earlier = list(moved.contacts)
             self.recognition = moved.extend(contacts)
             self.contacts = list(self.recognition.contacts)
             return self._compare(before, moved, self.recognition, contacts, touches or contacts)
+        self.earlier, self.contacts = self.contacts, [*self.contacts, *contacts]
         if motion:
             states = np.arange(len(self.catalogue.states))
-            self.contacts = [
-                contact_after_motion(motion, self.catalogue, item, states) for item in self.contacts
+            self.earlier = [
+                contact_after_motion(motion, self.catalogue, item, states) for item in self.earlier
             ]
-        self.contacts += contacts
+            self.contacts = narrow_first([*self.earlier, *contacts])
         if sum(contact.touched for contact in self.contacts) >= _MIN_CONTACTS:
             self.recognition = recognise(self.catalogue, self.contacts, budget=self.budget)
             self.strangers = StrangerEvidence.none()
