@@ -79,8 +79,8 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 
 _MAX_MOVES = 1
 _DOUBT_GRIPS, _MAX_DOUBTING_GRIPS = 4, 3  # that met something, by which the set-up is doubted; to get there
-_LIGHTER_SPEED_SHARE = 0.5  # of the touch speed, once the part has moved
-_LEAST_SEARCH_SHARE = 0.5  # of the search's speed, for parts that are light
+_LIGHTER_SPEED_SHARE = 0.5  # of the speed, once the part has moved, or while it may be in many states
+_MANY_STATES = 50
 _LONGEST_CREEP_S = 8.0
 _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
@@ -387,15 +387,15 @@ class _Search:
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
 
-        As long as it may be several, intervals are wide, and none creeps long: what most of these states
-        bear decides, and no less than half the search's speed.
+        As long as it may be several, intervals are wide, and there is no pose to spoil: none creeps long.
+        Only among many states contacts tell too little if each grip moves the part far.
         """
         closing, lighter = self._rig.closing, _LIGHTER_SPEED_SHARE if self._moved_before else 1.0
         known, states = self._evidence.recognition, self._states()
         gentle = self._bounds.touch_mm_s(states) or closing.search_mm_s
         if known is None or known.verdict is RecognitionVerdict.AMBIGUOUS:
-            least = _LEAST_SEARCH_SHARE * closing.search_mm_s
-            quick = max(self._bounds.touch_mm_s(states, 0.5) or closing.search_mm_s, least)
+            share = _LIGHTER_SPEED_SHARE if len(states) > _MANY_STATES else 1.0
+            quick = max(gentle, share * closing.search_mm_s)
             way_mm = approach.travel_mm - approach.fast_mm
             in_time = quick if known is None else way_mm / _LONGEST_CREEP_S
             gentle = min(max(gentle, in_time), quick)

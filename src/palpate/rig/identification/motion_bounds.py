@@ -159,16 +159,16 @@ class MotionBounds:
         holds = self.supports.holds_n[states]
         return None if np.isinf(holds).any() else float(holds.min())
 
-    def touch_mm_s(self, states: Ints, share: float = 1.0) -> float | None:
-        """Speed at which to meet a part in one of `states` (indices); None: any.
+    def touch_mm_s(self, states: Ints) -> float | None:
+        """Speed at which to meet a part in one of `states` (indices) that has been found; None: any.
 
-        The quickest at which the expected peak force moves it in none of a share of these, if that is any.
+        The quickest at which its expected peak force does not move the part, if that is any.
         """
-        if self.holds_n(states) is None:
+        holds = self.holds_n(states)
+        if holds is None:
             return None
         sheared = max(friction_factor(tip_friction(finger.tip)) for finger in self.rig.fingers)
-        borne_n = self.supports.holds_n[states] / (sheared * self.supports.leverage[states])
-        return quickest_mm_s(self.rig, float(np.quantile(borne_n, 1 - share, method="lower")))
+        return quickest_mm_s(self.rig, holds / (sheared * float(self.supports.leverage[states].max())))
 
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""
