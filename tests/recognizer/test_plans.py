@@ -58,7 +58,17 @@ from support.oracles.plans import (
     some_recognition,
     travel_of,
 )
-from support.oracles.shapely_touches import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, stop, unit
+from support.oracles.shapely_touches import (
+    SHIPPED_OBJECTS,
+    Placed,
+    flat,
+    grip,
+    outlines,
+    place,
+    stop,
+    unit,
+    until_touched,
+)
 
 # ----------------------------------------------------------------------------------------------------
 # Stops over whole cells against touches simulated one configuration at a time.
@@ -616,6 +626,25 @@ def test_more_fingers_touch_what_may_slide_while_much_is_confused() -> None:
             fingers[light].append(len(chosen.approaches))
             assert not light or chosen.remaining <= 0.1 or len(chosen.approaches) > 1
     assert sum(fingers[True]) > sum(fingers[False]), fingers
+
+
+def test_fingers_that_may_move_the_part_do_not_go_on_for_the_few_poses_that_are_far() -> None:
+    """They stop beyond what four poses in five meet, as long as that is known; a miss is no false promise."""
+    shorter = 0
+    for seed in range(6):
+        rng, models = np.random.default_rng([61, seed]), outlines(SHIPPED_OBJECTS)
+        contacts = until_touched(grip, place(models[seed], rng), rng, fingers=2, bound=1.0)
+        found = recognise(Catalogue(models), contacts)
+        light = plan_grip(found, ring(), RESOLUTION, GOALS, limits=Light())
+        assert light is not None
+        for row, index in enumerate(light.indices):
+            whole = predict_approach(found, ring(), index)
+            far = light.travels_mm[row]
+            assert far <= whole.travel_mm
+            latest = light.predictions.latest[row]
+            assert (latest[np.isfinite(latest)] <= far).all()
+            shorter += far < whole.travel_mm
+    assert shorter
 
 
 def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:

@@ -8,6 +8,7 @@ by one, as long as each removes a good share of the remaining confusion. The gua
 come from these samples, but from enclosures over whole regions (`prediction`).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
@@ -112,9 +113,11 @@ class PredictedApproach(ShortRepr):
     travel_mm: float
 
 
-def predict_approach(recognition: Recognition, reachable: Reachable, index: int) -> PredictedApproach:
-    """Prediction for approach `index`, and how far it has to go."""
-    approaches = [reachable.approaches[index]]
+def predict_approach(
+    recognition: Recognition, reachable: Reachable, index: int, most_mm: float = math.inf
+) -> PredictedApproach:
+    """Prediction for approach `index`, and how far it has to go, `most_mm` at most."""
+    approaches = [reachable.approaches[index].up_to(most_mm)]
     found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
     return PredictedApproach(index, found, float(found.sufficient_travel_mm(approaches)[0]))
 
@@ -234,6 +237,7 @@ _SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
 _SECONDS_TO_GOAL = 60.0  # a plan may search longer by the share of it by which it leaves less confusion
+_MOST_POSES_SHARE = 0.8  # fingers that went on for the rest would keep others out of their way
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
@@ -274,6 +278,7 @@ class _GripSearch:
     of moving the part (`push_hazard`); `confused` (pairs,): the weight of pairs of poses that are still
     indistinguishable, `remaining` together; `compared`: number of pairs at first. `search_s` (n,): time of a
     slow search where the part may be. `least_gain`: share of confusion that a further finger must take away.
+    `most_mm` (n,): none of them goes further.
     """
 
     def __init__(
@@ -291,17 +296,22 @@ class _GripSearch:
         self.outcome = touch_outcomes(
             recognition.catalogue, poses, recognition.anchor_mm, reachable.approaches
         )
+        self.most_mm: Floats = np.full(len(reachable.approaches), math.inf)
+        self.least_gain = _LEAST_FURTHER_GAIN
+        if limits is not None and limits.slide_shares(recognition.hypotheses.state).any():
+            # Contacts of one grip are of the part as it lay then; a later grip's motion widens them. So
+            # several fingers are worth more than each of them going as far as it may be of use.
+            self.least_gain = 0.0
+            self.most_mm = _way_to_most_mm(self.outcome, self.poses.weight)
+            within = self.outcome.travel <= self.most_mm[:, None]
+            self.outcome = replace(self.outcome, hit=self.outcome.hit & within)
         self.open_to: Bools = np.asarray(self.outcome.hit.any(axis=1))
         met = np.where(self.outcome.hit, self.outcome.travel, 0.0)
         self.furthest: Floats = met.max(axis=1, initial=0.0) + _TRAVEL_MARGIN_MM
         self.seconds = reachable.seconds(self.furthest)
         self.search_s: Floats = np.zeros(len(self.open_to))
         self.hazard: Floats = np.zeros(len(self.open_to))
-        self.least_gain = _LEAST_FURTHER_GAIN
         if limits is not None:
-            # Contacts of one grip are of the part as it lay then; a later grip's motion widens them.
-            if limits.slide_shares(recognition.hypotheses.state).any():
-                self.least_gain = 0.0
             search_mm = _search_mm(self.outcome, self.poses.weight)
             self.search_s = search_mm / limits.touch_mm_s(recognition.hypotheses.state)
             self.seconds = self.seconds + self.search_s
@@ -347,7 +357,7 @@ class _GripSearch:
 
     def take(self, index: int, alike: Floats, remaining: float) -> None:
         """Add a candidate, if it goes together with those that were chosen before."""
-        one = predict_approach(self.recognition, self.reachable, index)
+        one = predict_approach(self.recognition, self.reachable, index, float(self.most_mm[index]))
         self.open_to[index] = False
         if not fits_together(self.reachable, one, self.chosen):
             return
@@ -359,6 +369,16 @@ class _GripSearch:
         self.chosen.append(one)
         every = np.arange(len(self.open_to))
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
+
+
+def _way_to_most_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
+    """Travel (n,) on which candidates meet most of the poses (by `weight`) that they would meet at all."""
+    travel = np.where(outcome.hit, outcome.travel, math.inf)
+    order = np.argsort(travel, axis=1)
+    met = np.cumsum(np.take_along_axis(np.where(outcome.hit, weight, 0.0), order, axis=1), axis=1)
+    last = np.argmax(met >= _MOST_POSES_SHARE * met[:, -1:], axis=1)
+    result: Floats = np.take_along_axis(travel, np.take_along_axis(order, last[:, None], axis=1), axis=1)
+    return result[:, 0] + _TRAVEL_MARGIN_MM
 
 
 def _search_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
