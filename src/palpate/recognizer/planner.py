@@ -19,6 +19,7 @@ from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import wrap_angle
 from palpate.base.short_repr import ShortRepr
 from palpate.recognizer.approach import Approach
+from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.recognition import Recognition
 from palpate.recognizer.touch_model import (
@@ -237,6 +238,7 @@ _SHORTLIST_LENGTH = 20  # and these are so many
 _NEGLIGIBLE_WEIGHT = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
 _SECONDS_TO_GOAL = 60.0  # a plan may search longer by the share of it by which it leaves less confusion
+_WIDE_GOALS = 3.0  # of hypotheses that many goals wide, one touch excludes much less than of samples of them
 _MOST_POSES_SHARE = 0.8  # fingers that went on for the rest would keep others out of their way
 _TRAVEL_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
@@ -278,7 +280,7 @@ class _GripSearch:
     of moving the part (`push_hazard`); `confused` (pairs,): the weight of pairs of poses that are still
     indistinguishable, `remaining` together; `compared`: number of pairs at first. `search_s` (n,): time of a
     slow search where the part may be. `least_gain`: share of confusion that a further finger must take away.
-    `most_mm` (n,): none of them goes further.
+    `most_left`: share that a grip may leave. `most_mm` (n,): none of them goes further.
     """
 
     def __init__(
@@ -297,11 +299,13 @@ class _GripSearch:
             recognition.catalogue, poses, recognition.anchor_mm, reachable.approaches
         )
         self.most_mm: Floats = np.full(len(reachable.approaches), math.inf)
-        self.least_gain = _LEAST_FURTHER_GAIN
+        self.least_gain, self.most_left = _LEAST_FURTHER_GAIN, _MAX_CONFUSION_LEFT
         if limits is not None and limits.slide_shares(recognition.hypotheses.state).any():
             # Contacts of one grip are of the part as it lay then; a later grip's motion widens them. So
             # several fingers are worth more than each of them going as far as it may be of use.
             self.least_gain = 0.0
+            if _typical_half_mm(recognition.hypotheses) > _WIDE_GOALS * goals.position_mm:
+                self.most_left = 0.0
             self.most_mm = _way_to_most_mm(self.outcome, self.poses.weight)
             within = self.outcome.travel <= self.most_mm[:, None]
             self.outcome = replace(self.outcome, hit=self.outcome.hit & within)
@@ -324,7 +328,7 @@ class _GripSearch:
 
     def wants_more(self, fingers: int) -> bool:
         """Return whether a further approach could be of use."""
-        enough = self.remaining <= _MAX_CONFUSION_LEFT and len(self.chosen) >= fingers
+        enough = self.remaining <= self.most_left and len(self.chosen) >= fingers
         return bool(self.open_to.any()) and len(self.pairs.first) > 0 and not enough
 
     def best(self, fingers: int) -> tuple[int, Floats, float] | None:
@@ -369,6 +373,14 @@ class _GripSearch:
         self.chosen.append(one)
         every = np.arange(len(self.open_to))
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
+
+
+def _typical_half_mm(hypotheses: Hypotheses) -> float:
+    """Half-width of the positions of a hypothesis: as many by weight are wider as are narrower."""
+    half = (hypotheses.hi - hypotheses.lo)[:, :2].max(axis=1) / 2
+    order = np.argsort(half)
+    lighter = np.cumsum(hypotheses.weight[order])
+    return float(half[order[np.searchsorted(lighter, lighter[-1] / 2)]])
 
 
 def _way_to_most_mm(outcome: TouchOutcomes, weight: Floats) -> Floats:
