@@ -231,10 +231,9 @@ class Recognition(ShortRepr):
         `motion`: of the part since the last of the earlier contacts was measured; None if it lay still.
         """
         earlier = self.move(motion) if motion else self
-        if earlier._is_worn_beside(contacts):
-            return earlier._extend_anew(contacts)
         branches = branches_of(earlier.interpretations, earlier.cells)
-        return earlier._with(contacts, branches, earlier.constraints.carried)
+        extended = earlier._with(contacts, branches, earlier.constraints.carried)
+        return earlier._extend_anew(contacts) if extended._is_worn else extended
 
     def move(self, motion: Motion) -> "Recognition":
         """All that is known after a motion of the part; its earlier contacts are widened by it.
@@ -253,14 +252,17 @@ class Recognition(ShortRepr):
         nodes = self.interpretations.turn(motion.turn_rad[self.interpretations.state])
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells), region)
 
-    def _is_worn_beside(self, new: Sequence[Contact]) -> bool:
-        """Return whether motions have widened the contacts with which the tree begins, others much less."""
-        root = self.constraints.touched[:TREE_LEVELS]
-        if self.max_spurious or not any(item.turn_bound_rad for item in root):
+    @property
+    def _is_worn(self) -> bool:
+        """True if motions have widened the contacts with which the tree begins so much that others, which
+        are narrow, could not be paired.
+        """
+        if self.max_spurious or not self.unpaired:
             return False
-        touched = [item for item in narrow_first((*self.contacts, *new)) if item.touched][:TREE_LEVELS]
+        root = self.constraints.touched[:TREE_LEVELS]
         widest = max(item.position_bound_mm for item in root)
-        return len(touched) == TREE_LEVELS and widest > _WORN_FACTOR * touched[-1].position_bound_mm
+        narrowest = min(item.position_bound_mm for item in self.unpaired_contacts)
+        return any(item.turn_bound_rad for item in root) and widest > _WORN_FACTOR * narrowest
 
     def _extend_anew(self, new: Sequence[Contact]) -> "Recognition":
         """The same as `extend`, by a new tree of the states that are left: narrow contacts come first.
