@@ -124,10 +124,21 @@ class ObjectExplanationOut(Out):
     hypotheses: tuple[HypothesisOut, ...]
 
 
+class UnknownStateOut(Out):
+    """A state that is not known at the fingers' heights: a part that rests so is not recognised.
+
+    `probability`: of the part's coming to rest so; null if its file does not say.
+    """
+
+    object: str
+    state: str
+    probability: Rounded | None
+
+
 class RecognitionOut(Out):
     """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why.
 
-    `unfinished` is null if the work budget was enough.
+    `unfinished` is null if the work budget was enough; `left_out`: states that were not looked for.
     """
 
     format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
@@ -138,6 +149,7 @@ class RecognitionOut(Out):
     unfinished: UnfinishedOut | None = None
     explanation: ExplanationOut | None = None
     why: ObjectExplanationOut | None = None
+    left_out: tuple[UnknownStateOut, ...] = ()
 
 
 class PossibleHypothesisOut(Out):
@@ -197,7 +209,8 @@ class GripOut(Out):
     whatever the fingers feel, hypotheses are left of which no two are told apart by anything within reach.
     `remaining`: expected share of what needs telling apart that will still feel alike; null if the strategy
     does not foresee it. `seconds`: estimated time. `indistinguishable`: sets of hypotheses, by index, of
-    which no approach that is left tells any two apart; it is empty if there are none.
+    which no approach that is left tells any two apart; it is empty if there are none. `left_out`: states of
+    the file that were not looked for.
     """
 
     format: Literal["palpate/grip@1"] = "palpate/grip@1"
@@ -212,6 +225,7 @@ class GripOut(Out):
     seconds: Rounded | None
     assumes: AssumptionsOut
     indistinguishable: tuple[tuple[int, ...], ...]
+    left_out: tuple[UnknownStateOut, ...] = ()
 
 
 class Relation(StrEnum):
@@ -384,7 +398,8 @@ class IdentificationOut(Out):
     came to before its goal. Where that is null and `goal_met` false, no grip within reach promised to place
     it much more finely. `contradictions`: grips that contradicted earlier ones, and why. `narrower_without`:
     half-widths of `bounds` if one source were nil: fingers' places, dents of tips, normals, motion of the
-    part, its tolerance; those that matter, the most costly first; an estimate, to first order.
+    part, its tolerance; those that matter, the most costly first; an estimate, to first order. `left_out`:
+    states of the file that were not looked for.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -424,3 +439,4 @@ class IdentificationOut(Out):
     contradictions: tuple[ContradictionOut, ...] = ()
     altered_probability: Rounded | None = None
     narrower_without: tuple[WidthsWithoutOut, ...] = ()
+    left_out: tuple[UnknownStateOut, ...] = ()

@@ -22,6 +22,7 @@ from palpate.config import load_scene as read_scene
 from palpate.config.calibration_file import ReferencesFile
 from palpate.config.calibration_file import load_references as read_references
 from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
+from palpate.config.recognition_results import UnknownStateOut
 from palpate.config.writers import file_text
 from palpate.rig.catalogue.finger_model import HasHeight, KnownObjects
 
@@ -124,16 +125,16 @@ def load_objects(path: PathLike | None = None) -> ObjectsFile:
 
 def select_known(
     objects: ObjectsFile, fingers: Sequence[HasHeight], name: str, warn: Callable[[str], None]
-) -> ObjectsFile:
-    """The objects without states that are not known where fingers are; `warn` is told which these are.
+) -> tuple[ObjectsFile, tuple[UnknownStateOut, ...]]:
+    """The objects without states that are not known where fingers are, and these; `warn` is told of them.
 
     Raises InputError if none is left.
     """
     known = KnownObjects.of(objects.objects, fingers)
-    if known.left_out is None:
-        return objects
-    warn(f"{name}: {known.left_out}")
-    return replace(objects, objects=known.objects)
+    if known.notice is None:
+        return objects, ()
+    warn(f"{name}: {known.notice}")
+    return replace(objects, objects=known.objects), known.left_out
 
 
 @check_arguments

@@ -20,6 +20,7 @@ from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigOnBench, Scene
 from palpate.config.emulation import ConfigurationText
 from palpate.config.fields import to_json
+from palpate.config.recognition_results import UnknownStateOut
 from palpate.config.writers import file_text
 from palpate.jobs.files import select_known
 from palpate.jobs.recognition import Answer
@@ -62,7 +63,8 @@ class IdentificationRequest:
     """Request for an identification; `name`: of the objects, in messages.
 
     `run`: number of the run on this rig, from 0; later ones draw other parts for an emulated table.
-    `unconfirmed`: the wiring need not have been proven.
+    `unconfirmed`: the wiring need not have been proven. `left_out`: states that `objects` had, and that are
+    not known at the fingers' heights.
     """
 
     on_bench: RigOnBench
@@ -73,6 +75,7 @@ class IdentificationRequest:
     run: int
     strategy: Strategy
     unconfirmed: bool
+    left_out: tuple[UnknownStateOut, ...] = ()
 
     @property
     def proof(self) -> WiringProof | None:
@@ -125,6 +128,7 @@ class _PreparedRun:
         """The answer of the run, which has ended now."""
         seconds = time.perf_counter() - self.begin_s
         out = run.out(wall_seconds=seconds, session=None if session is None else str(session))
+        out = out.model_copy(update={"left_out": self.request.left_out})
         return Answer(out, run, self.request.objects, run.late_failure)
 
 
@@ -133,8 +137,8 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
     begin, on_bench = time.perf_counter(), request.on_bench
     on_bench.rig.require("identify")
     check_accuracy(on_bench.rig, str(on_bench.path))
-    objects = select_known(request.objects, on_bench.rig.fingers, request.name, calls.warn)
-    request, lies = replace(request, objects=objects).with_part()
+    objects, left_out = select_known(request.objects, on_bench.rig.fingers, request.name, calls.warn)
+    request, lies = replace(request, objects=objects, left_out=left_out).with_part()
     for line in finding_lines(on_bench.rig, request.objects.objects, request.name):
         calls.warn(line)
     for line in () if request.scene is None or lies is None else scene_lines(on_bench.described, lies):

@@ -11,7 +11,7 @@ from palpate.base.errors import InputError, PalpateError, quantity, warn_operato
 from palpate.base.vocabulary import DEFAULT_BUDGET, IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
-from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut
+from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut, UnknownStateOut
 from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from, select_known
 from palpate.recognizer import (
     Budget,
@@ -131,11 +131,12 @@ class Plan:
     contacts: ContactRecord
     catalogue: Catalogue
     title: str
+    left_out: tuple[UnknownStateOut, ...] = ()
 
     @property
     def result(self) -> GripOut:
         """The plan in the words of the JSON."""
-        return grip_out(self.planned)
+        return grip_out(self.planned).model_copy(update={"left_out": self.left_out})
 
     @property
     def is_dead_end(self) -> bool:
@@ -170,6 +171,7 @@ class RecognitionAnswer:
     max_spurious: int
     seconds: float
     title: str
+    left_out: tuple[UnknownStateOut, ...] = ()
 
     @property
     def verdict(self) -> RecognitionVerdict:
@@ -198,6 +200,7 @@ class RecognitionAnswer:
         more = {
             "explanation": explanation and explanation_out(explanation, self.contacts),
             "why": because and why_out(because, self.contacts),
+            "left_out": self.left_out,
         }
         return to_json(recognition_out(self.recognition, self.seconds, memo).model_copy(update=more))
 
@@ -239,7 +242,8 @@ def recognise(
     the contacts' heights; those that are not are left out, with a warning.
     """
     models, given = objects_from(objects), _contacts(contacts)
-    models = select_known(models, fingers_of(given.contacts), _name(objects, "objects"), warn_operator)
+    heights, name = fingers_of(given.contacts), _name(objects, "objects")
+    models, left_out = select_known(models, heights, name, warn_operator)
     catalogue = prepare_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
@@ -249,8 +253,8 @@ def recognise(
         progress(f"{states} left in {count} interpretations; working out hypotheses")
     _ = recognition.hypotheses
     seconds = time.perf_counter() - begin
-    title = f"{_name(contacts, 'contacts')} in {_name(objects, 'objects')}"
-    return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)
+    title = f"{_name(contacts, 'contacts')} in {name}"
+    return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title, left_out)
 
 
 @check_arguments
@@ -271,11 +275,11 @@ def plan(
     """
     models, given = objects_from(objects), _contacts(contacts)
     touching = [*rig.fingers, *fingers_of(given.contacts)]
-    models = select_known(models, touching, _name(objects, "objects"), warn_operator)
+    models, left_out = select_known(models, touching, _name(objects, "objects"), warn_operator)
     fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
     catalogue = prepare_catalogue(models.objects, fingers, progress)
     planned = grip_plan(rig, catalogue, given.grips, parse_strategy(strategy), seed)
-    return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
+    return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}", left_out)
 
 
 def parse_strategy(name: Strategy | str) -> Strategy:

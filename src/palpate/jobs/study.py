@@ -93,7 +93,7 @@ def study(  # noqa: PLR0913  # the command's options, all optional
         raise InputError("workers are of this computer, and a scheduler has its own: give one of the two")
     check_accuracy(rig, rig_name)
     varied = min(runs // VARIATION_DIVISOR, _MAX_VARIATION_RUNS) if budget is None else min(budget, runs)
-    objects = select_known(objects, rig.fingers, name, warn_operator)
+    objects, _ = select_known(objects, rig.fingers, name, warn_operator)
     begin = time.perf_counter()
     motion, chosen = motion_of(rig) if parts is None else _parse_motion(parts), parse_strategy(strategy)
     _check_placed(placed_within_mm, rig.workspace.radius_mm)

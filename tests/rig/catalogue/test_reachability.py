@@ -149,6 +149,27 @@ def test_contacts_where_the_state_is_known_are_recognised(tmp_path: Path, here: 
     assert found[0]["hypotheses"] == found[1]["hypotheses"] != []
 
 
+def test_answers_name_the_states_that_were_not_looked_for(tmp_path: Path, here: Here) -> None:
+    known, low = (json.loads(write(tmp_path, heights).read_text()) for heights in (None, [[4.5, 5.5]]))
+    (other,) = low["objects"][0]["states"]
+    known["objects"][0]["states"][0] |= {"name": "state-1", "probability": 0.75}
+    known["objects"][0]["states"].append(other | {"probability": 0.25})
+    objects, felt = tmp_path / "both.json", contacts(tmp_path, 10.0)
+    objects.write_text(json.dumps(known))
+    rig = tmp_path / "rig.toml"
+    rig.write_text(small(firm_rig()).replace("max_grips = 12", "max_grips = 1"), encoding="utf-8")
+    for words in (
+        ("recognize", "--contacts", felt),
+        ("plan", "--contacts", felt),
+        ("identify", "--rig", rig, "--seed", "1"),
+    ):
+        ended = here(*words, "--objects", objects, "--json")
+        assert ended.json["left_out"] == [{"object": "bracket", "state": "state-2", "probability": 0.25}]
+        assert "bracket, state-2 (25 % of cases)" in ended.err
+    everything = here("recognize", "--objects", write(tmp_path, None), "--contacts", felt, "--json")
+    assert everything.json["left_out"] == []
+
+
 def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, here: Here) -> None:
     sessions = tmp_path / "sessions"
     objects = write(tmp_path, None)

@@ -15,6 +15,7 @@ from palpate.base.geometry import ObjectModel, State
 from palpate.base.tips import Tip, TipShape
 from palpate.config import FingerConfig, RigFile
 from palpate.config.objects_checks import heights_in_words
+from palpate.config.recognition_results import UnknownStateOut
 from palpate.recognizer import Contact
 from palpate.rig.conversion import tip_bound_mm
 from palpate.rig.fingers import Stage, dent_allowance_mm
@@ -198,23 +199,28 @@ _MAX_STATES_SHOWN = 5
 
 @dataclass(frozen=True)
 class KnownObjects:
-    """Objects with those states alone that are known all along fingers' tips; `left_out` in one line, if any.
+    """Objects with those states alone that are known all along fingers' tips; `left_out`: the others.
 
-    A part in a state that is left out is not recognised.
+    A part in a state that is left out is not recognised, as the `notice` says in one line, if there are any.
     """
 
     objects: tuple[ObjectModel, ...]
-    left_out: str | None = None
+    left_out: tuple[UnknownStateOut, ...] = ()
+    notice: str | None = None
 
     @classmethod
     def of(cls, objects: Sequence[ObjectModel], fingers: Sequence[HasHeight]) -> Self:
         """Raises InputError as `check_known` does if no state is left."""
         kept: list[ObjectModel] = []
-        lost: list[tuple[ObjectModel, State]] = []
+        lost: list[UnknownStateOut] = []
         for model in objects:
             known = [all(state.known_within(item.span_mm) for item in fingers) for state in model.states]
             pairs = list(zip(model.states, known, strict=True))
-            lost += [(model, state) for state, is_known in pairs if not is_known]
+            lost += [
+                UnknownStateOut(object=model.name, state=state.name, probability=state.probability)
+                for state, is_known in pairs
+                if not is_known
+            ]
             if all(known):
                 kept.append(model)
             elif any(known):
@@ -223,20 +229,19 @@ class KnownObjects:
             return cls(tuple(objects))
         if not kept:
             check_known(objects, fingers)
-        words = [
-            f"{model.name}, {state.name}{_share_text(state)}" for model, state in lost[:_MAX_STATES_SHOWN]
-        ]
+        words = [f"{item.object}, {item.state}{_share_text(item)}" for item in lost[:_MAX_STATES_SHOWN]]
         more = len(lost) - len(words)
         rest = f" and {quantity(more, 'more state', 'more states')}" if more > 0 else ""
         wanted = ",".join(map(_span_text, sorted({item.span_mm for item in fingers})))
         return cls(
             tuple(kept),
+            tuple(lost),
             f"left out, as they are not known where fingers are: {'; '.join(words)}{rest}; parts that rest "
             f"so are not recognised; import them again for heights {wanted} to have them",
         )
 
 
-def _share_text(state: State) -> str:
+def _share_text(state: UnknownStateOut) -> str:
     return "" if state.probability is None else f" ({100 * state.probability:.2g} % of cases)"
 
 
