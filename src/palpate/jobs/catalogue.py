@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Literal
 
@@ -169,10 +170,9 @@ def list_objects(
     progress(f"comparing {len(states)} states")
     pairs = find_twins(states, fingers)
     progress("drawing")
+    notes = _twin_notes(pairs)
     facts = {
-        state: CardFacts(
-            0 if state.state.is_round else symmetry_of_state(state).order, _twin_notes(state, pairs)
-        )
+        state: CardFacts(0 if state.state.is_round else symmetry_of_state(state).order, notes.get(state, ()))
         for state in states
     }
     pages, left_out = draw_objects(name, states, facts, fingers)
@@ -181,17 +181,22 @@ def list_objects(
     return ObjectsListing(listed, tuple(pairs), tuple(left_out), pages)
 
 
-def _twin_notes(state: StateSections, pairs: Sequence[StatePair]) -> tuple[TwinNote, ...]:
-    """Return which states feel like one, or may; those that do for certain first."""
-    others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKENESS_WORDS}
+def _twin_notes(pairs: Sequence[StatePair]) -> dict[StateSections, tuple[TwinNote, ...]]:
+    """Return which states feel like each one, or may; those that do for certain first."""
+    found: dict[StateSections, dict[Likeness, list[str]]] = {}
     for pair in pairs:
-        if state in (pair.first.state, pair.second.state):
-            other = (pair.second if pair.first.state is state else pair.first).state
+        for state, other in permutations((pair.first.state, pair.second.state)):
             same_object = other.object_name == state.object_name
-            others[pair.likeness].append(other.state.name if same_object else other.name)
-    return tuple(
-        TwinNote(_LIKENESS_WORDS[likeness], tuple(names)) for likeness, names in others.items() if names
-    )
+            name = other.state.name if same_object else other.name
+            found.setdefault(state, {}).setdefault(pair.likeness, []).append(name)
+    return {
+        state: tuple(
+            TwinNote(words, tuple(others[likeness]))
+            for likeness, words in _LIKENESS_WORDS.items()
+            if likeness in others
+        )
+        for state, others in found.items()
+    }
 
 
 def _meeting_fingers(

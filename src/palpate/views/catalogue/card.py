@@ -403,7 +403,8 @@ def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
 
 def _twins_words(twins: TwinNote, room: float) -> str:
     """List as many names as fit, and count the others; of a name that is too long, beginning and end."""
-    for count in range(len(twins.names), 1, -1):
+    most = min(len(twins.names), int(room / svg.text_width("; ", 11.5)))
+    for count in range(most, 1, -1):
         words = f"{twins.words} {'; '.join(twins.names[:count])}{_more_words(twins, count)}"
         if svg.text_width(words, 11.5) <= room:
             return words
