@@ -170,6 +170,7 @@ def test_results_are_rounded_and_bounds_never_inward() -> None:
         "unfinished",
         "explanation",
         "why",
+        "left_out",
     ]
     (hypothesis,) = written["hypotheses"]
     assert hypothesis["configuration"] == {"x": 1.234568, "y": 0.0, "theta": 0.1}
