@@ -128,7 +128,7 @@ def _largest(values: Floats, states: Ints) -> float:
     return float(np.max(values[states], initial=0.0))
 
 
-_WORN_FACTOR = 2.0  # by which carried contacts are wider than others: a new tree says more
+_WIDENED_FACTOR = 2.0  # by which carried contacts are wider than others: a new tree says more
 _CELLS_IF_FEW, _MAX_CELLS_EACH = 24, 8
 
 
@@ -233,7 +233,7 @@ class Recognition(ShortRepr):
         earlier = self.move(motion) if motion else self
         branches = branches_of(earlier.interpretations, earlier.cells)
         extended = earlier._with(contacts, branches, earlier.constraints.carried)
-        return earlier._extend_anew(contacts) if extended._is_worn else extended
+        return earlier._extend_anew(contacts) if extended._is_led_by_widened else extended
 
     def move(self, motion: Motion) -> "Recognition":
         """All that is known after a motion of the part; its earlier contacts are widened by it.
@@ -253,7 +253,7 @@ class Recognition(ShortRepr):
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells), region)
 
     @property
-    def _is_worn(self) -> bool:
+    def _is_led_by_widened(self) -> bool:
         """True if motions have widened the contacts with which the tree begins so much that others, which
         are narrow, could not be paired.
         """
@@ -262,7 +262,7 @@ class Recognition(ShortRepr):
         root = self.constraints.touched[:TREE_LEVELS]
         widest = max(item.position_bound_mm for item in root)
         narrowest = min(item.position_bound_mm for item in self.unpaired_contacts)
-        return any(item.turn_bound_rad for item in root) and widest > _WORN_FACTOR * narrowest
+        return any(item.turn_bound_rad for item in root) and widest > _WIDENED_FACTOR * narrowest
 
     def _extend_anew(self, new: Sequence[Contact]) -> "Recognition":
         """The same as `extend`, by a new tree of the states that are left: narrow contacts come first.
