@@ -80,7 +80,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 _MAX_MOVES = 1
 _DOUBT_GRIPS, _MAX_DOUBTING_GRIPS = 4, 3  # that met something, by which the set-up is doubted; to get there
 _LIGHTER_SPEED_SHARE = 0.5  # of the speed, once the part has moved, or while it may be in many states
-_MANY_STATES = 50
+_MANY_STATES = 50  # more are told apart only by contacts that motions have not widened by millimetres
 _LONGEST_CREEP_S = 8.0
 _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
