@@ -1,4 +1,4 @@
-"""`palpate objects show`, `check`, `rename` and `merge`."""
+"""`palpate objects list`, `show`, `check`, `rename` and `merge`."""
 
 import json
 import re
@@ -6,9 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 
 from palpate.config import load_objects
+from palpate.config.catalogue_results import StateKnownOut
 from palpate.config.schema import schema_text
+from palpate.views.catalogue.inventory import common_heights_mm
 from support.benches.parts import L_SHAPE, mirrored, objects, polygon, rectangle, section, stacked_part
 from support.benches.rigs import firm_rig
 from support.commands.command import Ended, Here, violations
@@ -199,7 +203,7 @@ def test_show_says_that_all_is_told_apart(ask: Here) -> None:
     assert "these fingers distinguish all states" in ended.out
 
 
-@pytest.mark.parametrize("command", ["show", "check"])
+@pytest.mark.parametrize("command", ["list", "show", "check"])
 def test_a_file_that_is_wrong_or_missing_is_one_line(ask: Here, command: str, here: Here) -> None:
     crossed = stacked_part("crossed", section(0, 5, [[0, 0], [10, 10], [10, 0], [0, 10]]))
     ended = ask(command, [crossed])
@@ -213,6 +217,58 @@ def test_a_picture_that_cannot_be_written_is_refused_first(ask: Here) -> None:
     ended = ask("show", PARTS[:1], "--picture", "no-such-folder/a.svg")
     assert (ended.code, ended.out) == (2, "")
     assert "no-such-folder/a.svg cannot be written" in ended.err
+
+
+# ----------------------------------------------------------------------------------------------------
+# `palpate objects list`: what a file holds, without comparing any of it.
+
+
+def test_list_says_what_is_known_of_each_object(ask: Here) -> None:
+    known = {"heights": [[9, 11], [12, 20]], "height": 30.0, "probability": 0.4}
+    made = {
+        **stacked_part("made", section(9, 11, FOOT), section(12, 20, LEG), **known),
+        "size": [60.0, 20.0, 30.0],
+        "mass_g": 12.5,
+        "source": source("cad/made.step"),
+    }
+    ended = ask("list", [*PARTS, made])
+    assert (ended.code, ended.err) == (0, "")
+    assert re.search(r"^block +– +– +1 +all heights$", ended.out, re.M)
+    assert re.search(r"^made +60 × 20 × 30 +12.5 g +1: 40 % +9–20, in part$", ended.out, re.M)
+    assert ended.out.endswith("\n7 objects, 7 states in parts.objects.json\n")
+    assert max(len(line.rstrip()) for line in ended.out.splitlines()) <= 80
+    out = ask("list", [*PARTS, made], "--json").json
+    assert not violations(out, json.loads(schema_text("objects-inventory")))
+    assert out["objects"][-1]["source"] == "cad/made.step"
+    assert out["objects"][-1]["states"][0]["heights"] == [[9, 11], [12, 20]]
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(1, 12),
+            st.none() | st.lists(st.integers(0, 12), min_size=2, max_size=6, unique=True).map(sorted),
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    st.integers(0, 11),
+)
+def test_common_heights_are_those_at_which_every_state_is_known(
+    drawn: list[tuple[int, list[int] | None]], at: int
+) -> None:
+    ranges = [None if ends is None else tuple(zip(ends[::2], ends[1::2], strict=False)) for _, ends in drawn]
+    states = [
+        StateKnownOut(name="s", probability=None, height=top, heights=known)
+        for (top, _), known in zip(drawn, ranges, strict=True)
+    ]
+    height = at + 0.5
+    known = all(
+        mine is None or height > top or any(low < height < high for low, high in mine)
+        for (top, _), mine in zip(drawn, ranges, strict=True)
+    )
+    assume(height < max(top for top, _ in drawn))  # above all parts nothing is listed
+    assert any(low < height < high for low, high in common_heights_mm(states)) == known
 
 
 # ----------------------------------------------------------------------------------------------------

@@ -24,7 +24,15 @@ from palpate.base.errors import DeviceError, OutputError, PalpateError, RigWarni
 from palpate.cli.calibrate import calibrate, home
 from palpate.cli.check import check, doctor
 from palpate.cli.identify import identify, plan, recognize, study
-from palpate.cli.objects import check_objects, import_objects, merge, remove, rename, show_objects
+from palpate.cli.objects import (
+    check_objects,
+    import_objects,
+    list_objects,
+    merge,
+    remove,
+    rename,
+    show_objects,
+)
 from palpate.cli.sessions import export, info, list_sessions, prune, replay, report
 from palpate.cli.setup import emulate, find_port, init, reboot, scan, schema, setup_motors, stop
 from palpate.cli.terminal import print_notices, with_rig_given
@@ -116,6 +124,7 @@ app.command(rich_help_panel=_SETTING_UP)(watch)
 app.command(rich_help_panel=_SETTING_UP)(reboot)
 app.command(rich_help_panel=_SETTING_UP)(stop)
 objects.command("import")(import_objects)
+objects.command("list")(list_objects)
 objects.command("show")(show_objects)
 objects.command("check")(check_objects)
 objects.command("rename")(rename)

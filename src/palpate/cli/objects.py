@@ -1,4 +1,4 @@
-"""Commands on objects files: `palpate objects import`, `show`, `check`, `rename`, `remove` and `merge`."""
+"""Commands on objects files: `palpate objects import`, `list`, `show`, `check` and those that edit them."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -225,6 +225,24 @@ def import_objects(
     failed = [outcome for outcome in made.files if outcome.failure is not None]
     all_refused = len(failed) == len(made.files) and not any(outcome.is_loss for outcome in failed)
     return 2 if all_refused else 1 if failed else 0
+
+
+@note_on_interruption("nothing was written")
+def list_objects(file: ObjectsArgument, json: JsonOption = False) -> None:
+    """List the objects of a file: size, mass, states, at which heights they are known, and their CAD file.
+
+    At once, whatever their number: nothing is compared or drawn.
+    """
+    from palpate.cli.objects_target import load_for_edit
+    from palpate.cli.terminal import Terminal
+    from palpate.config.fields import to_json
+    from palpate.views.catalogue.inventory import inventory_out, print_inventory
+
+    out = inventory_out(str(file), load_for_edit(file))
+    if json:
+        typer.echo(to_json(out))
+    else:
+        print_inventory(out, Terminal(highlight=False, soft_wrap=True))
 
 
 @note_on_interruption("no picture was written")

@@ -1,6 +1,7 @@
-"""Results of `palpate objects import`, `show` and `check`.
+"""Results of `palpate objects import`, `list`, `show` and `check`.
 
-Formats `palpate/import@1`, `palpate/objects-listing@1` and `palpate/objects-check@1`.
+Formats `palpate/import@1`, `palpate/objects-inventory@1`, `palpate/objects-listing@1` and
+`palpate/objects-check@1`.
 """
 
 from typing import Literal
@@ -94,6 +95,38 @@ class ImportOut(Out):
     warnings: tuple[str, ...]
     files: tuple[ImportedFileOut, ...] = ()
     seconds: Rounded
+
+
+class StateKnownOut(Out):
+    """A state: `height` of the part in it, mm; `heights`: where its sections are known, null: everywhere."""
+
+    name: str
+    probability: Rounded | None
+    height: Rounded
+    heights: tuple[Interval, ...] | None
+
+
+class ObjectListedOut(Out):
+    """An object of an objects file; `size` (mm, along the axes of its CAD file), `mass_g` and `source`, that
+    file as the import has written it, are null where they are not said.
+    """
+
+    name: str
+    size: tuple[Rounded, Rounded, Rounded] | None
+    mass_g: Rounded | None
+    tolerance: Rounded
+    states: tuple[StateKnownOut, ...]
+    source: str | None
+
+
+class InventoryOut(Out):
+    """Objects of a file, and the CAD files that the import has `refused`."""
+
+    format: Literal["palpate/objects-inventory@1"] = "palpate/objects-inventory@1"
+    units: Literal["mm, g"] = "mm, g"
+    objects_file: str
+    objects: tuple[ObjectListedOut, ...]
+    refused: tuple[str, ...]
 
 
 class StateNameOut(Out):

@@ -214,6 +214,11 @@ class ObjectText(FileModel):
         "`tolerance` of the place, rad; without it they may be off by what `tolerance` does to an edge.",
     )
     source: SourceText | None = Field(default=None, description="Written by the import.")
+    size: tuple[Positive, Positive, Positive] | None = Field(
+        default=None,
+        description="Extents along the axes of its CAD file, mm; for lists. Written by the import.",
+    )
+    mass_g: Positive | None = Field(default=None, description="Mass, g; for lists. Written by the import.")
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
     states: Items[StateText] | None = Field(default=None, min_length=1)

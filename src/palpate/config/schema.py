@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from palpate.config.calibration_file import CalibrationFile, ReferencesFile
-from palpate.config.catalogue_results import ImportOut, ObjectsCheckOut, ObjectsListingOut
+from palpate.config.catalogue_results import ImportOut, InventoryOut, ObjectsCheckOut, ObjectsListingOut
 from palpate.config.commissioning_results import (
     CalibrateOut,
     HomeOut,
@@ -48,6 +48,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "import-settings": ImportSettings,
     "objects": ObjectsFileText,
     "objects-check": ObjectsCheckOut,
+    "objects-inventory": InventoryOut,
     "objects-listing": ObjectsListingOut,
     "reboot": RebootOut,
     "recognition": RecognitionOut,

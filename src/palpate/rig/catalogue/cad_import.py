@@ -100,13 +100,17 @@ class ImportOptions:
         """Rotation (3, 3) that brings the axis `up` of the file to +z, if it is imported as it is."""
         return np.array(_TURN_UP[self.up if self.as_is and self.up else "+z"], dtype=np.float64)
 
+    def mass_of_g(self, volume_mm3: float) -> float | None:
+        """Mass (g) of a part of a volume; None: not said."""
+        if self.mass_g is not None or self.density_g_cm3 is None:
+            return self.mass_g
+        return self.density_g_cm3 * volume_mm3 / 1000.0
+
     def holds_n(self, volume_mm3: float) -> float | None:
         """Force (N) below which a part of a volume does not slide, rounded down; None: not said."""
         if self.part_holds_n is not None:
             return self.part_holds_n
-        mass_g = self.mass_g
-        if mass_g is None and self.density_g_cm3 is not None:
-            mass_g = self.density_g_cm3 * volume_mm3 / 1000.0
+        mass_g = self.mass_of_g(volume_mm3)
         if mass_g is None or self.friction is None:
             return None
         force = self.friction * mass_g / 1000.0 * _GRAVITY_M_S2
@@ -256,8 +260,7 @@ def _solid_object(
         left_out=imported.left_out,
     )
     states = [item.text for item in imported.states]
-    holds = options.holds_n(volume_mm3(solid))
-    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states, part_holds_n=holds), out)
+    return _with_model(out, states, out.size, volume_mm3(solid), options)
 
 
 def _in_file_frame(state: ImportedStateOut, options: ImportOptions) -> ImportedStateOut:
@@ -340,5 +343,25 @@ def _flat_object(
         left_out=(),
     )
     state = StateText(name=FLAT, height=height, sections=[section])
-    holds = options.holds_n(area.area * height)
-    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=[state], part_holds_n=holds), out)
+    return _with_model(out, [state], (*out.size, height), area.area * height, options)
+
+
+def _with_model(
+    out: ImportedObjectOut,
+    states: list[StateText],
+    size_mm: Sequence[float],
+    volume_mm3: float,
+    options: ImportOptions,
+) -> ImportedObject:
+    """What is written of an object, with what is said of it."""
+    width, depth, height = (round(item, 3) for item in size_mm)
+    mass_g = options.mass_of_g(volume_mm3)
+    text = ObjectText(
+        name=out.name,
+        tolerance=out.tolerance,
+        size=(width, depth, height),
+        mass_g=None if mass_g is None else round(mass_g, 3),
+        states=states,
+        part_holds_n=options.holds_n(volume_mm3),
+    )
+    return ImportedObject(text, out)

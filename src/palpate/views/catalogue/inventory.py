@@ -1,0 +1,121 @@
+"""The table of `palpate objects list`: what an objects file holds, object by object; nothing is compared."""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import PurePath
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from palpate.base.errors import quantity
+from palpate.config.catalogue_results import InventoryOut, ObjectListedOut, StateKnownOut
+from palpate.config.objects_file import FLAT
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, StateText
+from palpate.views.tables import folding_column, table
+
+_UNKNOWN = "–"
+_MAX_SHARES = 3  # states whose probability is listed
+_FILE_WIDTH = 110  # columns of a terminal that has room for files' names
+_NAME_COLUMNS = 22
+_Range = tuple[float, float]
+
+
+def inventory_out(name: str, text: ObjectsFileText) -> InventoryOut:
+    """`palpate/objects-inventory@1` of the objects file `name`."""
+    objects = tuple(map(_object_out, text.objects))
+    refused = tuple(item.source.file for item in text.refused or ())
+    return InventoryOut(objects_file=name, objects=objects, refused=refused)
+
+
+def _object_out(item: ObjectText) -> ObjectListedOut:
+    states = [_state_out(state) for state in item.states or ()]
+    return ObjectListedOut(
+        name=item.name,
+        size=item.size,
+        mass_g=item.mass_g,
+        tolerance=item.tolerance,
+        states=tuple(
+            states or [StateKnownOut(name=FLAT, probability=None, height=item.height, heights=None)]
+        ),
+        source=None if item.source is None else item.source.file,
+    )
+
+
+def _state_out(state: StateText) -> StateKnownOut:
+    heights = None if state.heights is None else tuple(state.heights)
+    top = state.height or max(section.z[1] for section in state.sections)
+    return StateKnownOut(name=state.name, probability=state.probability, height=top, heights=heights)
+
+
+def print_inventory(out: InventoryOut, console: Console) -> None:
+    """Print the table, and how many objects and states there are."""
+    console.print(_table(out, with_files=console.width >= _FILE_WIDTH))
+    states = sum(len(item.states) for item in out.objects)
+    count = quantity(len(out.objects), "object", "objects")
+    console.print(f"\n{count}, {quantity(states, 'state', 'states')} in [bold]{escape(out.objects_file)}[/]")
+    if out.refused:
+        console.print(f"{quantity(len(out.refused), 'file was', 'files were')} refused by the import")
+
+
+def _table(out: InventoryOut, *, with_files: bool) -> Table:
+    has_mass = any(item.mass_g is not None for item in out.objects)
+    has_source = with_files and any(item.source is not None for item in out.objects)
+    rows = table(
+        folding_column("object", _NAME_COLUMNS),
+        "size mm",
+        *(["mass"] if has_mass else []),
+        "states",
+        "known at mm",
+        *([folding_column("from")] if has_source else []),
+        numbers=("size mm", "mass"),
+    )
+    for item in out.objects:
+        mass = _UNKNOWN if item.mass_g is None else f"{item.mass_g:.4g} g"
+        rows.add_row(
+            escape(item.name),
+            _size(item),
+            *([mass] if has_mass else []),
+            _states(item.states),
+            _known(item.states),
+            *([escape(PurePath(item.source or _UNKNOWN).name)] if has_source else []),
+        )
+    return rows
+
+
+def _size(item: ObjectListedOut) -> str:
+    return _UNKNOWN if item.size is None else " × ".join(f"{length:.3g}" for length in item.size)
+
+
+def _states(states: Sequence[StateKnownOut]) -> str:
+    """How many there are, and the largest probabilities."""
+    shares = sorted((item.probability for item in states if item.probability is not None), reverse=True)
+    if not shares:
+        return str(len(states))
+    words = ", ".join(f"{100 * share:.2g}" for share in shares[:_MAX_SHARES])
+    return f"{len(states)}: {words}{', …' if len(shares) > _MAX_SHARES else ''} %"
+
+
+def _known(states: Sequence[StateKnownOut]) -> str:
+    """Heights at which every state is known, in words."""
+    if all(item.heights is None for item in states):
+        return "all heights"
+    common = common_heights_mm(states)
+    if not common:
+        return "differs"
+    low, high = common[0][0], common[-1][1]
+    words = f"{low:.4g} and up" if math.isinf(high) else f"{low:.4g}–{high:.4g}"
+    return f"{words}, in part" if len(common) > 1 else words
+
+
+def common_heights_mm(states: Iterable[StateKnownOut]) -> list[_Range]:
+    """Ranges of height at which every state is known, ascending: above a part there is nothing."""
+    common: list[_Range] = [(0.0, math.inf)]
+    for state in states:
+        if state.heights is None:
+            continue
+        own = [*state.heights, (state.height, math.inf)]
+        both = [(max(a, c), min(b, d)) for a, b in common for c, d in own]
+        common = sorted((low, high) for low, high in both if low < high)
+    top = max((item.height for item in states), default=0.0)
+    return [item for item in common if item[0] < top]
