@@ -243,6 +243,21 @@ def test_list_says_what_is_known_of_each_object(ask: Here) -> None:
     assert out["objects"][-1]["states"][0]["heights"] == [[9, 11], [12, 20]]
 
 
+def test_list_with_names_says_which_side_is_down(ask: Here, here: Here) -> None:
+    sides = [
+        {"name": name, "sections": [section(0, 20, FOOT)], "down": down, "probability": share}
+        for name, down, share in (("a", [0, 0, -1], 0.5), ("b", [0.6, -0.8, 0], 0.25))
+    ]
+    ended = ask("list", [*PARTS, {"name": "sided", "states": sides}], "sided")
+    assert (ended.code, ended.err) == (0, "")
+    assert re.search(r"^  a +−z +50 % +20 +– +all heights$", ended.out, re.M)
+    assert re.search(r"^  b +\(0.6, -0.8, 0\) +25 % +20 +– +all heights$", ended.out, re.M)
+    assert "block" not in ended.out
+    gone = here("objects", "list", "parts.objects.json", "no-such-part")
+    assert (gone.code, gone.out, gone.err.count("\n")) == (2, "", 1)
+    assert "no-such-part" in gone.err
+
+
 @given(
     st.lists(
         st.tuples(
@@ -259,7 +274,7 @@ def test_common_heights_are_those_at_which_every_state_is_known(
 ) -> None:
     ranges = [None if ends is None else tuple(zip(ends[::2], ends[1::2], strict=False)) for _, ends in drawn]
     states = [
-        StateKnownOut(name="s", probability=None, height=top, heights=known)
+        StateKnownOut(name="s", probability=None, down=None, tipping_angle=None, height=top, heights=known)
         for (top, _), known in zip(drawn, ranges, strict=True)
     ]
     height = at + 0.5

@@ -228,21 +228,29 @@ def import_objects(
 
 
 @note_on_interruption("nothing was written")
-def list_objects(file: ObjectsArgument, json: JsonOption = False) -> None:
-    """List the objects of a file: size, mass, states, at which heights they are known, and their CAD file.
+def list_objects(
+    file: ObjectsArgument,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME…", help="List their states.", show_default=False)
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """List the objects of a file: size, mass, states, and at which heights they are known.
 
     At once, whatever their number: nothing is compared or drawn.
     """
     from palpate.cli.objects_target import load_for_edit
     from palpate.cli.terminal import Terminal
     from palpate.config.fields import to_json
-    from palpate.views.catalogue.inventory import inventory_out, print_inventory
+    from palpate.config.objects_tables import select_objects
+    from palpate.views.catalogue.inventory import inventory_out, print_inventory, print_states
 
-    out = inventory_out(str(file), load_for_edit(file))
+    text = load_for_edit(file)
+    out = inventory_out(str(file), select_objects(text, names, str(file)) if names else text)
     if json:
         typer.echo(to_json(out))
     else:
-        print_inventory(out, Terminal(highlight=False, soft_wrap=True))
+        (print_states if names else print_inventory)(out, Terminal(highlight=False, soft_wrap=True))
 
 
 @note_on_interruption("no picture was written")

@@ -98,10 +98,15 @@ class ImportOut(Out):
 
 
 class StateKnownOut(Out):
-    """A state: `height` of the part in it, mm; `heights`: where its sections are known, null: everywhere."""
+    """A state: `height` of the part in it, mm; `heights`: where its sections are known, null: everywhere.
+
+    `down`: direction of the CAD file that points down; `tipping_angle`: smallest tilt that tips it over, rad.
+    """
 
     name: str
     probability: Rounded | None
+    down: tuple[Rounded, Rounded, Rounded] | None
+    tipping_angle: Rounded | None
     height: Rounded
     heights: tuple[Interval, ...] | None
 

@@ -149,6 +149,10 @@ NormalBound = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=
 """rad"""
 
 
+Cosine = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1, le=1)]
+"""Of a direction and an axis."""
+
+
 class PolygonText(FileModel):
     """A polygon as it stands in the file."""
 
@@ -188,6 +192,10 @@ class StateText(FileModel):
         max_length=64,
         description="Rings of [across, z], mm, of the silhouette seen from the side, for pictures only. "
         "Written by the import.",
+    )
+    down: tuple[Cosine, Cosine, Cosine] | None = Field(
+        default=None,
+        description="Direction of the CAD file that points down; for lists. Written by the import.",
     )
 
 
@@ -291,6 +299,13 @@ def _json_of(value: object) -> str:
 
 
 _MAX_NAMES = 12
+
+
+def select_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:
+    """Keep some objects only. Raises InputError for a name that no object has."""
+    for name in names:
+        _check_there(text, name, file)
+    return text.model_copy(update={"objects": [item for item in text.objects if item.name in names]})
 
 
 def remove_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:

@@ -259,7 +259,10 @@ def _solid_object(
         states=tuple(_in_file_frame(item.result, options) for item in imported.states),
         left_out=imported.left_out,
     )
-    states = [item.text for item in imported.states]
+    states = [
+        item.text.model_copy(update={"down": _down(result)})
+        for item, result in zip(imported.states, out.states, strict=True)
+    ]
     return _with_model(out, states, out.size, volume_mm3(solid), options)
 
 
@@ -267,6 +270,12 @@ def _in_file_frame(state: ImportedStateOut, options: ImportOptions) -> ImportedS
     """The state with the frame of the file itself, before it was turned up."""
     rotation = np.array(state.frame.rotation) @ options.turn_up
     return state.model_copy(update={"frame": frame_out(rotation, np.array(state.frame.offset))})
+
+
+def _down(state: ImportedStateOut) -> tuple[float, float, float]:
+    """Direction of the file that points down in a state."""
+    x, y, z = (round(-float(value), 4) + 0.0 for value in state.frame.rotation[2])
+    return x, y, z
 
 
 def _drawings(path: Path, options: ImportOptions) -> Imported:

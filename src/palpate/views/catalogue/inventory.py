@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from palpate.base.errors import quantity
 from palpate.config.catalogue_results import InventoryOut, ObjectListedOut, StateKnownOut
@@ -18,6 +18,7 @@ _UNKNOWN = "–"
 _MAX_SHARES = 3  # states whose probability is listed
 _FILE_WIDTH = 110  # columns of a terminal that has room for files' names
 _NAME_COLUMNS = 22
+_ALONG_AXIS = math.cos(math.radians(0.5))
 _Range = tuple[float, float]
 
 
@@ -35,17 +36,21 @@ def _object_out(item: ObjectText) -> ObjectListedOut:
         size=item.size,
         mass_g=item.mass_g,
         tolerance=item.tolerance,
-        states=tuple(
-            states or [StateKnownOut(name=FLAT, probability=None, height=item.height, heights=None)]
-        ),
+        states=tuple(states or [_flat_out(item)]),
         source=None if item.source is None else item.source.file,
+    )
+
+
+def _flat_out(item: ObjectText) -> StateKnownOut:
+    return StateKnownOut(
+        name=FLAT, probability=None, down=None, tipping_angle=None, height=item.height, heights=None
     )
 
 
 def _state_out(state: StateText) -> StateKnownOut:
     heights = None if state.heights is None else tuple(state.heights)
     top = state.height or max(section.z[1] for section in state.sections)
-    return StateKnownOut(name=state.name, probability=state.probability, height=top, heights=heights)
+    return StateKnownOut.of(state, height=top, heights=heights)
 
 
 def print_inventory(out: InventoryOut, console: Console) -> None:
@@ -62,7 +67,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
     has_mass = any(item.mass_g is not None for item in out.objects)
     has_source = with_files and any(item.source is not None for item in out.objects)
     rows = table(
-        folding_column("object", _NAME_COLUMNS),
+        _names(out),
         "size mm",
         *(["mass"] if has_mass else []),
         "states",
@@ -81,6 +86,39 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
             *([escape(PurePath(item.source or _UNKNOWN).name)] if has_source else []),
         )
     return rows
+
+
+def print_states(out: InventoryOut, console: Console) -> None:
+    """Print the states of each object: which side is down, how often, how high, and where they are known."""
+    numbers = "probability", "height mm", "tips"
+    rows = table(_names(out), "down", *numbers, "known at mm", numbers=numbers)
+    for item in out.objects:
+        rows.add_row(f"[bold]{escape(item.name)}[/]")
+        for state in item.states:
+            share, tips = state.probability, state.tipping_angle
+            rows.add_row(
+                f"  {escape(state.name)}",
+                _UNKNOWN if state.down is None else direction_words(state.down),
+                _UNKNOWN if share is None else f"{100 * share:.2g} %",
+                f"{state.height:.4g}",
+                _UNKNOWN if tips is None else f"{math.degrees(tips):.3g}°",
+                _known([state]),
+            )
+    console.print(rows)
+
+
+def direction_words(direction: Sequence[float]) -> str:
+    """An axis of the CAD file, such as −z, or the direction's three cosines."""
+    for axis, value in zip("xyz", direction, strict=True):
+        if abs(value) >= _ALONG_AXIS:
+            return f"{'−' if value < 0 else '+'}{axis}"
+    return f"({', '.join(f'{value:.2g}' for value in direction)})"
+
+
+def _names(out: InventoryOut) -> Column:
+    names = [item.name for item in out.objects]
+    names += [f"  {state.name}" for item in out.objects for state in item.states]
+    return folding_column("object", min(_NAME_COLUMNS, max(map(len, names))))
 
 
 def _size(item: ObjectListedOut) -> str:
