@@ -72,10 +72,10 @@ def second_level(query: Query, nodes: Interpretations) -> tuple[Interpretations,
 
 
 def _only_in(nodes: Interpretations, edges: EdgeSet) -> EdgeSet:
-    """A contact's edges, of which only those in `nodes` represent their orbits, where that saves much."""
+    """A contact's edges, of which only those in `nodes` represent their orbits."""
     representative = np.zeros_like(edges.representative)
     representative[nodes.edges[:, 0]] = True
-    if 2 * np.count_nonzero(representative) > np.count_nonzero(edges.representative):
+    if np.array_equal(representative, edges.representative):
         return edges
     return replace(edges, representative=representative)
 
