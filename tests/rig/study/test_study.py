@@ -178,6 +178,21 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path, here:
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
+def test_states_that_no_finger_touches_are_not_drawn(tmp_path: Path) -> None:
+    """They lie below all fingers: a run with one would touch nothing, whatever the rig resolves."""
+    low = {"name": "low", "sections": [section(0, 5, L_SHAPE)], "probability": 0.9}
+    high = {"name": "high", "sections": [section(0, 20, L_SHAPE)], "probability": 0.1}
+    file = tmp_path / "plates.json"
+    file.write_text(json.dumps(objects({"name": "plate", "states": [low, high]})))
+    keep = tmp_path / "runs.jsonl"
+    out = study(
+        load_rig(shipped_rig()), load_objects(file), runs=4, parts="still", budget=0, keep=keep, workers=1
+    )
+    runs = [json.loads(line) for line in keep.read_text().splitlines()]
+    assert {run["state"] for run in runs if "state" in run} == {"high"}
+    assert (out.lost, [item.state for item in out.states]) == (0, ["high"])
+
+
 def test_parts_that_do_not_fit_into_the_workspace_are_counted() -> None:
     objects = load_objects(shipped_objects())
     rig = load_rig(shipped_rig())

@@ -8,7 +8,7 @@ meets a state beside its equator, a height counts as a place does; more than 60Â
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from itertools import groupby
@@ -81,6 +81,19 @@ def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, .
             if item.trouble is not None
         ]
     return tuple(found)
+
+
+def felt_objects(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObjectModel, ...]:
+    """The objects with those states alone that a rig can feel; all as they are if it can feel none."""
+    hopeless = {
+        (item.object_name, item.state_name) for item in findings_of(rig, models) if item.trouble in HOPELESS
+    }
+    felt = []
+    for model in models:
+        states = tuple(state for state in model.states if (model.name, state.name) not in hopeless)
+        if states:
+            felt.append(model if len(states) == len(model.states) else replace(model, states=states))
+    return tuple(felt or models)
 
 
 class _RigLimits:
