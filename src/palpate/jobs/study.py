@@ -76,7 +76,8 @@ def study(  # noqa: PLR0913  # the command's options, all optional
     """Simulate identifications of parts of a catalogue, on all cores or a cluster.
 
     Each run draws a state that some finger can touch and where it lies, by `seed` and its number; touches
-    are mismeasured within the rig's bounds. `parts`: "moving" or "still", None: as the rig file's `[emulation.part]` says.
+    are mismeasured within the rig's bounds. `parts`: "moving" or "still", None: as the rig file's
+    `[emulation.part]` says.
     `placed_within_mm`: how far from the middle of the workspace parts' centres of area lie, None: as
     `placement_radius_mm` says, or 0.16 of the workspace's radius. `budget`: so many runs are done again with
     each error halved and with parts held, None: a tenth of them. `keep`: a file of runs (JSON Lines), by
