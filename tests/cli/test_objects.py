@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from palpate.config import load_objects
-from palpate.config.catalogue_results import StateKnownOut
+from palpate.config.catalogue_results import InventoryStateOut
 from palpate.config.schema import schema_text
 from palpate.views.catalogue.inventory import common_heights_mm
 from support.benches.parts import L_SHAPE, mirrored, objects, polygon, rectangle, section, stacked_part
@@ -274,7 +274,9 @@ def test_common_heights_are_those_at_which_every_state_is_known(
 ) -> None:
     ranges = [None if ends is None else tuple(zip(ends[::2], ends[1::2], strict=False)) for _, ends in drawn]
     states = [
-        StateKnownOut(name="s", probability=None, down=None, tipping_angle=None, height=top, heights=known)
+        InventoryStateOut(
+            name="s", probability=None, down=None, tipping_angle=None, height=top, heights=known
+        )
         for (top, _), known in zip(drawn, ranges, strict=True)
     ]
     height = at + 0.5

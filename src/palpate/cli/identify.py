@@ -228,19 +228,17 @@ def study(
     what each error costs, and at which heights fingers should be. Exit code 1: an answer was wrong.
     """
     from palpate.base.file_io import check_places, write_text
-    from palpate.cli.terminal import StatusLine, Terminal, print_notices, rig_files
+    from palpate.cli.terminal import StatusLine, Terminal, rig_files
     from palpate.config.fields import to_json
     from palpate.jobs.files import load_objects
     from palpate.jobs.rig import open_rig
     from palpate.jobs.study import study as studied
-    from palpate.rig.catalogue.reachability import finding_lines
     from palpate.views.report.study import study_report
     from palpate.views.report.study_text import study_lines
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(objects)
     name = "the shipped objects" if objects is None else str(objects)
     check_places({"--report": report, "--keep": keep}, {**rig_files(rig), "--objects": objects})
-    print_notices(finding_lines(bench, models.objects, name))
     terminal = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with (
         note_on_interruption(_interruption_note(keep)),

@@ -237,7 +237,7 @@ def list_objects(
 ) -> None:
     """List the objects of a file: size, mass, states, and at which heights they are known.
 
-    At once, whatever their number: nothing is compared or drawn.
+    Nothing is compared or drawn; `objects show` does both.
     """
     from palpate.cli.objects_target import load_for_edit
     from palpate.cli.terminal import Terminal

@@ -97,7 +97,7 @@ class ImportOut(Out):
     seconds: Rounded
 
 
-class StateKnownOut(Out):
+class InventoryStateOut(Out):
     """A state: `height` of the part in it, mm; `heights`: where its sections are known, null: everywhere.
 
     `down`: direction of the CAD file that points down; `tipping_angle`: smallest tilt that tips it over, rad.
@@ -111,7 +111,7 @@ class StateKnownOut(Out):
     heights: tuple[Interval, ...] | None
 
 
-class ObjectListedOut(Out):
+class InventoryObjectOut(Out):
     """An object of an objects file; `size` (mm, along the axes of its CAD file), `mass_g` and `source`, that
     file as the import has written it, are null where they are not said.
     """
@@ -120,7 +120,7 @@ class ObjectListedOut(Out):
     size: tuple[Rounded, Rounded, Rounded] | None
     mass_g: Rounded | None
     tolerance: Rounded
-    states: tuple[StateKnownOut, ...]
+    states: tuple[InventoryStateOut, ...]
     source: str | None
 
 
@@ -128,9 +128,9 @@ class InventoryOut(Out):
     """Objects of a file, and the CAD files that the import has `refused`."""
 
     format: Literal["palpate/objects-inventory@1"] = "palpate/objects-inventory@1"
-    units: Literal["mm, g"] = "mm, g"
+    units: Literal["mm, g, rad"] = "mm, g, rad"
     objects_file: str
-    objects: tuple[ObjectListedOut, ...]
+    objects: tuple[InventoryObjectOut, ...]
     refused: tuple[str, ...]
 
 

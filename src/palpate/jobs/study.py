@@ -24,7 +24,7 @@ from palpate.jobs.files import PathLike, check_arguments, select_known
 from palpate.jobs.recognition import parse_strategy
 from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
 from palpate.rig.catalogue.preparation import prepare_catalogue
-from palpate.rig.catalogue.reachability import felt_objects
+from palpate.rig.catalogue.reachability import felt_objects, finding_lines
 from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import BestHeights, best_heights, separating_heights
 from palpate.rig.catalogue.twins import find_twins
@@ -75,8 +75,8 @@ def study(  # noqa: PLR0913  # the command's options, all optional
 ) -> StudyOut:
     """Simulate identifications of parts of a catalogue, on all cores or a cluster.
 
-    Each run draws a state that some finger can touch and where it lies, by `seed` and its number; touches
-    are mismeasured within the rig's bounds. `parts`: "moving" or "still", None: as the rig file's
+    Each run draws a state that the rig can feel and where it lies, by `seed` and its number; touches are
+    mismeasured within the rig's bounds. `parts`: "moving" or "still", None: as the rig file's
     `[emulation.part]` says.
     `placed_within_mm`: how far from the middle of the workspace parts' centres of area lie, None: as
     `placement_radius_mm` says, or 0.16 of the workspace's radius. `budget`: so many runs are done again with
@@ -100,7 +100,9 @@ def study(  # noqa: PLR0913  # the command's options, all optional
     motion, chosen = motion_of(rig) if parts is None else _parse_motion(parts), parse_strategy(strategy)
     _check_placed(placed_within_mm, rig.workspace.radius_mm)
     states, fingers = state_sections(objects), rig_fingers(rig)
-    # Parts that no finger can touch tell nothing of how well the rig tells apart what it touches.
+    for line in finding_lines(rig, objects.objects, name):
+        warn_operator(line)
+    # Parts that it cannot feel tell nothing of how well the rig tells apart what it feels.
     objects = replace(objects, objects=felt_objects(rig, objects.objects))
     simulation = Simulation(
         *with_motion(rig, objects, motion), chosen, seed, placed_within_mm=placed_within_mm

@@ -263,7 +263,7 @@ def _solid_object(
         item.text.model_copy(update={"down": _down(result)})
         for item, result in zip(imported.states, out.states, strict=True)
     ]
-    return _with_model(out, states, out.size, volume_mm3(solid), options)
+    return _make_object(out, states, out.size, volume_mm3(solid), options)
 
 
 def _in_file_frame(state: ImportedStateOut, options: ImportOptions) -> ImportedStateOut:
@@ -352,17 +352,17 @@ def _flat_object(
         left_out=(),
     )
     state = StateText(name=FLAT, height=height, sections=[section])
-    return _with_model(out, [state], (*out.size, height), area.area * height, options)
+    return _make_object(out, [state], (*out.size, height), area.area * height, options)
 
 
-def _with_model(
+def _make_object(
     out: ImportedObjectOut,
     states: list[StateText],
     size_mm: Sequence[float],
     volume_mm3: float,
     options: ImportOptions,
 ) -> ImportedObject:
-    """What is written of an object, with what is said of it."""
+    """The entry `out` of the result with the text of the objects file."""
     width, depth, height = (round(item, 3) for item in size_mm)
     mass_g = options.mass_of_g(volume_mm3)
     text = ObjectText(

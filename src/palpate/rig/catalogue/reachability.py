@@ -84,7 +84,7 @@ def findings_of(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[Finding, .
 
 
 def felt_objects(rig: RigFile, models: Sequence[ObjectModel]) -> tuple[ObjectModel, ...]:
-    """The objects with those states alone that a rig can feel; all as they are if it can feel none."""
+    """The objects without states that a rig cannot feel (`HOPELESS`); all as they are if it can feel none."""
     hopeless = {
         (item.object_name, item.state_name) for item in findings_of(rig, models) if item.trouble in HOPELESS
     }

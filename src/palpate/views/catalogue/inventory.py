@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from palpate.base.errors import quantity
-from palpate.config.catalogue_results import InventoryOut, ObjectListedOut, StateKnownOut
+from palpate.config.catalogue_results import InventoryObjectOut, InventoryOut, InventoryStateOut
 from palpate.config.objects_file import FLAT
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, StateText
 from palpate.views.tables import folding_column, table
@@ -29,9 +29,9 @@ def inventory_out(name: str, text: ObjectsFileText) -> InventoryOut:
     return InventoryOut(objects_file=name, objects=objects, refused=refused)
 
 
-def _object_out(item: ObjectText) -> ObjectListedOut:
+def _object_out(item: ObjectText) -> InventoryObjectOut:
     states = [_state_out(state) for state in item.states or ()]
-    return ObjectListedOut(
+    return InventoryObjectOut(
         name=item.name,
         size=item.size,
         mass_g=item.mass_g,
@@ -41,16 +41,16 @@ def _object_out(item: ObjectText) -> ObjectListedOut:
     )
 
 
-def _flat_out(item: ObjectText) -> StateKnownOut:
-    return StateKnownOut(
+def _flat_out(item: ObjectText) -> InventoryStateOut:
+    return InventoryStateOut(
         name=FLAT, probability=None, down=None, tipping_angle=None, height=item.height, heights=None
     )
 
 
-def _state_out(state: StateText) -> StateKnownOut:
+def _state_out(state: StateText) -> InventoryStateOut:
     heights = None if state.heights is None else tuple(state.heights)
     top = state.height or max(section.z[1] for section in state.sections)
-    return StateKnownOut.of(state, height=top, heights=heights)
+    return InventoryStateOut.of(state, height=top, heights=heights)
 
 
 def print_inventory(out: InventoryOut, console: Console) -> None:
@@ -76,7 +76,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
         numbers=("size mm", "mass"),
     )
     for item in out.objects:
-        mass = _UNKNOWN if item.mass_g is None else f"{item.mass_g:.4g} g"
+        mass = _UNKNOWN if item.mass_g is None else f"{round(item.mass_g, 1):g} g"
         rows.add_row(
             escape(item.name),
             _size(item),
@@ -121,11 +121,11 @@ def _names(out: InventoryOut) -> Column:
     return folding_column("object", min(_NAME_COLUMNS, max(map(len, names))))
 
 
-def _size(item: ObjectListedOut) -> str:
-    return _UNKNOWN if item.size is None else " × ".join(f"{length:.3g}" for length in item.size)
+def _size(item: InventoryObjectOut) -> str:
+    return _UNKNOWN if item.size is None else " × ".join(f"{round(length, 1):g}" for length in item.size)
 
 
-def _states(states: Sequence[StateKnownOut]) -> str:
+def _states(states: Sequence[InventoryStateOut]) -> str:
     """How many there are, and the largest probabilities."""
     shares = sorted((item.probability for item in states if item.probability is not None), reverse=True)
     if not shares:
@@ -134,19 +134,19 @@ def _states(states: Sequence[StateKnownOut]) -> str:
     return f"{len(states)}: {words}{', …' if len(shares) > _MAX_SHARES else ''} %"
 
 
-def _known(states: Sequence[StateKnownOut]) -> str:
+def _known(states: Sequence[InventoryStateOut]) -> str:
     """Heights at which every state is known, in words."""
     if all(item.heights is None for item in states):
         return "all heights"
     common = common_heights_mm(states)
     if not common:
-        return "differs"
+        return "none in common"
     low, high = common[0][0], common[-1][1]
     words = f"{low:.4g} and up" if math.isinf(high) else f"{low:.4g}–{high:.4g}"
     return f"{words}, in part" if len(common) > 1 else words
 
 
-def common_heights_mm(states: Iterable[StateKnownOut]) -> list[_Range]:
+def common_heights_mm(states: Iterable[InventoryStateOut]) -> list[_Range]:
     """Ranges of height at which every state is known, ascending: above a part there is nothing."""
     common: list[_Range] = [(0.0, math.inf)]
     for state in states:
