@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, RigWarning
 from palpate.base.vocabulary import ErrorSource, IdentificationVerdict, PartMotion, Strategy
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.emulation import EmulatedPartConfig
@@ -185,9 +185,8 @@ def test_states_that_no_finger_touches_are_not_drawn(tmp_path: Path) -> None:
     file = tmp_path / "plates.json"
     file.write_text(json.dumps(objects({"name": "plate", "states": [low, high]})))
     keep = tmp_path / "runs.jsonl"
-    out = study(
-        load_rig(shipped_rig()), load_objects(file), runs=4, parts="still", budget=0, keep=keep, workers=1
-    )
+    with pytest.warns(RigWarning, match="plate, low"):
+        out = study(RIG, load_objects(file), runs=4, parts="still", budget=0, keep=keep, workers=1)
     runs = [json.loads(line) for line in keep.read_text().splitlines()]
     assert {run["state"] for run in runs if "state" in run} == {"high"}
     assert (out.lost, [item.state for item in out.states]) == (0, ["high"])
