@@ -18,6 +18,7 @@ Prints a row a claim and ends with exit code 1 if any is broken:
 import argparse
 import json
 import math
+import statistics
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
@@ -39,6 +40,7 @@ class Verdicts:
 
     held: Counter[str] = field(default_factory=Counter)
     broken: list[str] = field(default_factory=list)
+    motions_mm: list[tuple[float, float]] = field(default_factory=list)
 
     def claim(self, name: str, holds: bool, what: str) -> None:
         """Count one."""
@@ -62,7 +64,21 @@ def main() -> int:
         print(f"{name:32} held {count:6}   broken {broken}")
     for line in verdicts.broken[:40]:
         print("  " + line)
+    for least in (0.0, 0.01, 0.05, 0.2):
+        print_tightness(verdicts.motions_mm, least)
     return 1 if verdicts.broken else 0
+
+
+def print_tightness(motions_mm: list[tuple[float, float]], least_mm: float) -> None:
+    """How wide the bounds are beside true motions of at least so much: medians, and of their ratio."""
+    found = [(true, most) for true, most in motions_mm if true >= max(least_mm, _SLACK)]
+    if found:
+        true, most, ratio = (
+            statistics.median(values) for values in zip(*((t, m, m / t) for t, m in found), strict=True)
+        )
+        print(
+            f"moved {least_mm:g} mm at least: {len(found)}, true {true:.4f}, bound {most:.3f}, ratio {ratio:.1f}"
+        )
 
 
 def judge(folder: Path, verdicts: Verdicts) -> None:
@@ -125,6 +141,8 @@ def _motions(run: str, result: dict[str, Any], hidden: dict[str, Any], verdicts:
             claim = f"{name} within its bound" + (" and the engine's creep" if value > most + _SLACK else "")
             what = f"{run} grip {k}: {value:.5f} of {most:.5f}"
             verdicts.claim(claim, value <= most + creep, what)
+            if name == "motion":
+                verdicts.motions_mm.append((value, most))
 
 
 def _placed(pose: list[float], x: float, y: float) -> tuple[float, float]:
