@@ -43,7 +43,9 @@ class Source(NamedTuple):
     def name(self) -> str:
         """A name for the file that tells the project, and is no other file's."""
         path = PurePosixPath(self.path)
-        return f"{self.repository.split('/')[1]}--{self.blob[:8]}--{path.stem.replace(' ', '_')}.{self.format}"
+        return (
+            f"{self.repository.split('/')[1]}--{self.blob[:8]}--{path.stem.replace(' ', '_')}.{self.format}"
+        )
 
 
 def git(clone: Path, *arguments: str) -> bytes:
@@ -87,7 +89,9 @@ def take(listed: list[Source], clones: Path, into: Path) -> None:
     into.mkdir(parents=True, exist_ok=True)
     for source in listed:
         names = (source.repository.split("/")[1], source.repository.replace("/", "+"))
-        clone = next(path for name in names for path in (clones / name / "repo", clones / name) if path.is_dir())
+        clone = next(
+            path for name in names for path in (clones / name / "repo", clones / name) if path.is_dir()
+        )
         (into / source.name).write_bytes(git(clone, "cat-file", "blob", source.blob))
 
 

@@ -30,11 +30,18 @@ _PROBE_COUNT = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
 
 
-CLOSE_ADVICE = "; close the surface and export it again"
-"""End of the message for a surface that is not closed."""
+class UnsoundSurfaceError(InputError):
+    """Refusal of a surface that bounds no solid: the `problem`, and what to do about it."""
+
+    def __init__(self, problem: str, advice: str = "") -> None:
+        super().__init__(f"{problem}; {advice}" if advice else problem)
+        self.problem = problem
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str]]:
+        return InputError, (str(self),)
 
 
-class OpenSurfaceError(InputError):
+class OpenSurfaceError(UnsoundSurfaceError):
     """Refusal of a surface that is not closed."""
 
 
@@ -54,7 +61,7 @@ def _split_bodies(where: str, surface: TriangleSurface) -> list[Ints]:
             (np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) ** 2).sum(axis=1)
         )
         if abs(enclosed) <= surface.tolerance * area.sum() / 2:
-            raise InputError(f"{where}: the surface {_around(surface, faces)} encloses no volume")
+            raise UnsoundSurfaceError(f"{where}: the surface {_around(surface, faces)} encloses no volume")
     holder, depth = _nesting(surface, shells)
     for number, within in enumerate(holder):
         if within >= 0 and volume[number] * volume[within] > 0:
@@ -159,7 +166,7 @@ def check_solids(
     _check_numbers(where, vertices)
     _check_spread(where, vertices, units)
     tolerance = vertex_rounding(vertices)
-    vertices, faces, moved = _merge_vertices(vertices, faces, tolerance)
+    vertices, faces, moved = merge_vertices(vertices, faces, tolerance)
     if not len(faces):
         raise InputError(f"{where}: has no faces wider than {tolerance:.2g} mm")
     found = _sound_surface(where, (vertices, faces), tolerance)
@@ -220,7 +227,7 @@ def _check_size(where: str, side_mm: float, units: str | None) -> None:
         raise InputError(f"{where}: {problem}")
 
 
-def _merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints, float]:
+def merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints, float]:
     """Vertices closer together than the tolerance made one, faces between different ones, longest move."""
     distinct, inverse = np.unique(vertices, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(tolerance, output_type="ndarray")
@@ -250,20 +257,22 @@ def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:
     if len(open_edges):
         raise OpenSurfaceError(
             f"{where}: is not watertight: {place(open_edges)} belongs to 1 face"
-            f"{_more(len(open_edges), 'edge', 'edges')}{CLOSE_ADVICE}"
+            f"{_more(len(open_edges), 'edge', 'edges')}",
+            "close the surface and export it again",
         )
     crowded = np.flatnonzero(count > 2)
     if len(crowded):
-        raise InputError(
+        raise UnsoundSurfaceError(
             f"{where}: is not the surface of a solid: {place(crowded)} belongs to {count[crowded[0]]} faces"
-            f"{_more(len(crowded), 'edge', 'edges')}; 2 are allowed"
+            f"{_more(len(crowded), 'edge', 'edges')}, not to 2"
         )
     forward = np.bincount(np.searchsorted(undirected, keys[keys < reverse]), minlength=len(undirected))
     twisted = np.flatnonzero(forward != 1)
     if len(twisted):
-        raise InputError(
+        raise UnsoundSurfaceError(
             f"{where}: inside and outside are mixed up: at {place(twisted)} one face is turned over"
-            f"{_more(len(twisted), 'edge', 'edges')}; make the normals consistent and export it again"
+            f"{_more(len(twisted), 'edge', 'edges')}",
+            "make the normals consistent and export it again",
         )
 
 
@@ -346,9 +355,9 @@ def _refuse_crossings(where: str, found: FaceCrossings) -> NoReturn:
         if count <= MAX_CROSSINGS
         else f" (and more than {MAX_CROSSINGS - 1} more pairs)"
     )
-    raise InputError(
-        f"{where}: intersects itself: two faces cross or overlap at {_point(found.places[0])} mm{more}; "
-        "unite the bodies and export them again"
+    raise UnsoundSurfaceError(
+        f"{where}: intersects itself: two faces cross or overlap at {_point(found.places[0])} mm{more}",
+        "unite the bodies and export them again",
     )
 
 

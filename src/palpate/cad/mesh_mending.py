@@ -42,31 +42,39 @@ def smooth_crossings(mesh: Mesh) -> tuple[Mesh, float] | None:
     return None if smooth.is_empty() else (_mesh_of(smooth), _SMOOTHED_MM + float(whole.get_tolerance()))
 
 
-def close_cracks(mesh: Mesh) -> tuple[Mesh, float] | None:
-    """A surface whose cracks are closed by facets, and how wide (mm) they were; None: it has holes."""
-    vertices, faces = mesh
-    edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
-    there = set(map(tuple, edges.tolist()))
-    following = {b: a for a, b in there if (b, a) not in there}
-    open_edges = [(b, a) for a, b in there if (b, a) not in there]
-    if len(following) != len(open_edges):
-        return None  # several cracks meet in a vertex
-    more: list[list[int]] = []
-    widest = 0.0
+def open_loops(faces: Ints) -> list[Ints]:
+    """Vertices (k,) along the edge of each hole, as facets of the hole run; none where holes meet in a vertex."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    count = int(faces.max()) + 1
+    is_open = ~np.isin(end * count + start, start * count + end)
+    following = dict(zip(end[is_open].tolist(), start[is_open].tolist(), strict=True))
+    if len(following) != np.count_nonzero(is_open):
+        return []
+    loops = []
     while following:
         start, at = following.popitem()
         loop = [start]
         while at != start:
             if at not in following:
-                return None
+                return []
             loop.append(at)
             at = following.pop(at)
+        loops.append(np.array(loop))
+    return loops
+
+
+def close_cracks(mesh: Mesh) -> tuple[Mesh, float] | None:
+    """A surface whose cracks are closed by facets, and how wide (mm) they were; None: it has holes."""
+    vertices, faces = mesh
+    more: list[Ints] = []
+    widest = 0.0
+    for loop in open_loops(faces):
         width, first = _crack(vertices[loop])
         if len(loop) < 3 or width > _CRACK_MM:
             return None
-        widest, loop = max(widest, width), loop[first:] + loop[:first]
-        more += [[loop[0], loop[k], loop[k + 1]] for k in range(1, len(loop) - 1)]
-    return (vertices, np.vstack([faces, np.array(more, dtype=np.int64).reshape(-1, 3)])), widest
+        widest, turned = max(widest, width), np.roll(loop, -first)
+        more.append(np.column_stack([np.full(len(loop) - 2, turned[0]), turned[1:-1], turned[2:]]))
+    return None if not more else ((vertices, np.vstack([faces, *more])), widest)
 
 
 def _crack(points: Floats) -> tuple[float, int]:

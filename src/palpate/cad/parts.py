@@ -46,10 +46,11 @@ class Solid:
 
 @dataclass(frozen=True, eq=False)
 class SolidFile:
-    """Solids of a file, and in words what else is in it that is no part."""
+    """Solids of a file; in words, what else is in it that is no part, and which parts are refused and why."""
 
     solids: tuple[Solid, ...]
     left_out: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,9 +45,12 @@ def read_solids(path: Path, units: str | None, curve_mm: float) -> SolidFile:
     suffix = path.suffix.lower()
     if suffix == _3MF_SUFFIX:
         found = read_3mf(path, units)
+    elif suffix in STEP_SUFFIXES:
+        found = read_step(path, units, curve_mm)
     else:
-        is_step = suffix in STEP_SUFFIXES
-        found = SolidFile(read_step(path, units, curve_mm) if is_step else read_mesh_file(path, units))
+        found = SolidFile(read_mesh_file(path, units))
+    if not found.solids:
+        raise InputError(f"{path}: {found.refused[0] if found.refused else 'holds no solid'}")
     _check_count(path, len(found.solids), "bodies")
     return found
 

@@ -69,16 +69,21 @@ def read_3mf(path: Path, units: str | None) -> SolidFile:
         raise InputError(f"{path}: unknown unit '{root.unit}'; 3MF allows {', '.join(_UNIT_MM)}")
     if units is not None and UNIT_MM[units] != _UNIT_MM[root.unit]:
         raise InputError(f"{path}: says that it is in {root.unit}, not in {units}: {GIVE_NO_UNITS}")
-    scale, solids = _UNIT_MM[root.unit], list[Solid]()
+    scale, solids, refused = _UNIT_MM[root.unit], list[Solid](), list[str]()
     for name, meshes in package.build():
         where = f"{path}: {name}"
         scaled = [(vertices * scale, faces) for vertices, faces in meshes]
-        solids += _unite(where, name, scaled) if len(scaled) > 1 else check_solids(where, name, *scaled[0])
+        try:
+            solids += (
+                _unite(where, name, scaled) if len(scaled) > 1 else check_solids(where, name, *scaled[0])
+            )
+        except InputError as error:
+            refused.append(str(error).removeprefix(f"{path}: "))
     left_out = tuple(f"{count} {what}" for what, count in package.left_out.most_common())
-    if not solids:
+    if not (solids or refused):
         also = f"; left out: {', '.join(left_out)}" if left_out else ""
         raise InputError(f"{path}: has no parts to be printed{also}; export the part as a closed solid")
-    return SolidFile(tuple(solids), left_out)
+    return SolidFile(tuple(solids), left_out, tuple(refused))
 
 
 def _unite(where: str, name: str, meshes: Sequence[Mesh]) -> tuple[Solid, ...]:

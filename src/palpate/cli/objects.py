@@ -148,8 +148,8 @@ def import_objects(
     """Make object models from CAD files: stable states and their cross sections.
 
     Refused, with the place: surfaces that are not closed or cross themselves, open outlines, files without
-    units, parts of odd sizes. Exit code: 1 if some of several files are refused, or states that are left out
-    are over 20 % of all cases, 2 if all are refused.
+    units, parts of odd sizes. Exit code: 1 if some of several files or parts are refused, or states that are
+    left out are over 20 % of all cases, 2 if all are refused.
     """
     import time
 
@@ -224,7 +224,8 @@ def import_objects(
     (show_files if one_by_one else show_import)(result, screen)
     failed = [outcome for outcome in made.files if outcome.failure is not None]
     all_refused = len(failed) == len(made.files) and not any(outcome.is_loss for outcome in failed)
-    return 2 if all_refused else 1 if failed else 0
+    some_refused = failed or any(outcome.refused for outcome in made.files)
+    return 2 if all_refused else 1 if some_refused else 0
 
 
 @note_on_interruption("nothing was written")

@@ -70,13 +70,14 @@ class ImportedFileOut(Out):
     """What became of one of several files: `objects` that it holds; `kept`: they were up to date, or it was
     refused before and has not changed.
 
-    `failure`: why there are none.
+    `failure`: why there are none. `refused`: parts of the file that are no objects, and why, a line each.
     """
 
     file: str
     objects: tuple[str, ...]
     kept: bool
     failure: str | None
+    refused: tuple[str, ...] = ()
     seconds: Rounded
 
 

@@ -10,11 +10,12 @@ from rich.table import Table
 from palpate.base.errors import quantity
 from palpate.config.catalogue_results import ImportedFileOut, ImportedObjectOut, ImportedStateOut, ImportOut
 from palpate.config.objects_checks import heights_in_words
-from palpate.rig.catalogue.folder_import import Catalogued
+from palpate.rig.catalogue.folder_import import Catalogued, some_of
 from palpate.views.tables import folding_column, table
 
 _UNKNOWN = "–"
 _MAX_STATES = 6
+_MAX_REFUSED = 4  # parts of a file whose reasons are shown
 
 
 def show_import(out: ImportOut, console: Console) -> None:
@@ -23,6 +24,7 @@ def show_import(out: ImportOut, console: Console) -> None:
         _show_object(item, console)
     for warning in out.warnings:
         console.print(f"[yellow]![/] {escape(warning)}")
+    _show_refused(out, console)
     count = quantity(len(out.objects), "object", "objects")
     console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({_size(out.bytes)}), {out.seconds:.1f} s")
     console.print(f"see them: palpate objects show {escape(_quote(out.objects_file))}", soft_wrap=True)
@@ -36,6 +38,7 @@ def files_out(made: Catalogued) -> tuple[ImportedFileOut, ...]:
             objects=item.kept or tuple(each.result.name for each in item.objects),
             kept=item.unchanged,
             failure=item.failure,
+            refused=item.refused,
             seconds=item.seconds,
         )
         for item in made.files
@@ -56,6 +59,7 @@ def show_files(out: ImportOut, console: Console) -> None:
             console.print(f"[yellow]![/] {escape(text)}", soft_wrap=True)
     for warning in out.warnings:
         console.print(f"[yellow]![/] {escape(warning)}", soft_wrap=True)
+    _show_refused(out, console)
     failed = [item for item in out.files if item.failure is not None]
     for file in failed:
         console.print(f"[red]✗[/] {escape(file.failure or '')}", soft_wrap=True)
@@ -67,6 +71,17 @@ def show_files(out: ImportOut, console: Console) -> None:
         console.print(f"see them: palpate objects show {escape(_quote(out.objects_file))}", soft_wrap=True)
     else:
         console.print(f"{count} could be read; nothing was written")
+
+
+def _show_refused(out: ImportOut, console: Console) -> None:
+    """Parts that are refused although others of their file are not, as many of each file as can be read."""
+    for item in out.files:
+        for line in item.refused[:_MAX_REFUSED]:
+            console.print(f"[red]✗[/] {escape(f'{item.file}: {line}')}", soft_wrap=True)
+        if more := item.refused[_MAX_REFUSED:]:
+            names = some_of([line.partition(":")[0] for line in more])
+            count = quantity(len(more), "more part is", "more parts are")
+            console.print(f"[red]✗[/] {escape(f'{item.file}: {count} refused: {names}')}", soft_wrap=True)
 
 
 def _objects(objects: Sequence[ImportedObjectOut]) -> Table:

@@ -127,35 +127,32 @@ class ImportedObject:
 
 @dataclass(frozen=True)
 class Imported:
-    """Every part of a file."""
+    """Every part of a file; `refused`: parts of which no object was made, and why, a line each."""
 
     objects: tuple[ImportedObject, ...]
     warnings: tuple[str, ...]
+    refused: tuple[str, ...] = ()
 
 
 def import_file(path: Path, options: ImportOptions, report: Report = lambda _: None) -> Imported:
     """Read a file and make an object of each of its parts; `report` hears what is being done.
 
-    Raises InputError for a file that is no sound part, and for sections that the tolerance does not allow;
-    LossError where states that are left out are more than a fifth of all cases.
+    A part that is refused does not cost the others. Raises InputError for a file without any sound part, and
+    if the tolerance allows sections of none; LossError where the states that are left out of the first are
+    more than a fifth of all cases.
     """
     report(f"reading {path.name}")
-    found = _drawings(path, options) if is_drawing(path) else _solids(path, options, report)
-    _check_models(path, found.objects)
-    return found
+    return _drawings(path, options) if is_drawing(path) else _solids(path, options, report)
 
 
-def _check_models(path: Path, objects: Sequence[ImportedObject]) -> None:
+def _check_model(item: ImportedObject) -> None:
     """Raise InputError for a model that could not be read again: it must not cost what is beside it."""
-    for item in objects:
-        text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=[item.text])
-        try:
-            objects_from_text(text, item.text.name)
-        except InputError as error:
-            reason = str(error).removeprefix(f"{item.text.name}: ")
-            raise InputError(
-                f"{path}: its model would be no sound one: {reason}; another tolerance may help"
-            ) from None
+    text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=[item.text])
+    try:
+        objects_from_text(text, item.text.name)
+    except InputError as error:
+        reason = str(error).removeprefix(f"{item.text.name}: ")
+        raise InputError(f"its model would be no sound one: {reason}; another tolerance may help") from None
 
 
 def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
@@ -165,26 +162,47 @@ def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
         raise InputError(f"layers are for DXF files; {path} holds solids")
     curve = _CURVE_SHARE * options.tolerance_mm
     found = read_confined(path, simpler_file_advice(path), read_solids, path, options.units, curve)
-    solids, objects = found.solids, []
     warnings = [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
-    for drawn, name in _select_parts(
-        path, solids, _part_names([solid.name for solid in solids], options), options
-    ):
-        upright = replace(drawn, vertices_mm=drawn.vertices_mm @ options.turn_up.T)
-        solid = solid_of_revolution(upright, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm))
-        solid = solid or upright
-        shares = _shares(solid, options)
-        if solid.symmetry is None and not options.as_is:
-            solid = with_symmetry(solid, NEGLIGIBLE_SHARE * shares.merged_mm)
-        imported = import_states(solid, shares, partial(_report_of, report, name))
-        objects.append(_solid_object(solid, name, imported, options))
-        lost = sum(item.probability for item in imported.left_out)
-        if lost > _MAX_LOSS and not options.accept_loss:
-            raise LossError(f"{path}: {_loss(name, lost)}; accept the loss to import it without them")
-        warnings += [f'object "{name}": {text}' for text in imported.warnings]
-        warnings += [f'object "{name}": {text}' for text in drawn.mended]
-        warnings += [_loss(name, lost)] if lost > _TOLERATED_LOSS else []
-    return Imported(tuple(objects), tuple(warnings))
+    names = _part_names([solid.name for solid in found.solids], options)
+    made, refused = list[_Made](), [] if options.parts else [*found.refused]
+    problem: InputError | None = None
+    _check_asked(path, found.refused, names, options)
+    for drawn, name in _select_parts(path, found.solids, names, options):
+        try:
+            made.append(_import_solid(drawn, name, options, partial(_report_of, report, name)))
+        except InputError as error:
+            problem = problem or type(error)(f"{path}: {error}")
+            refused.append(str(error))
+    if problem is not None and not made:
+        raise problem
+    warnings += [text for item in made for text in item.warnings]
+    return Imported(tuple(item.object for item in made), tuple(warnings), tuple(refused))
+
+
+@dataclass(frozen=True)
+class _Made:
+    """An object, and what is to be said of it."""
+
+    object: ImportedObject
+    warnings: tuple[str, ...]
+
+
+def _import_solid(drawn: Solid, name: str, options: ImportOptions, report: Report) -> _Made:
+    """The object of a solid. Raises InputError if none can be made, LossError if too much is left out."""
+    upright = replace(drawn, vertices_mm=drawn.vertices_mm @ options.turn_up.T)
+    solid = solid_of_revolution(upright, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm))
+    solid = solid or upright
+    shares = _shares(solid, options)
+    if solid.symmetry is None and not options.as_is:
+        solid = with_symmetry(solid, NEGLIGIBLE_SHARE * shares.merged_mm)
+    imported = import_states(solid, shares, report)
+    lost = sum(item.probability for item in imported.left_out)
+    if lost > _MAX_LOSS and not options.accept_loss:
+        raise LossError(f"{_loss(name, lost)}; accept the loss to import it without them")
+    made = _solid_object(solid, name, imported, options)
+    _check_model(made)
+    said = [f'object "{name}": {text}' for text in (*imported.warnings, *drawn.mended)]
+    return _Made(made, (*said, *([_loss(name, lost)] if lost > _TOLERATED_LOSS else [])))
 
 
 def _loss(name: str, lost: float) -> str:
@@ -236,6 +254,14 @@ def _select_parts(
         raise InputError(f'{path}: has no part "{options.parts[asked.index(None)]}"; it has {there}{more}')
     pairs = zip(parts, names, strict=True)
     return [(part, name) for part, name in pairs if not asked or name in asked]
+
+
+def _check_asked(path: Path, refused: Sequence[str], names: Sequence[str], options: ImportOptions) -> None:
+    """Raise InputError if a part that is asked for was refused by the reader."""
+    for name in options.parts:
+        for line in refused:
+            if name not in names and line.startswith(f"{name}: "):
+                raise InputError(f"{path}: {line}")
 
 
 def _printable(name: str) -> str:

@@ -37,8 +37,8 @@ _REQUEST_EDITION = (
 class FileOutcome:
     """Outcome of a file: new objects, or the names of those that are kept; or why there are none.
 
-    `unchanged`: it was not read again. `is_loss`: it can be read, but too much would be left out. `is_final`:
-    it fails until it has changed.
+    `refused`: parts of it that are no objects, and why, a line each. `unchanged`: it was not read again.
+    `is_loss`: it can be read, but too much would be left out. `is_final`: it fails until it has changed.
     """
 
     path: Path
@@ -46,6 +46,7 @@ class FileOutcome:
     kept: tuple[str, ...] = ()
     unchanged: bool = False
     warnings: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
     failure: str | None = None
     is_loss: bool = False
     is_final: bool = False
@@ -197,8 +198,14 @@ def _one(
     except LossError as error:
         return Catalogued(before, (FileOutcome(path, failure=str(error), is_loss=True),), ())
     objects, named = _exchange_objects(before.objects, found.objects, source, path.stem, whole=False)
-    text = _text(objects, before.refused or [])
-    return Catalogued(text, (FileOutcome(path, named, warnings=found.warnings),), ())
+    outcome = FileOutcome(path, named, warnings=found.warnings, refused=found.refused)
+    others = [item for item in before.refused or [] if item.source.file != source.file]
+    return Catalogued(_text(objects, [*others, *_refused_parts(outcome, source)]), (outcome,), ())
+
+
+def _refused_parts(outcome: FileOutcome, source: SourceText) -> list[RefusedText]:
+    """What is kept of the parts of a file that are refused."""
+    return [RefusedText(source=source, why=why, is_loss=False) for why in outcome.refused]
 
 
 def _text(objects: Sequence[ObjectText], refused: Sequence[RefusedText]) -> ObjectsFileText:
@@ -225,6 +232,8 @@ def _with_all(
         if outcome.objects:
             objects, new = _exchange_objects(objects, outcome.objects, sources[path], path.stem)
             outcome = replace(outcome, objects=new)
+        if outcome.objects or outcome.kept:
+            refused += _refused_parts(outcome, sources[path])
         elif outcome.is_final:
             why = (outcome.failure or "").removeprefix(f"{path}: ")
             refused.append(RefusedText(source=sources[path], why=why, is_loss=outcome.is_loss))
@@ -250,7 +259,8 @@ def _known(there: ObjectsFileText, path: Path, source: SourceText) -> FileOutcom
     """Outcome of a file of the same content that was read in the same way, if it was."""
     some = list(_from(there.objects, source.file))
     if some and all(item.source == source for item in some):
-        return FileOutcome(path, kept=tuple(item.name for item in some), unchanged=True)
+        refused = tuple(item.why for item in there.refused or [] if item.source == source)
+        return FileOutcome(path, kept=tuple(item.name for item in some), unchanged=True, refused=refused)
     for item in there.refused or []:
         if item.source == source:
             failure = f"{path}: {item.why}"
@@ -342,7 +352,7 @@ def _import_one(path: Path, options: ImportOptions) -> FileOutcome:
         text = f"{path}: cannot be imported, by a mistake in palpate: {type(error).__name__}: {error}"
         return FileOutcome(path, failure=" ".join(text.split()), seconds=time.monotonic() - begin)
     seconds = time.monotonic() - begin
-    return FileOutcome(path, objects=found.objects, warnings=found.warnings, seconds=seconds)
+    return FileOutcome(path, found.objects, warnings=found.warnings, refused=found.refused, seconds=seconds)
 
 
 def _with_own_units(path: Path, options: ImportOptions) -> Imported:

@@ -1,0 +1,129 @@
+"""Tessellation of STEP files: OpenCASCADE, through cascadio, cuts their shapes into triangles.
+
+Each distinct shape of an assembly comes once, named as in the file; a shape whose faces have several colours
+is one. OpenCASCADE writes metres in single precision, whatever the file's unit. The cones that it cut are
+told, so that those on which it gave up can be put back (`lost_cones`).
+"""
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, Ints
+from palpate.base.optional_imports import import_extra
+from palpate.cad.lost_cones import Cone
+from palpate.cad.mesh_files import mesh_triangles
+from palpate.cad.parts import real_name
+
+_SAME_TRANSFORM = 1e-6
+"""Transforms whose lengths and angles differ by less are the same but for position and heading."""
+
+_DEVIATION_SHARE = 0.5
+"""OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
+
+_MM = 1000.0
+"""Millimetres of a metre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape where it first occurs: `vertices_mm` (n, 3) in the file's frame, `faces` (m, 3).
+
+    `place` (4, 4): from its own frame, of `cones` that were cut, to the file's.
+    """
+
+    name: str
+    vertices_mm: Floats
+    faces: Ints
+    place: Floats
+    cones: tuple[Cone, ...] = ()
+
+
+def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[Shape]:
+    """Distinct shapes of a STEP file; chords deviate by `within_mm` and turn by `turn_rad`, at most.
+
+    What OpenCASCADE makes of a damaged file may be a crash, a search without end or more memory than there
+    is. Raises InputError for a file without any shape.
+    """
+    trimesh = import_extra("trimesh", "step", "reading STEP files")
+    cascadio = import_extra("cascadio", "step", "reading STEP files")
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "tessellated.glb"
+        # One thread: the same triangles in the same order, always.
+        failed = cascadio.step_to_glb(
+            str(path.resolve()),
+            str(target),
+            tol_linear=within_mm * _DEVIATION_SHARE,
+            tol_angular=turn_rad,
+            use_parallel=False,
+            include_brep=True,
+            brep_types={"cone"},
+        )
+        if failed or not target.is_file():
+            raise InputError(f"{path}: OpenCASCADE cannot read it, or it holds no solid; export it again")
+        target.write_bytes(_one_mesh_a_shape(target.read_bytes()))
+        try:
+            scene = trimesh.load_scene(target, process=False, merge_primitives=True)
+        except MemoryError:
+            raise
+        except Exception:
+            raise InputError(f"{path}: holds no solid") from None
+    return _distinct_shapes(str(path), scene, path.stem)
+
+
+def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[Shape]:
+    """Shapes of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
+    found: list[Shape] = []
+    seen: dict[str, list[Floats]] = {}
+    for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
+        transform, geometry = scene.graph[node]
+        matrix = np.asarray(transform, dtype=np.float64)
+        linear = matrix[:3, :3]
+        # Equal up to a rotation: the same lengths and angles, and the same handedness.
+        kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
+        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in seen.setdefault(geometry, [])):
+            continue
+        seen[geometry].append(kind)
+        mesh = scene.geometry[geometry]
+        if not hasattr(mesh, "faces"):
+            continue
+        name = real_name(str(geometry)) or fallback
+        vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
+        cones = tuple(
+            Cone(np.array(apex) * _MM, np.array(axis), half) for apex, axis, half in mesh.metadata["cones"]
+        )
+        place = np.vstack([matrix[:3] * [1, 1, 1, _MM], matrix[3:]])
+        found.append(Shape(name, vertices @ linear.T * _MM + place[:3, 3], faces, place, cones))
+    return found
+
+
+def _order(scene: Any, node: str) -> tuple[int, str]:
+    return list(scene.geometry).index(scene.graph[node][1]), str(node)
+
+
+def _one_mesh_a_shape(glb: bytes) -> bytes:
+    """The same binary glTF 2.0, told so that trimesh makes one mesh of each shape and keeps its cones.
+
+    A shape whose faces have several colours comes as several lists of triangles, each of which is open, and
+    trimesh joins only those that have a material.
+    """
+    size = int.from_bytes(glb[12:16], "little")
+    header = json.loads(glb[20 : 20 + size])
+    header.setdefault("materials", [{}])
+    for mesh in header.get("meshes", ()):
+        cones: list[Any] = []
+        for triangles in mesh["primitives"]:
+            triangles.setdefault("material", 0)
+            surfaces = triangles.pop("extensions", {}).get("TM_brep_faces", {}).get("faces", ())
+            cones += [(item["apex"], item["axis"], abs(item["semi_angle"])) for item in surfaces if item]
+        mesh["extras"] = {"cones": cones}
+    text = json.dumps(header).encode()
+    text += b" " * (-len(text) % 4)
+    rest = glb[20 + size :]
+    whole = (20 + len(text) + len(rest)).to_bytes(4, "little")
+    return glb[:8] + whole + len(text).to_bytes(4, "little") + glb[16:20] + text + rest
