@@ -4,8 +4,9 @@
     python benchmarks/draw_public_files.py take benchmarks/public-files.csv --from CLONES --into FOLDER
 
 `draw` writes, for each project and format, at most so many files of its newest commit, no content twice,
-without what Git LFS keeps and what a program drew of source code (`docs/` of doxygen). `take` looks for each file by its content, so that
-no other version can be judged by mistake. The files themselves are not kept here: each has its own licence.
+without what Git LFS keeps and what a program drew of source code (`docs/` of doxygen). `take` looks for each
+file by its content, so that no other version can be judged by mistake. The files themselves are not kept
+here: each has its own licence.
 """
 
 import argparse

@@ -76,9 +76,8 @@ def print_tightness(motions_mm: list[tuple[float, float]], least_mm: float) -> N
         true, most, ratio = (
             statistics.median(values) for values in zip(*((t, m, m / t) for t, m in found), strict=True)
         )
-        print(
-            f"moved {least_mm:g} mm at least: {len(found)}, true {true:.4f}, bound {most:.3f}, ratio {ratio:.1f}"
-        )
+        medians = f"true {true:.4f}, bound {most:.3f} mm, ratio {ratio:.1f}"
+        print(f"moved by {least_mm:g} mm at least: {len(found)}, medians: {medians}")
 
 
 def judge(folder: Path, verdicts: Verdicts) -> None:

@@ -1,4 +1,4 @@
-"""STEP files, written by Gmsh 4.15 (OpenCASCADE 7.8), of shapes whose distance is known."""
+"""STEP files, written by Gmsh 4.15 and CadQuery 2.8 (OpenCASCADE 7.8, 7.9), of shapes that are known."""
 
 from pathlib import Path
 
@@ -133,3 +133,19 @@ def test_damaged_files_are_refused(tmp_path):
         path.write_text(damaged)
         with pytest.raises(InputError, match=said):
             read_solids(path, None, 0.1)
+
+
+@read_here
+def test_faces_of_several_colours_are_one_closed_part():
+    (solid,) = read_solids(HERE / "painted.step", None, 0.1).solids
+    assert len(solid.faces) == 12
+    assert volume(solid) == pytest.approx(20 * 30 * 10, rel=1e-5)
+
+
+@read_here
+def test_a_part_that_is_refused_does_not_cost_the_others():
+    found = read_solids(HERE / "plate_and_chip.step", None, 0.1)
+    assert [volume(solid) for solid in found.solids] == [pytest.approx(6000, rel=1e-5)]
+    (line,) = found.refused
+    assert "0.5" in line
+    assert "must be from 1 mm" in line

@@ -35,7 +35,7 @@ _ENTITY = re.compile(
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """A double cone: `apex_mm` (3,), unit vector `axis` (3,), and the angle (rad) between axis and surface."""
+    """A double cone: `apex_mm` (3,), unit vector `axis` (3,), and the angle (rad) from it to the surface."""
 
     apex_mm: Floats
     axis: Floats
@@ -181,7 +181,7 @@ def _groups(edges: Sequence[_Edge]) -> list[tuple[_Edge, ...]]:
 
 
 def _cover(edges: tuple[_Edge, ...], cone: Cone, count: int) -> tuple[Floats, Ints | None]:
-    """New vertices (k, 3), numbered from `count` on, and triangles of a hole; None if it is of another kind."""
+    """New vertices (k, 3), numbered from `count` on, and triangles of a hole; None: of another kind."""
     none = np.zeros((0, 3))
     if len(edges) == 2:
         return none, _band(*edges)

@@ -43,7 +43,7 @@ def smooth_crossings(mesh: Mesh) -> tuple[Mesh, float] | None:
 
 
 def open_loops(faces: Ints) -> list[Ints]:
-    """Vertices (k,) along the edge of each hole, as facets of the hole run; none where holes meet in a vertex."""
+    """Vertices (k,) along the edge of each hole, as its facets run; none where holes meet in a vertex."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     count = int(faces.max()) + 1
     is_open = ~np.isin(end * count + start, start * count + end)

@@ -104,7 +104,7 @@ class CrossSection(Section):
 
 _PLACEHOLDER = re.compile(
     r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
-    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
+    r"|(COMPOUND|COMPSOLID|SOLID|SHELL)(_\d+)?",
     re.IGNORECASE,
 )
 """What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
