@@ -12,11 +12,12 @@ import pytest
 import trimesh
 
 from palpate.base.optional_imports import MissingPackageError
+from palpate.cad.parts import Solid
 from palpate.config import load_objects
 from palpate.config.import_settings import load_import_settings
 from palpate.config.schema import schema_text
 from palpate.rig.catalogue import cad_import, folder_import
-from palpate.rig.catalogue.cad_import import Imported, import_file
+from palpate.rig.catalogue.cad_import import Imported, ImportedObject, import_file
 from palpate.rig.session.signals import Interrupted
 from palpate.rig.workers import in_processes
 from support.commands.command import Here, missing, violations
@@ -305,21 +306,20 @@ def test_a_model_that_could_not_be_read_again_costs_no_other(
 ) -> None:
     """As what once made a folder end in nothing: an outline that encloses no area."""
 
-    def spoilt(path: Path, *args: object) -> Imported:
-        found = import_solids(path, *args)
-        if path.stem != "block-2":
-            return found
-        (item,) = found.objects
+    def spoilt(solid: Solid, name: str, *args: object) -> ImportedObject:
+        item = make_object(solid, name, *args)
+        if name != "block-2":
+            return item
         sections = item.text.states[0].sections
         (polygon,) = sections[0].polygons
         line = polygon.model_copy(update={"outer": [(0.0, 0.0), (5.0, 0.0), (9.0, 0.0)]})
         flat = sections[0].model_copy(update={"polygons": [line]})
         state = item.text.states[0].model_copy(update={"sections": [flat]})
         text = item.text.model_copy(update={"states": [state]})
-        return replace(found, objects=(replace(item, text=text),))
+        return replace(item, text=text)
 
-    import_solids = cad_import._solids  # no file is known that spoils a model today
-    monkeypatch.setattr(cad_import, "_solids", spoilt)
+    make_object = cad_import._solid_object  # no file is known that spoils a model today
+    monkeypatch.setattr(cad_import, "_solid_object", spoilt)
     monkeypatch.setattr(
         folder_import, "in_processes", lambda work, jobs: enumerate(work(*job) for job in jobs)
     )
@@ -360,3 +360,19 @@ def test_a_catalogue_written_by_hand_is_not_brought_up_to_date_unasked(
     after = written(tmp_path)
     assert after["block-1"] == mine
     assert list(after) == ["block-1", "block-1-2", "block-2", "block-3"]
+
+
+def test_a_refused_part_costs_no_other_and_is_named_again(parts: Path, tmp_path: Path, ask: Here) -> None:
+    step = Path(__file__).parents[1] / "cad" / "step" / "plate_and_chip.step"
+    (parts / "both.step").write_bytes(step.read_bytes())
+    for is_kept in (False, True):
+        ended = ask(parts, *OPTIONS)
+        assert ended.code == 1
+        (file,) = [item for item in ended.json["files"] if item["refused"]]
+        assert (file["objects"], file["kept"], file["failure"]) == (["both"], is_kept, None)
+        (line,) = file["refused"]
+        assert "0.5" in line
+        assert line in ended.err
+    assert {"both", "block-1"} <= written(tmp_path).keys()
+    (parts / "both.step").unlink()
+    assert ask(parts, *OPTIONS).code == 0

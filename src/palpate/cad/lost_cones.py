@@ -41,7 +41,7 @@ class Cone:
     axis: Floats
     half_angle_rad: float
 
-    def moved(self, matrix: Floats) -> "Cone":
+    def move(self, matrix: Floats) -> "Cone":
         """The cone after a rigid motion (4, 4), in mm."""
         rotation, offset = matrix[:3, :3], matrix[:3, 3]
         return Cone(rotation @ self.apex_mm + offset, rotation @ self.axis, self.half_angle_rad)

@@ -16,7 +16,7 @@ from palpate.cad.lost_cones import Cone, close_cones, cones_in
 from palpate.cad.mesh_checks import UnsoundSurfaceError, check_solids, merge_vertices
 from palpate.cad.mesh_topology import vertex_rounding
 from palpate.cad.parts import GIVE_NO_UNITS, UNIT_MM, Solid, SolidFile
-from palpate.cad.tessellation import Shape, tessellate
+from palpate.cad.tessellation import StepShape, tessellate
 
 STEP_SUFFIXES = (".step", ".stp")
 
@@ -66,7 +66,7 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> SolidFile:
     return SolidFile(solids, refused=refused)
 
 
-_Cut = tuple[float, Sequence[Shape]]
+_Cut = tuple[float, Sequence[StepShape]]
 """All shapes, and the deviation (mm) of their chords."""
 
 _Found = tuple[Solid, ...] | InputError
@@ -114,12 +114,12 @@ def _by_opencascade(error: InputError) -> InputError:
     )
 
 
-def _solids(path: Path, shape: Shape, within_mm: float, cones: Sequence[Cone]) -> tuple[Solid, ...]:
+def _solids(path: Path, shape: StepShape, within_mm: float, cones: Sequence[Cone]) -> tuple[Solid, ...]:
     """The solids of a shape whose chords deviate by so much; `cones` of its file. Raises InputError."""
     rounding = vertex_rounding(shape.vertices_mm)
     vertices, faces, moved = merge_vertices(shape.vertices_mm, shape.faces, rounding)
     lost = [cone for cone in cones if not any(cone.is_like(there) for there in shape.cones)]
-    laid = [cone.moved(shape.place) for cone in lost]
+    laid = [cone.move(shape.place) for cone in lost]
     (vertices, faces), off = close_cones((vertices, faces), laid)
     off = math.nextafter(max(within_mm, off) + moved + rounding, math.inf)
     return check_solids(f"{path}: {shape.name}", shape.name, vertices, faces, off)

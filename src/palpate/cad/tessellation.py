@@ -31,7 +31,7 @@ _MM = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class StepShape:
     """A shape where it first occurs: `vertices_mm` (n, 3) in the file's frame, `faces` (m, 3).
 
     `place` (4, 4): from its own frame, of `cones` that were cut, to the file's.
@@ -44,7 +44,7 @@ class Shape:
     cones: tuple[Cone, ...] = ()
 
 
-def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[Shape]:
+def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[StepShape]:
     """Distinct shapes of a STEP file; chords deviate by `within_mm` and turn by `turn_rad`, at most.
 
     What OpenCASCADE makes of a damaged file may be a crash, a search without end or more memory than there
@@ -76,9 +76,9 @@ def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[Shape]:
     return _distinct_shapes(str(path), scene, path.stem)
 
 
-def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[Shape]:
+def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
     """Shapes of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
-    found: list[Shape] = []
+    found: list[StepShape] = []
     seen: dict[str, list[Floats]] = {}
     for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
         transform, geometry = scene.graph[node]
@@ -98,7 +98,7 @@ def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[Shape]:
             Cone(np.array(apex) * _MM, np.array(axis), half) for apex, axis, half in mesh.metadata["cones"]
         )
         place = np.vstack([matrix[:3] * [1, 1, 1, _MM], matrix[3:]])
-        found.append(Shape(name, vertices @ linear.T * _MM + place[:3, 3], faces, place, cones))
+        found.append(StepShape(name, vertices @ linear.T * _MM + place[:3, 3], faces, place, cones))
     return found
 
 

@@ -145,14 +145,16 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     return _drawings(path, options) if is_drawing(path) else _solids(path, options, report)
 
 
-def _check_model(item: ImportedObject) -> None:
+def _check_model(where: str, item: ImportedObject) -> None:
     """Raise InputError for a model that could not be read again: it must not cost what is beside it."""
     text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=[item.text])
     try:
         objects_from_text(text, item.text.name)
     except InputError as error:
         reason = str(error).removeprefix(f"{item.text.name}: ")
-        raise InputError(f"its model would be no sound one: {reason}; another tolerance may help") from None
+        raise InputError(
+            f"{where}its model would be no sound one: {reason}; another tolerance may help"
+        ) from None
 
 
 def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
@@ -200,7 +202,7 @@ def _import_solid(drawn: Solid, name: str, options: ImportOptions, report: Repor
     if lost > _MAX_LOSS and not options.accept_loss:
         raise LossError(f"{_loss(name, lost)}; accept the loss to import it without them")
     made = _solid_object(solid, name, imported, options)
-    _check_model(made)
+    _check_model(f"{name}: ", made)
     said = [f'object "{name}": {text}' for text in (*imported.warnings, *drawn.mended)]
     return _Made(made, (*said, *([_loss(name, lost)] if lost > _TOLERATED_LOSS else [])))
 
@@ -315,7 +317,9 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
     pairs = _select_parts(path, found.drawings, names, options)
     rest = (f"{path}: left out of the drawing: {', '.join(found.left_out)}",) if found.left_out else ()
     circles = _circles(path, pairs, options)
-    objects = (_flat_object(drawing, name, circles.get(name), thickness, options) for drawing, name in pairs)
+    objects = [_flat_object(drawing, name, circles.get(name), thickness, options) for drawing, name in pairs]
+    for item in objects:
+        _check_model(f"{path}: ", item)
     return Imported(tuple(objects), rest)
 
 
