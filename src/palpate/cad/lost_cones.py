@@ -187,7 +187,7 @@ def _cover(edges: tuple[_Edge, ...], cone: Cone, count: int) -> tuple[Floats, In
         return none, _band(*edges)
     (edge,) = edges
     if edge.windings == 0:
-        return none, _unrolled(edge, cone)
+        return none, _unroll(edge, cone)
     if not _is_monotone(edge):
         return none, None
     ahead = np.roll(edge.vertices, -1)
@@ -225,7 +225,7 @@ def _from_zero(vertices: Ints, turn_rad: Floats) -> tuple[list[int], list[float]
     return [*ring, ring[0]], [*turned, turned[0] + math.tau]
 
 
-def _unrolled(edge: _Edge, cone: Cone) -> Ints | None:
+def _unroll(edge: _Edge, cone: Cone) -> Ints | None:
     """Triangles of a hole that does not go round the axis: a cone unrolls into the plane."""
     slant = np.abs(edge.along_mm) / math.cos(cone.half_angle_rad)
     angle = edge.turn_rad * math.sin(cone.half_angle_rad)
