@@ -257,7 +257,7 @@ def silhouette(solid: Solid, state: StableState) -> tuple[Floats, ...]:
     # Those that face away cover the same as those that are seen.
     turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
     some = np.unique(corners[turn > 0].reshape(-1, 6), axis=0).reshape(-1, 3, 2)
-    whole = shapely.union_all(shapely.polygons(some * cell))
+    whole = shapely.union_all(shapely.polygons(some * cell), grid_size=cell / _GRID_CELLS)
     # Rounded corners leave gaps of a cell between facets.
     closed = whole.buffer(cell, join_style="mitre").buffer(-cell, join_style="mitre")
     plain = shapely.simplify(closed, _CHORD_SHARE * size)

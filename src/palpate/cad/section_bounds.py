@@ -390,7 +390,8 @@ def material_bound_mm(
     coarse = _COARSE_SHARE * allowed_mm
     grid = coarse / 8
     touched = shapely.union_all(swept, grid_size=grid)
-    always = shapely.difference(_polygons(exact()).intersection(window), touched, grid_size=grid)
+    inside = _areas(_polygons(exact()).intersection(window))
+    always = shapely.difference(inside, touched, grid_size=grid)
     solid = always.simplify(coarse / 2)
     far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER_CHORDS))
     return allowed_mm if far.is_empty else None
@@ -405,6 +406,11 @@ def _meets_box(points: Floats, bounds: Floats) -> Bools:
 
 
 def _polygons(regions: Sequence[Polygon]) -> shapely.Geometry:
-    return shapely.make_valid(
-        shapely.MultiPolygon([shapely.Polygon(region.outer, region.holes) for region in regions])
-    )
+    whole = shapely.MultiPolygon([shapely.Polygon(region.outer, region.holes) for region in regions])
+    return _areas(shapely.make_valid(whole))
+
+
+def _areas(geometry: shapely.Geometry) -> shapely.Geometry:
+    """What has an area, without the points and lines in which regions meet: GEOS takes no mixture."""
+    parts = shapely.get_parts(shapely.get_parts(geometry))
+    return shapely.union_all(parts[shapely.get_dimensions(parts) == 2])

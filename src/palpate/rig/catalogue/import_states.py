@@ -202,7 +202,7 @@ class ImportedStates:
 def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
     """The states of a solid with their sections; `report` hears what is being done.
 
-    Raises InputError for sections that the tolerance does not allow.
+    A state of which no section can be given is left out. Raises InputError if that is so of all.
     """
     if shares.as_is:
         return _as_it_lies(solid, shares, report)
@@ -215,29 +215,37 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
             "give a smaller least probability, or import it as it is, without stable states"
         )
     report(f"sections of {len(kept)} states")
-    states = _section_all(solid, kept, shares, report)
-    return ImportedStates(tuple(states), _left_out([*unstable, *out]))
+    found = _section_all(solid, kept, shares, report)
+    states = tuple(item for item in found if isinstance(item, ImportedState))
+    unknown = [item for item in found if isinstance(item, LeftOut)]
+    if not states:
+        raise InputError(unknown[0].reason)
+    return ImportedStates(states, _left_out([*unstable, *out, *unknown]))
 
 
 def _section_all(
     solid: Solid, kept: Sequence[MergedState], shares: Shares, report: Report
-) -> list[ImportedState]:
+) -> list[ImportedState | LeftOut]:
     """All states, in parallel processes; an interruption does not wait for those that have been begun.
 
     One after the other where there is one only, and where files are imported in parallel.
     """
     if len(kept) == 1 or parent_process() is not None:
         return [_section_state(solid, item, shares) for item in kept]
-    found: dict[int, ImportedState] = {}
+    found: dict[int, ImportedState | LeftOut] = {}
     for index, state in in_processes(_section_state, [(solid, item, shares) for item in kept]):
         found[index] = state
         report(f"sections of {len(kept)} states, {len(found)} done")
     return [found[index] for index in range(len(kept))]
 
 
-def _section_state(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
+def _section_state(solid: Solid, item: MergedState, shares: Shares) -> ImportedState | LeftOut:
     """One state, in a process of its own: large parts take seconds for each."""
-    return _imported_state(item.state, _sections(solid, item.state, shares), solid, shares, item)
+    try:
+        sections = _sections(solid, item.state, shares)
+    except InputError as error:
+        return LeftOut(str(error), item.state.probability, -item.state.rotation[2])
+    return _imported_state(item.state, sections, solid, shares, item)
 
 
 def _as_it_lies(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
@@ -288,12 +296,18 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
             found = _with_height(found, height, solid, state, shares)
     if any(section.polygons for section in found):
         return found
-    parts = top * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)
-    for end, begin in pairwise(parts.tolist()):
-        some = _between(solid, state, shares, [(begin, end)])
-        if any(section.polygons for section in some):
-            return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
-    raise InputError(f"{solid.name}, {state.name}: no section can be given; give a greater tolerance")
+    parts = (top * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)).tolist()
+    ranges = [*pairwise(parts[::-1])][::-1]
+    for some in (*((part,) for part in ranges), *(_just(height) for height in parts[1:-1])):
+        sections = _between(solid, state, shares, some)
+        if any(section.polygons for section in sections):
+            return tuple(sorted((*found, *sections), key=lambda section: section.z_mm))
+    raise InputError(f"no section can be given within the tolerance: {solid.name}, {state.name}")
+
+
+def _just(height_mm: float) -> tuple[tuple[float, float]]:
+    """The range that stands for a height by itself."""
+    return ((height_mm - _HEIGHT_TOLERANCE_MM, height_mm + _HEIGHT_TOLERANCE_MM),)
 
 
 def _with_height(
