@@ -166,10 +166,9 @@ def transform_of(frame):
     return made
 
 
-def imported(palpate, file, target):
+def imported(palpate, file, target, options):
     """What the command printed, its complaint, and what it cost: wall and processor seconds, MB."""
-    units = [] if file.suffix in (".step", ".3mf") else ["--units", "mm"]
-    command = [palpate, "objects", "import", str(file), *units, "--out", str(target), "--json"]
+    command = [palpate, "objects", "import", str(file), *options, "--out", str(target), "--json"]
     begin = time.monotonic()
     # In a process between, since the memory of a child is at least that of who starts it.
     ended = subprocess.run(
@@ -184,7 +183,8 @@ def imported(palpate, file, target):
 def row_of(palpate, file, target, rng):
     """The cells of a file's row, its wall seconds and the worst share of a bound."""
     target.unlink(missing_ok=True)
-    printed, complaint, (wall_s, processor_s, memory_mb) = imported(palpate, file, target)
+    units = [] if file.suffix in (".step", ".3mf") else ["--units", "mm"]
+    printed, complaint, (wall_s, processor_s, memory_mb) = imported(palpate, file, target, units)
     cost = [f"{wall_s:.1f}", f"{processor_s:.1f}", f"{memory_mb:.0f}"]
     if not target.exists():
         return [file.name, *cost, " ".join(complaint.split())[-160:], "", "", "", "", ""], wall_s, 0.0

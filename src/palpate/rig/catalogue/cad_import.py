@@ -23,7 +23,7 @@ from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler_
 from palpate.cad.revolution import solid_of_revolution
 from palpate.cad.solid_symmetries import NEGLIGIBLE_SHARE, with_symmetry
 from palpate.cad.stable_states import volume_mm3
-from palpate.config.catalogue_results import ImportedObjectOut, ImportedStateOut
+from palpate.config.catalogue_results import ImportedObjectOut, ImportedStateOut, OmittedStatesOut
 from palpate.config.objects_file import FLAT, objects_from_text
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.rig.catalogue.import_states import (
@@ -44,7 +44,7 @@ _Part = TypeVar("_Part")
 
 _CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.04, 0.3  # the last one of what the others leave
 _ROUND_SHARE = 0.03  # of the tolerance, for the curves of a drawing that is round
-_TOLERATED_LOSS, _MAX_LOSS = 0.05, 0.2  # of resting probability, in states that are left out
+_NAMED_LOSS, _TOLERATED_LOSS, _MAX_LOSS = 0.005, 0.05, 0.2  # of resting probability, in states left out
 _ORIGIN_DECIMALS = 3
 _MAX_NAMES_SHOWN = 12  # parts in a message
 _GRAVITY_M_S2, _HOLDS_STEPS_PER_N = 9.81, 1000.0
@@ -200,17 +200,20 @@ def _import_solid(drawn: Solid, name: str, options: ImportOptions, report: Repor
     imported = import_states(solid, shares, report)
     lost = sum(item.probability for item in imported.left_out)
     if lost > _MAX_LOSS and not options.accept_loss:
-        raise LossError(f"{_loss(name, lost)}; accept the loss to import it without them")
+        raise LossError(f"{_loss(name, imported.left_out)}; accept the loss to import it without them")
     made = _solid_object(solid, name, imported, options)
     _check_model(f"{name}: ", made)
     said = [f'object "{name}": {text}' for text in (*imported.warnings, *drawn.mended)]
-    return _Made(made, (*said, *([_loss(name, lost)] if lost > _TOLERATED_LOSS else [])))
+    return _Made(made, (*said, *([_loss(name, imported.left_out)] if lost > _TOLERATED_LOSS else [])))
 
 
-def _loss(name: str, lost: float) -> str:
+def _loss(name: str, left_out: Sequence[OmittedStatesOut]) -> str:
+    lost = sum(item.probability for item in left_out)
+    some = [item for item in left_out if item.probability >= _NAMED_LOSS]
+    reasons = ", ".join(f"{100 * item.probability:.0f} % {item.reason}" for item in some)
     return (
-        f'object "{name}" comes to rest in states that are left out in {100 * lost:.0f} % of cases, and is '
-        "not recognised then"
+        f'object "{name}" comes to rest in states that are left out in {100 * lost:.0f} % of cases '
+        f"({reasons}), and is not recognised then"
     )
 
 
