@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from scipy import ndimage
 
 from palpate.base.errors import InputError
 from palpate.cad.mesh_checks import check_solids
@@ -103,3 +104,53 @@ def test_a_crack_is_closed_and_counts_as_off() -> None:
 def test_a_hole_is_no_crack() -> None:
     with pytest.raises(InputError, match=r"not watertight: the edge from \(.*\) mm belongs to 1 face"):
         check(cracked(2.0))
+
+
+def blocks(cells: set[tuple[int, int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    """Surface of cubes of 10 mm; an edge in which two of them meet, and no more, belongs to four faces."""
+    number: dict[tuple[int, ...], int] = {}
+    faces = []
+    for cell in sorted(cells):
+        for axis in range(3):
+            for side in (0, 1):
+                beside, corner = list(cell), list(cell)
+                beside[axis] += 2 * side - 1
+                corner[axis] += side
+                if tuple(beside) in cells:
+                    continue
+                square = []
+                for step in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                    point = list(corner)
+                    point[(axis + 1) % 3] += step[0]
+                    point[(axis + 2) % 3] += step[1]
+                    square.append(number.setdefault(tuple(point), len(number)))
+                a, b, c, d = square if side else square[::-1]
+                faces += [(a, b, c), (a, c, d)]
+    return 10.0 * np.array(list(number), dtype=float), np.array(faces)
+
+
+def test_edges_in_which_a_part_touches_itself_are_parted() -> None:
+    plate = {(x, y, 0) for x in range(2) for y in range(2)}
+    (solid,) = check_solids("part.stl", "part", *blocks(plate | {(0, 0, 1), (1, 1, 1)}))
+    mesh = trimesh.Trimesh(solid.vertices_mm, solid.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume == pytest.approx(6000, rel=1e-3)
+    assert 0 < solid.off_mm < 0.01
+    assert any("parted" in line for line in solid.mended)
+
+
+def test_random_blocks_are_parted_or_hang_together_by_an_edge_alone() -> None:
+    rng, parted = np.random.default_rng(2), 0
+    for _ in range(80):
+        cells = set(map(tuple, np.argwhere(rng.random((3, 3, 3)) < 0.7).tolist()))
+        grid = np.zeros((3, 3, 3), dtype=int)
+        grid[tuple(np.array(sorted(cells)).T)] = 1
+        by_faces = ndimage.label(grid)[1]
+        by_corners = ndimage.label(grid, np.ones((3, 3, 3)))[1]
+        if by_faces > by_corners:  # bodies that only an edge or a corner joins
+            continue
+        found = check_solids("part.stl", "part", *blocks(cells))
+        parted += any("parted" in line for solid in found for line in solid.mended)
+        assert sum(volume_mm3(solid) for solid in found) == pytest.approx(1000 * len(cells), rel=3e-3)
+    assert parted >= 10

@@ -25,6 +25,7 @@ from palpate.cad.mesh_topology import (
 )
 from palpate.cad.parts import MIN_SIZE_MM, Solid, size_problem
 from palpate.cad.self_crossing import MAX_CROSSINGS, FaceCrossings, find_crossings
+from palpate.cad.touching_edges import part_touching_edges
 
 _PROBE_COUNT = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
@@ -39,6 +40,10 @@ class UnsoundSurfaceError(InputError):
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str]]:
         return InputError, (str(self),)
+
+
+class CrowdedEdgeError(UnsoundSurfaceError):
+    """Refusal of a surface with an edge of more than two faces."""
 
 
 class OpenSurfaceError(UnsoundSurfaceError):
@@ -262,7 +267,7 @@ def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:
         )
     crowded = np.flatnonzero(count > 2)
     if len(crowded):
-        raise UnsoundSurfaceError(
+        raise CrowdedEdgeError(
             f"{where}: is not the surface of a solid: {place(crowded)} belongs to {count[crowded[0]]} faces"
             f"{_more(len(crowded), 'edge', 'edges')}, not to 2"
         )
@@ -297,6 +302,13 @@ def _sound_surface(where: str, mesh: Mesh, tolerance: float) -> _SoundSurface:
             raise
         mesh, moved = smoothed[0], closed[1] + smoothed[1]
         words = (f"cracks of up to {closed[1]:.2g} mm were closed",)
+        _check_edges(where, *mesh)
+    except CrowdedEdgeError:
+        parted = part_touching_edges(mesh, tolerance)
+        if parted is None:
+            raise
+        mesh, moved = parted
+        words = (f"edges that touch one another were parted by {moved:.2g} mm",)
         _check_edges(where, *mesh)
     surface = triangle_surface_of(*mesh, tolerance)
     crossings = find_crossings(surface)
