@@ -1,6 +1,7 @@
 """Sections of resting solids, slices and silhouettes."""
 
 import itertools
+import pickle
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from palpate.cad.resting_surface import (
     silhouette,
     slice_surface,
 )
-from palpate.cad.sections import sections_of
+from palpate.cad.section_bounds import material_bound_mm
+from palpate.cad.sections import SectionsError, sections_of
 from support.benches.parts import ELL, prism
 from support.commands.repository import cad_file
 
@@ -214,6 +216,14 @@ def test_what_the_surface_is_off_counts() -> None:
         sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.02)
 
 
+def test_beside_a_level_face_what_the_surface_is_off_counts_in_the_thinnest_slab() -> None:
+    solid, state = part_of(trimesh.creation.cone(10, 20, sections=50), 0.05)
+    surface = resting_surface_of(solid, state)
+    assert surface.around(0.0, 0.5) == (0.0, 0.6)
+    assert surface.around(0.0, 0.0008) == pytest.approx((0.0, 0.1008))
+    assert surface.around(0.0008, 0.5) == pytest.approx((0.0, 0.6))
+
+
 @pytest.mark.parametrize(("sides", "tolerance"), [(64, 0.3), (128, 0.1), (301, 0.05)])
 def test_a_lying_cylinder_of_chords_is_as_wide_as_the_true_one(sides: int, tolerance: float) -> None:
     """Near its top and bottom a wall that is off by little in space is off by much at a height."""
@@ -252,6 +262,32 @@ def test_too_many_sections_are_refused_with_the_height() -> None:
     part = part_of(trimesh.creation.cone(10, 20, sections=50))
     with pytest.raises(InputError, match=r"part, a: more than 10 .* at height \d+\.\d+ mm; give heights"):
         sections_of(*part, 0.1, most=10)
+
+
+def test_a_slit_without_width_is_no_material_and_no_harm() -> None:
+    """A fin so thin that the exact section is asked, whose outline goes back and forth on itself."""
+    surface = surface_from(prism(shapely.Polygon([(0, 0), (20, 0), (20, 2)]), 10.0), UPRIGHT)
+    walls = surface.within(4.0, 5.0)
+    fin = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 2.0)])
+    slit = np.vstack([fin[:1], [(0.3, 0.0), (0.2, 0.0)], fin[1:]])
+
+    def bound(exact: Floats) -> float | None:
+        return material_bound_mm(
+            [Polygon(fin)], lambda: [Polygon(exact)], surface, walls, (4.0, 5.0), 0.05, 0.06
+        )
+
+    assert bound(slit) == bound(fin) == 0.06
+    assert bound(fin + np.array([1.0, 0.0])) is None
+
+
+def test_a_state_without_any_section_says_why() -> None:
+    solid, state = part_of(trimesh.creation.cone(10, 20, sections=50), 0.05)
+    with pytest.raises(
+        SectionsError, match=r"^part, a: no section .* leans .* off by 0.05 mm; give a greater"
+    ) as told:
+        sections_of(solid, state, 0.06, [(2.0, 3.0)])
+    again = pickle.loads(pickle.dumps(told.value))
+    assert (str(again), again.reason) == (str(told.value), told.value.reason)
 
 
 def test_a_printed_cube_with_letters() -> None:

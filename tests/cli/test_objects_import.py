@@ -288,8 +288,12 @@ def test_units_of_a_real_part(tmp_path: Path, ask: Here) -> None:
     assert load_objects(tmp_path / "angle_block.objects.json").objects[0].name == "angle_block"
 
 
-def test_an_open_real_part_is_refused(tmp_path: Path, ask: Here) -> None:
-    refused(ask(cad_file("wallhole.obj"), "--units", "mm"), "wallhole.obj", tmp_path)
+def test_a_real_part_with_a_fin_is_imported(tmp_path: Path, ask: Here) -> None:
+    ended = ask(cad_file("wallhole.obj"), "--units", "mm", "--json")
+    assert ended.code == 0
+    (item,) = ended.json["objects"]
+    assert item["volume"] == pytest.approx(1066.667, abs=1e-3)  # as trimesh has it
+    assert only(tmp_path / "wallhole.objects.json").name == "wallhole"
 
 
 def test_a_drawing(tmp_path: Path, ask: Here) -> None:

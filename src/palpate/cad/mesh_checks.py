@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints
-from palpate.cad.mesh_mending import Mesh, close_cracks, smooth_crossings, unite_bodies
+from palpate.cad.mesh_mending import Mesh, close_cracks, smooth_crossings, unite_bodies, without_fins
 from palpate.cad.mesh_topology import (
     TriangleSurface,
     component_of,
@@ -233,7 +233,10 @@ def _check_size(where: str, side_mm: float, units: str | None) -> None:
 
 
 def merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints, float]:
-    """Vertices closer together than the tolerance made one, faces between different ones, longest move."""
+    """Vertices closer together than the tolerance made one, faces between different ones, longest move.
+
+    Faces that lie back to back are left out.
+    """
     distinct, inverse = np.unique(vertices, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(tolerance, output_type="ndarray")
     label = component_of(near[:, 0], near[:, 1], len(distinct))
@@ -243,7 +246,7 @@ def merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Flo
     moved = float(np.sqrt(((kept[label] - distinct) ** 2).sum(axis=1).max()))
     faces = label[inverse.reshape(-1)[faces]]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return kept, faces[proper], moved
+    return kept, without_fins(faces[proper]), moved
 
 
 def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:

@@ -42,6 +42,21 @@ def smooth_crossings(mesh: Mesh) -> tuple[Mesh, float] | None:
     return None if smooth.is_empty() else (_mesh_of(smooth), _SMOOTHED_MM + float(whole.get_tolerance()))
 
 
+def without_fins(faces: Ints) -> Ints:
+    """Faces without those that lie on one another back to back: nothing is between them."""
+    first = faces.argmin(axis=1)
+    a, b, c = (faces[np.arange(len(faces)), (first + k) % 3] for k in range(3))
+    _, kind, count = np.unique(
+        np.column_stack([a, np.minimum(b, c), np.maximum(b, c)]),
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
+    )
+    balance = np.bincount(kind.ravel(), np.where(b < c, 1, -1))
+    kept = faces[((count != 2) | (balance != 0))[kind.ravel()]]
+    return kept if len(kept) else faces
+
+
 def open_loops(faces: Ints) -> list[Ints]:
     """Vertices (k,) along the edge of each hole, as its facets run; none where holes meet in a vertex."""
     start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()

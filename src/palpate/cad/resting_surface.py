@@ -78,8 +78,9 @@ class RestingSurface:
         if not self.off_mm:
             return from_mm, to_mm
         steps = self._steps_mm
-        low = steps[steps <= from_mm + SAME_HEIGHT_MM].max(initial=0.0)
-        high = steps[steps >= to_mm - SAME_HEIGHT_MM].min(initial=np.inf)
+        middle = (from_mm + to_mm) / 2  # of a thin range, one level face is not at both ends
+        low = steps[steps <= min(from_mm + SAME_HEIGHT_MM, middle)].max(initial=0.0)
+        high = steps[steps >= max(to_mm - SAME_HEIGHT_MM, middle)].min(initial=np.inf)
         far = 2 * self.off_mm
         return float(min(max(from_mm - far, low), from_mm)), float(max(min(to_mm + far, high), to_mm))
 
@@ -257,8 +258,9 @@ def silhouette(solid: Solid, state: StableState) -> tuple[Floats, ...]:
     # Those that face away cover the same as those that are seen.
     turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
     some = np.unique(corners[turn > 0].reshape(-1, 6), axis=0).reshape(-1, 3, 2)
-    whole = shapely.union_all(shapely.polygons(some * cell), grid_size=cell / _GRID_CELLS)
+    # On a grid, here of cells: unions of many needles fail without one.
+    whole = shapely.union_all(shapely.polygons(some), grid_size=1.0)
     # Rounded corners leave gaps of a cell between facets.
-    closed = whole.buffer(cell, join_style="mitre").buffer(-cell, join_style="mitre")
-    plain = shapely.simplify(closed, _CHORD_SHARE * size)
-    return tuple(ring for ring in rings_of(plain) if len(ring) > 2)
+    closed = whole.buffer(1.0, join_style="mitre").buffer(-1.0, join_style="mitre")
+    plain = shapely.simplify(closed, _CHORD_SHARE * _GRID_CELLS)
+    return tuple(cell * ring for ring in rings_of(plain) if len(ring) > 2)

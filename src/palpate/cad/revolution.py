@@ -179,12 +179,14 @@ def _cut(solid: Solid, points: Floats) -> list[Floats]:
     seen = np.array([[c, s, 0.0], [0.0, 0.0, 1.0], [s, -c, 0.0]])
     turned = replace(solid, vertices_mm=points)
     surface = resting_surface_of(turned, StableState("cut", seen, np.zeros(3), 0.0, 0.0, np.zeros((0, 2))))
-    regions = [shapely.Polygon(ring.points) for ring in slice_surface(surface, 0.0) if len(ring.points) > 2]
+    rings = [ring.points for ring in slice_surface(surface, 0.0) if len(ring.points) > 2]
+    # Overlays of rings that touch themselves fail.
+    regions = [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
     # Rings do not cross: what is in an odd number of them is solid.
     area = reduce(shapely.symmetric_difference, regions, shapely.Polygon())
     half = shapely.box(0.0, float(points[:, 2].min()) - size, 2 * size, float(points[:, 2].max()) + size)
-    rings = oriented_rings_of(shapely.intersection(area, half))
-    return [line for ring in rings for line in _off_axis(ring, _SAME_POINT_SHARE * size)]
+    cut = oriented_rings_of(shapely.intersection(area, half))
+    return [line for ring in cut for line in _off_axis(ring, _SAME_POINT_SHARE * size)]
 
 
 def _off_axis(ring: Floats, near: float) -> list[Floats]:

@@ -390,8 +390,8 @@ def material_bound_mm(
     coarse = _COARSE_SHARE * allowed_mm
     grid = coarse / 8
     touched = shapely.union_all(swept, grid_size=grid)
-    inside = _areas(_polygons(exact()).intersection(window))
-    always = shapely.difference(inside, touched, grid_size=grid)
+    near = _areas(shapely.intersection(_polygons(exact()), window, grid_size=grid))
+    always = shapely.difference(near, touched, grid_size=grid)
     solid = always.simplify(coarse / 2)
     far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER_CHORDS))
     return allowed_mm if far.is_empty else None
@@ -406,11 +406,11 @@ def _meets_box(points: Floats, bounds: Floats) -> Bools:
 
 
 def _polygons(regions: Sequence[Polygon]) -> shapely.Geometry:
-    whole = shapely.MultiPolygon([shapely.Polygon(region.outer, region.holes) for region in regions])
-    return _areas(shapely.make_valid(whole))
+    polygons = [shapely.Polygon(region.outer, region.holes) for region in regions]
+    return _areas(shapely.make_valid(shapely.MultiPolygon(polygons)))
 
 
-def _areas(geometry: shapely.Geometry) -> shapely.Geometry:
-    """What has an area, without the points and lines in which regions meet: GEOS takes no mixture."""
-    parts = shapely.get_parts(shapely.get_parts(geometry))
-    return shapely.union_all(parts[shapely.get_dimensions(parts) == 2])
+def _areas(region: shapely.Geometry) -> shapely.Geometry:
+    """The region without lines and points, such as a slit without width leaves: they hold no material."""
+    parts = shapely.get_parts(shapely.get_parts(region))
+    return shapely.multipolygons(parts[shapely.area(parts) > 0])

@@ -51,7 +51,7 @@ _MAX_GROWTH = 4.0
 _LEAST_SLAB_MM = 1e-3
 _SOONER_SHARES = (0.5, 0.8, 0.2)
 """Where in a slab the next one may begin if it cannot at its end."""
-_LEVEL_PROBLEM = "a nearly level wall moves too far"
+_LEVEL_PROBLEM = "a wall that leans moves too far"
 _THIN_SLAB_MM, _MOST_THIN_SLABS = 0.02, 4
 """Nobody knows a finger's height better: after so many lower slabs in a row, heights are skipped."""
 _MOST_SKIPPED_MM = 0.32
@@ -62,6 +62,17 @@ _SAME_POINT_MM = 2e-6
 """Points closer together are one."""
 _RING_SHARE = 0.05
 """Of the size of a ring: no ring is simplified by more than this."""
+
+
+class SectionsError(InputError):
+    """Failure to give a state the sections that were asked for; `reason` says why."""
+
+    def __init__(self, where: str, reason: str, advice: str = "give a greater tolerance") -> None:
+        super().__init__(where, reason, advice)
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return "{}: {}; {}".format(*self.args)
 
 
 def sections_of(
@@ -76,8 +87,8 @@ def sections_of(
     `heights_mm`: only these ranges, clipped to the part; `most`: no more sections than this. A height means
     that height within 1 µm. Heights at which a wall is so nearly level that a slab of 0.02 mm would leave
     the tolerance are in no section: there nothing is known. Raises InputError if the tolerance leaves
-    nothing beside what the solid is off by, if no range meets the part, if no height can be known, and if
-    more sections were needed, naming the height.
+    nothing beside what the solid is off by; SectionsError if no range meets the part, if no height can be
+    known, and if more sections were needed, naming the height.
     """
     budget = tolerance_mm - solid.off_mm
     if not budget > 0:
@@ -85,6 +96,7 @@ def sections_of(
             f"{solid.name}: its surface is off by {solid.off_mm:.3g} mm already; "
             f"give a tolerance greater than that"
         )
+    where = f"{solid.name}, {state.name}"
     surface = resting_surface_of(solid, state)
     found: list[CrossSection] = []
     problem = ""
@@ -92,18 +104,19 @@ def sections_of(
         for slab, trial in _slabs(surface, begin, end, budget):
             problem = problem or trial.problem
             if len(found) == most:
-                raise InputError(
-                    f"{solid.name}, {state.name}: more than {most} cross sections are needed at height "
-                    f"{slab[0]:.4g} mm; give heights that leave it out, or a greater tolerance"
+                raise SectionsError(
+                    where,
+                    f"more than {most} cross sections are needed at height {slab[0]:.4g} mm",
+                    "give heights that leave it out, or a greater tolerance",
                 )
             if not trial.problem:
                 found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
-    if not any(section.polygons for section in found):
-        raise InputError(
-            f"{solid.name}, {state.name}: no section can be given at any height: {problem}; "
-            "give a greater tolerance"
-        )
-    return tuple(_long_runs(found))
+    known = tuple(_long_runs(found))
+    if not any(section.polygons for section in known):
+        problem = problem or "each range of heights is too short"
+        off = f" where its surface is off by {solid.off_mm:.2g} mm" if solid.off_mm > SAME_HEIGHT_MM else ""
+        raise SectionsError(where, f"no section can be given, as {problem}{off}")
+    return known
 
 
 def _long_runs(sections: list[CrossSection]) -> Iterator[CrossSection]:
@@ -135,7 +148,9 @@ def _ranges(
         else:
             merged.append((begin, end))
     if not merged:
-        raise InputError(f"{solid.name}: no given height is on the part, which is {top:.4g} mm high")
+        raise SectionsError(
+            solid.name, f"no given height is on the part, which is {top:.4g} mm high", "give others"
+        )
     return merged
 
 
@@ -336,7 +351,7 @@ def _prove(
     simplify: float,
     budget: float,
 ) -> _Trial | None:
-    """Simplify an outline and prove it; None if it is not simple."""
+    """Simplify an outline and prove it; None if it is not simple, or a hole of it is in no material."""
     rings, owners = [], []
     count, stray = 0, 0.0
     for ring in raw:
@@ -355,11 +370,14 @@ def _prove(
         return _Trial((), off, off, _LEVEL_PROBLEM)
     if rings and not shapely.MultiLineString([np.vstack([ring, ring[:1]]) for ring in rings]).is_simple:
         return None
-    regions = regions_of(rings)
     off = max(off, stray, 1e-9 * surface.size_mm)
-    reached = material_bound_mm(
-        regions, lambda: regions_of([ring.points for ring in raw]), surface, facets, slab, off, budget
-    )
+    try:
+        regions = regions_of(rings)
+        reached = material_bound_mm(
+            regions, lambda: regions_of([ring.points for ring in raw]), surface, facets, slab, off, budget
+        )
+    except InputError:  # a hole lies outside of the material
+        return None
     if reached is None:
         return _Trial((), off, off, "something too thin leans too much")
     return _Trial(regions, reached, off)

@@ -25,11 +25,13 @@ def part_touching_edges(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float] |
     they may be one part or two. `tolerance_mm`: vertices closer together are one.
     """
     vertices, faces = _with_middles(*mesh)
-    pairs = _paired_faces(vertices, faces)
+    pairs = _pair_faces(vertices, faces)
     if pairs is None:
         return None
-    corners = _linked_corners(faces, pairs)
-    crowded = np.unique(faces.ravel()[[3 * face + corner for face, corner in _crowded_corners(faces)]])
+    corners = _link_corners(faces, pairs)
+    crowded = np.unique(
+        faces.ravel()[[3 * face + corner for face, corner in _corners_of_crowded_edges(faces)]]
+    )
     # Other vertices stay one: surfaces that touch in a vertex belong together.
     label = np.where(np.isin(faces.ravel(), crowded), len(vertices) + corners, faces.ravel())
     _, first, parted = np.unique(label, return_index=True, return_inverse=True)
@@ -84,13 +86,13 @@ def _edges_of(faces: Ints) -> dict[tuple[int, int], list[tuple[int, int]]]:
     return found
 
 
-def _crowded_corners(faces: Ints) -> list[tuple[int, int]]:
+def _corners_of_crowded_edges(faces: Ints) -> list[tuple[int, int]]:
     """Both ends of all edges of more than two faces, as faces and corners."""
     crowded = [item for some in _edges_of(faces).values() if len(some) > 2 for item in some]
     return [*crowded, *((face, (corner + 1) % 3) for face, corner in crowded)]
 
 
-def _paired_faces(vertices: Floats, faces: Ints) -> list[tuple[int, int, int, int]] | None:
+def _pair_faces(vertices: Floats, faces: Ints) -> list[tuple[int, int, int, int]] | None:
     """Pairs of faces that meet in an edge and bound one wedge of material: face, corner, face, corner."""
     pairs = []
     for (a, b), some in _edges_of(faces).items():
@@ -119,7 +121,7 @@ def _angles(across: Floats, axis: Floats) -> Floats:
     return np.arctan2(across @ np.cross(axis, first), across @ first)
 
 
-def _linked_corners(faces: Ints, pairs: list[tuple[int, int, int, int]]) -> Ints:
+def _link_corners(faces: Ints, pairs: list[tuple[int, int, int, int]]) -> Ints:
     """A number (3 m,) for each corner of a face, the same for those that hang together round a vertex."""
     rows, columns = [], []
     for one, at, other, to in pairs:

@@ -24,7 +24,7 @@ from palpate.cad.resting_surface import (
     silhouette,
     slice_surface,
 )
-from palpate.cad.sections import sections_of
+from palpate.cad.sections import SectionsError, sections_of
 from palpate.cad.stable_states import LeftOut, stable_states, state_as_drawn
 from palpate.cad.state_merging import MergedState, merge_states
 from palpate.config.catalogue_results import FrameOut, ImportedStateOut, OmittedStatesOut
@@ -202,7 +202,7 @@ class ImportedStates:
 def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
     """The states of a solid with their sections; `report` hears what is being done.
 
-    A state of which no section can be given is left out. Raises InputError if that is so of all.
+    States that can be given no section within the tolerance are left out. Raises InputError if all are.
     """
     if shares.as_is:
         return _as_it_lies(solid, shares, report)
@@ -217,10 +217,10 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
     report(f"sections of {len(kept)} states")
     found = _section_all(solid, kept, shares, report)
     states = tuple(item for item in found if isinstance(item, ImportedState))
-    unknown = [item for item in found if isinstance(item, LeftOut)]
+    out += [item for item in found if isinstance(item, LeftOut)]
     if not states:
-        raise InputError(unknown[0].reason)
-    return ImportedStates(states, _left_out([*unstable, *out, *unknown]))
+        raise InputError(f"{solid.name}: in each of its states {out[-1].reason}; give a greater tolerance")
+    return ImportedStates(states, _left_out([*unstable, *out]))
 
 
 def _section_all(
@@ -243,8 +243,8 @@ def _section_state(solid: Solid, item: MergedState, shares: Shares) -> ImportedS
     """One state, in a process of its own: large parts take seconds for each."""
     try:
         sections = _sections(solid, item.state, shares)
-    except InputError as error:
-        return LeftOut(str(error), item.state.probability, -item.state.rotation[2])
+    except SectionsError as error:
+        return LeftOut(error.reason, item.state.probability, -item.state.rotation[2])
     return _imported_state(item.state, sections, solid, shares, item)
 
 
@@ -285,7 +285,7 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     """Sections that are written: of all heights, or near those that were asked for.
 
     A height that is asked for is known by itself where a wall is too nearly level for more. A state that is
-    known at none of them is there all the same: then its top is.
+    known at none of them is there all the same: then its top is. Raises SectionsError if none can be given.
     """
     near, top = shares.heights_mm, _top_mm(solid, state)
     if near is None:
@@ -296,18 +296,19 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
             found = _with_height(found, height, solid, state, shares)
     if any(section.polygons for section in found):
         return found
-    parts = (top * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)).tolist()
-    ranges = [*pairwise(parts[::-1])][::-1]
-    for some in (*((part,) for part in ranges), *(_just(height) for height in parts[1:-1])):
-        sections = _between(solid, state, shares, some)
-        if any(section.polygons for section in sections):
-            return tuple(sorted((*found, *sections), key=lambda section: section.z_mm))
-    raise InputError(f"no section can be given within the tolerance: {solid.name}, {state.name}")
+    return tuple(sorted((*found, *_uppermost(solid, state, shares)), key=lambda section: section.z_mm))
 
 
-def _just(height_mm: float) -> tuple[tuple[float, float]]:
-    """The range that stands for a height by itself."""
-    return ((height_mm - _HEIGHT_TOLERANCE_MM, height_mm + _HEIGHT_TOLERANCE_MM),)
+def _uppermost(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
+    """Sections of the uppermost twentieth of a state that has any. Raises SectionsError if none has."""
+    parts = _top_mm(solid, state) * np.linspace(1.0, 0.0, _TOP_DIVISIONS + 1)
+    problems: list[SectionsError] = []
+    for end, begin in pairwise(parts.tolist()):
+        try:
+            return sections_of(solid, state, shares.sections_mm, [(begin, end)], _MAX_SECTIONS)
+        except SectionsError as error:
+            problems.append(error)
+    raise problems[0]
 
 
 def _with_height(
@@ -329,7 +330,7 @@ def _between(
     """Sections in ranges of height; none if none can be given."""
     try:
         return sections_of(solid, state, shares.sections_mm, ranges_mm, _MAX_SECTIONS)
-    except InputError:
+    except SectionsError:
         return ()
 
 
