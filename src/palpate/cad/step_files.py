@@ -49,18 +49,18 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> SolidFile:
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     stated_mm = _check_units(path, data, units)
     shapes = tessellate(path, curve_mm, _CHORD_TURN_RAD)
-    finer_mm = curve_mm / _FINER_FACTOR
-    cuts = [(curve_mm, shapes)]
-    if sum(len(shape.faces) for shape in shapes) <= _FINE_FACETS:
-        cuts.insert(0, (finer_mm, tessellate(path, finer_mm, _CHORD_TURN_RAD)))
+    facets = sum(len(shape.faces) for shape in shapes)
+    cuts: list[_Cut] = [(curve_mm, shapes)]
+    if facets <= _FINE_FACETS:
+        cuts = [*_other_cut(path, shapes, curve_mm / _FINER_FACTOR, _CHORD_TURN_RAD), *cuts]
     cones: list[Cone] = []
     found = [_first_sound(path, number, cuts, cones) for number in range(len(shapes))]
     if _some_unsound(found):
         cones = [cone for mm in stated_mm for cone in cones_in(data, mm)]
         found = _again(path, found, cuts if cones else [], cones)
-    if _some_unsound(found) and sum(len(shape.faces) for shape in shapes) <= _COARSER_FACETS:
-        coarser_mm = _COARSER_FACTOR * curve_mm
-        found = _again(path, found, [(coarser_mm, tessellate(path, coarser_mm, _COARSE_TURN_RAD))], cones)
+    if _some_unsound(found) and facets <= _COARSER_FACETS:
+        coarser = _other_cut(path, shapes, _COARSER_FACTOR * curve_mm, _COARSE_TURN_RAD)
+        found = _again(path, found, coarser, cones)
     solids = tuple(solid for item in found if not isinstance(item, InputError) for solid in item)
     refused = tuple(str(item).removeprefix(f"{path}: ") for item in found if isinstance(item, InputError))
     return SolidFile(solids, refused=refused)
@@ -71,6 +71,12 @@ _Cut = tuple[float, Sequence[StepShape]]
 
 _Found = tuple[Solid, ...] | InputError
 """The solids of a shape, or what is wrong with it."""
+
+
+def _other_cut(path: Path, shapes: Sequence[StepShape], within_mm: float, turn_rad: float) -> list[_Cut]:
+    """The same shapes with other chords; none if some are not there then."""
+    other = tessellate(path, within_mm, turn_rad)
+    return [(within_mm, other)] if [item.name for item in other] == [item.name for item in shapes] else []
 
 
 def _some_unsound(found: Sequence[_Found]) -> bool:
