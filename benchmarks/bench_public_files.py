@@ -8,8 +8,9 @@ The judges say of each file which solids it holds: for STEP valid and closed one
 watertight bodies of trimesh; and of each imported object which of these it is, by where it lies. Then as in
 `bench_import.py`: sections against the tolerance, probabilities of states against trimesh's. Numbers of
 files without units are taken for metres if they are all below 1. Of assemblies some objects are judged. A
-line of JSON for each file; what is there already is not run again. The table at the end counts, by format, files that hold a solid of 10 to 300 mm, and
-what became of them.
+line of JSON for each file; what is there already is not run again, so that a judge that crashed is begun anew
+behind the file, which `--skip` names. The table at the end counts, by format, files that hold a solid of 10 to
+300 mm, and what became of them.
 """
 
 import argparse
@@ -174,6 +175,7 @@ def main():
     parser.add_argument("--palpate", default="palpate")
     parser.add_argument("--out", type=Path, default=Path("public.jsonl"))
     parser.add_argument("--only", default="", help="files whose names contain this")
+    parser.add_argument("--skip", nargs="*", default=[], help="files whose judges crash")
     asked = parser.parse_args()
     folder = asked.out.with_suffix("")
     folder.mkdir(exist_ok=True)
@@ -181,7 +183,7 @@ def main():
     rows = {row["file"]: row for row in map(json.loads, there)}
     with asked.out.open("a") as log:
         for path in sorted(asked.folder.iterdir()):
-            if path.name not in rows and asked.only in path.name:
+            if path.name not in (*rows, *asked.skip) and asked.only in path.name:
                 row = rows[path.name] = row_of(asked.palpate, path, folder)
                 print(json.dumps(row), file=log, flush=True)
     print_tables([rows[name] for name in sorted(rows)])
