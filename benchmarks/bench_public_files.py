@@ -8,8 +8,8 @@ The judges say of each file which solids it holds: for STEP valid and closed one
 watertight bodies of trimesh; and of each imported object which of these it is, by where it lies. Then as in
 `bench_import.py`: sections against the tolerance, probabilities of states against trimesh's. Numbers of
 files without units are taken for metres if they are all below 1. Of assemblies some objects are judged. A
-line of JSON for each file; what is there already is not run again, so that a judge that crashed is begun anew
-behind the file, which `--skip` names. The table at the end counts, by format, files that hold a solid of 10 to
+line of JSON for each file; what is there already is not run again, so that a judge that crashed can be begun
+anew; `--skip` names its file. The table at the end counts, by format, files that hold a solid of 10 to
 300 mm, and what became of them.
 """
 
