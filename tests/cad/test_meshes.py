@@ -55,6 +55,7 @@ def test_faces_that_lie_back_to_back_are_left_out():
     oracle = trimesh.load_mesh(cad_file("wallhole.obj"))
     assert len(solid.faces) == len(oracle.faces) - 2
     assert volume(solid) == pytest.approx(oracle.volume, rel=1e-9)
+    assert any("2 faces" in line for line in solid.mended)
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply"])

@@ -294,3 +294,10 @@ def test_the_notebook_runs_from_the_first_cell_to_the_last(tmp_path: Path) -> No
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert any("image/svg+xml" in output.get("data", {}) for output in outputs)
     assert not any(output["output_type"] == "error" for output in outputs)
+
+
+def test_parts_that_are_refused_are_told(read_here: None) -> None:
+    step = Path(__file__).parents[1] / "cad" / "step" / "plate_and_chip.step"
+    with pytest.warns(palpate.RigWarning, match=r"plate_and_chip.step: .*0\.5"):
+        found = palpate.import_objects(step)
+    assert [item.name for item in found.objects] == ["plate_and_chip"]

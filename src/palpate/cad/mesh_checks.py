@@ -174,6 +174,10 @@ def check_solids(
     vertices, faces, moved = merge_vertices(vertices, faces, tolerance)
     if not len(faces):
         raise InputError(f"{where}: has no faces wider than {tolerance:.2g} mm")
+    before, faces = len(faces), without_fins(faces)
+    fins = (
+        (f"{before - len(faces)} faces that lie back to back were left out",) if len(faces) < before else ()
+    )
     found = _sound_surface(where, (vertices, faces), tolerance)
     surface, vertices, moved = found.surface, found.surface.vertices, moved + found.moved_mm
     parts, fragments = _without_fragments(surface, _split_bodies(where, surface))
@@ -184,7 +188,7 @@ def check_solids(
         whole = where if len(parts) == 1 else f"{where}: body {number} of {len(parts)}"
         _check_size(whole, float(np.ptp(vertices[kept], axis=0).max()), units)
         off = off_mm if moved == 0 else float(np.nextafter(off_mm + moved, np.inf))
-        mended = (*found.mended, *fragments)
+        mended = (*fins, *found.mended, *fragments)
         solids.append(Solid(label, vertices[kept], renumbered.reshape(-1, 3), off, mended=mended))
     return tuple(solids)
 
@@ -233,10 +237,7 @@ def _check_size(where: str, side_mm: float, units: str | None) -> None:
 
 
 def merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints, float]:
-    """Vertices closer together than the tolerance made one, faces between different ones, longest move.
-
-    Faces that lie back to back are left out.
-    """
+    """Vertices closer together than the tolerance made one, faces between different ones, longest move."""
     distinct, inverse = np.unique(vertices, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(tolerance, output_type="ndarray")
     label = component_of(near[:, 0], near[:, 1], len(distinct))
@@ -246,7 +247,7 @@ def merge_vertices(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Flo
     moved = float(np.sqrt(((kept[label] - distinct) ** 2).sum(axis=1).max()))
     faces = label[inverse.reshape(-1)[faces]]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
-    return kept, without_fins(faces[proper]), moved
+    return kept, faces[proper], moved
 
 
 def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:

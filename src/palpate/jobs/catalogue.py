@@ -6,6 +6,7 @@ from itertools import permutations
 from pathlib import Path
 from typing import Literal
 
+from palpate.base.errors import warn_operator
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.catalogue_results import (
     ObjectsCheckOut,
@@ -86,9 +87,12 @@ def import_objects(
     """Import object models from a CAD file: stable states and their cross sections.
 
     STL, OBJ, PLY, 3MF, STEP, DXF, SVG; `options` as `palpate objects import` has them. Raises InputError,
-    with the place, for surfaces that are not closed, open outlines, files without units and the like.
+    with the place, for surfaces that are not closed, open outlines, files without units and the like. Warns
+    (`RigWarning`) of parts that are refused where others of the file are not.
     """
     imported = import_file(Path(path), options or ImportOptions(), progress)
+    for line in imported.refused:
+        warn_operator(f"{path}: {line}")
     tables = [item.text for item in imported.objects]
     text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=tables)
     return objects_from_text(text, str(path))
