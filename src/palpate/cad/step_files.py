@@ -6,7 +6,7 @@ cut again with longer chords; if it stays so, it is refused, and the others are 
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.base.errors import InputError
@@ -23,11 +23,15 @@ STEP_SUFFIXES = (".step", ".stp")
 _CHORD_TURN_RAD = math.radians(10.0)
 """Most that neighbouring chords of a curve turn by."""
 
-_FINER_FACTOR, _FINE_FACETS = 3.0, 12_000
-"""Curves are cut so many times as finely as they have to be, if that takes few facets: many take long."""
+_FINER, _FINE_FACETS = (9.0, 3.0, 2.0), 75_000
+"""Curves are cut so many times as finely as they have to be, if that takes no more facets: many take long.
+
+Where walls lean, sections are the wider for what a surface is off by. Where faces cross as they are cut, by
+chance, they may not with other chords.
+"""
 
 _COARSER_FACTOR, _COARSE_TURN_RAD, _COARSER_FACETS = 8.0, math.radians(45.0), 40_000
-"""Where chords do not close a surface that is closed: half of an import's tolerance, if they are not many."""
+"""Where no chords close a surface that is closed: half of an import's tolerance, if they are not many."""
 
 _ADVICE = "allow its curves a larger tolerance, or export it as STL"
 
@@ -37,8 +41,8 @@ _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001
 def read_step(path: Path, units: str | None, curve_mm: float) -> SolidFile:
     """Solids of a STEP file in mm, curves replaced by chords within `curve_mm`; each shape once.
 
-    Chords are nearer, a third of that, where few facets do, and further, eight times, where others do not
-    meet. The file has units, which `units` ("mm", "inch" or "m") may repeat. Raises InputError for what
+    Chords are nearer, a ninth of that, where few facets do, and further, up to eight times, where others do
+    not meet. The file has units, which `units` ("mm", "inch" or "m") may repeat. Raises InputError for what
     cannot be read, for units that are not the file's, and if `mesh_checks` refuses all shapes.
     """
     import_extra("cascadio", "step", "reading STEP files")
@@ -49,16 +53,17 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> SolidFile:
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     stated_mm = _check_units(path, data, units)
     shapes = tessellate(path, curve_mm, _CHORD_TURN_RAD)
-    facets = sum(len(shape.faces) for shape in shapes)
-    cuts: list[_Cut] = [(curve_mm, shapes)]
-    if facets <= _FINE_FACETS:
-        cuts = [*_other_cut(path, shapes, curve_mm / _FINER_FACTOR, _CHORD_TURN_RAD), *cuts]
-    cones: list[Cone] = []
-    found = [_first_sound(path, number, cuts, cones) for number in range(len(shapes))]
+    found: list[_Found] = [_UNCUT] * len(shapes)
+    cuts: list[_Cut] = []
+    for cut in _cuts(path, shapes, curve_mm):
+        cuts.append(cut)
+        found = _again(path, found, [cut], ())
+        if not _some_unsound(found):
+            break
     if _some_unsound(found):
         cones = [cone for mm in stated_mm for cone in cones_in(data, mm)]
         found = _again(path, found, cuts if cones else [], cones)
-    if _some_unsound(found) and facets <= _COARSER_FACETS:
+    if _some_unsound(found) and _facet_count(shapes) <= _COARSER_FACETS:
         coarser = _other_cut(path, shapes, _COARSER_FACTOR * curve_mm, _COARSE_TURN_RAD)
         found = _again(path, found, coarser, cones)
     solids = tuple(solid for item in found if not isinstance(item, InputError) for solid in item)
@@ -71,6 +76,23 @@ _Cut = tuple[float, Sequence[StepShape]]
 
 _Found = tuple[Solid, ...] | InputError
 """The solids of a shape, or what is wrong with it."""
+
+_UNCUT = UnsoundSurfaceError("", "")
+
+
+def _cuts(path: Path, shapes: Sequence[StepShape], curve_mm: float) -> Iterator[_Cut]:
+    """Cuts of the same shapes, from the finest one of few enough facets to the one that there is."""
+    for factor in _FINER:
+        # Cylinders take so many times more facets, what is curved both ways takes more.
+        if math.sqrt(factor) * _facet_count(shapes) <= _FINE_FACETS:
+            for cut in _other_cut(path, shapes, curve_mm / factor, _CHORD_TURN_RAD):
+                if _facet_count(cut[1]) <= _FINE_FACETS:
+                    yield cut
+    yield curve_mm, shapes
+
+
+def _facet_count(shapes: Sequence[StepShape]) -> int:
+    return sum(len(shape.faces) for shape in shapes)
 
 
 def _other_cut(path: Path, shapes: Sequence[StepShape], within_mm: float, turn_rad: float) -> list[_Cut]:
@@ -96,17 +118,16 @@ def _first_sound(
     number: int,
     cuts: Sequence[_Cut],
     cones: Sequence[Cone],
-    problem: InputError | None = None,
+    problem: InputError,
 ) -> _Found:
     """The solids of a shape, of the first of its cuts that is sound; if none is, the first `problem`."""
     for within_mm, shapes in cuts:
         try:
             return _solids(path, shapes[number], within_mm, cones)
         except InputError as error:
-            problem = problem or _by_opencascade(error)
+            problem = _by_opencascade(error) if problem is _UNCUT else problem
             if not isinstance(error, UnsoundSurfaceError):
                 break
-    assert problem is not None
     return problem
 
 

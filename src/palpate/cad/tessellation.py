@@ -23,8 +23,12 @@ from palpate.cad.parts import real_name
 _SAME_TRANSFORM = 1e-6
 """Transforms whose lengths and angles differ by less are the same but for position and heading."""
 
-_DEVIATION_SHARE = 0.5
-"""OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
+_DEVIATION_SHARE = 0.4
+"""OpenCASCADE is asked for this share of the deviation that is allowed.
+
+On spheres it exceeds what it is asked for, 2.17 times at most; on tori, revolved splines, lofts and fillets
+it keeps to it (sampled at radii of 1 to 120 mm and deviations of 2 µm to 0.2 mm).
+"""
 
 _MM = 1000.0
 """Millimetres of a metre."""

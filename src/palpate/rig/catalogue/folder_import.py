@@ -29,7 +29,7 @@ OptionsOf = Callable[[Path], ImportOptions]
 
 _ADVICE = "divide it"
 _REQUEST_EDITION = (
-    2  # to be raised when the same file becomes another object: what was kept is then read again
+    3  # to be raised when the same file becomes another object: what was kept is then read again
 )
 
 
