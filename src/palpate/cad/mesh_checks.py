@@ -30,6 +30,9 @@ from palpate.cad.touching_edges import part_touching_edges
 _PROBE_COUNT = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
 
+_CLEAR_WINDING = 1e-6
+"""Winding numbers nearer to an integer are clear: no further vertex is asked."""
+
 
 class UnsoundSurfaceError(InputError):
     """Refusal of a surface that bounds no solid: the `problem`, and what to do about it."""
@@ -113,10 +116,18 @@ def _is_inside(surface: TriangleSurface, inner: Ints, outer: Ints) -> bool:
     """Does a shell lie inside of another that it does not cross?"""
     vertices = np.unique(surface.faces[inner])
     probes = surface.vertices[vertices[np.linspace(0, len(vertices) - 1, _PROBE_COUNT).astype(np.int64)]]
-    winding = np.array([_winding(surface.corners[outer], point) for point in probes])
     # On the other surface the number is no integer: the clearest answer counts.
-    clearest = winding[np.abs(winding - np.round(winding)).argmin()]
-    return bool(round(float(clearest)) != 0)
+    windings: list[float] = []
+    for point in probes:
+        windings.append(_winding(surface.corners[outer], point))
+        if _off_integer(windings[-1]) <= _CLEAR_WINDING:
+            break
+    clearest = min(windings, key=_off_integer)
+    return round(clearest) != 0
+
+
+def _off_integer(number: float) -> float:
+    return abs(number - round(number))
 
 
 def _winding(corners: Floats, point: Floats) -> float:
@@ -336,9 +347,9 @@ def _without_crossings(surface: TriangleSurface, crossings: FaceCrossings) -> _S
             return None  # one may bound a void
         mesh, moved = unite_bodies(bodies)
         words = ("bodies that cross were united",)
-    made = _surface_without_crossings(mesh, surface.tolerance)
-    if made is not None:
-        return _SoundSurface(made, moved, words)
+        made = _surface_without_crossings(mesh, surface.tolerance)
+        if made is not None:
+            return _SoundSurface(made, moved, words)
     smoothed = smooth_crossings(mesh)
     made = None if smoothed is None else _surface_without_crossings(smoothed[0], surface.tolerance)
     if smoothed is None or made is None:

@@ -248,13 +248,9 @@ def _check_views(surface: TriangleSurface, views: Floats, view: Ints) -> Ints:
     for side in range(3):
         view = np.where((view < 0) & surface.thin, view[surface.neighbours[:, side]], view)
     part = _part_of_faces(surface.neighbours, view)
-    rim = part[:, None] != part[surface.neighbours]
-    result = part.copy()
-    for faces in _group_faces(part):
-        towards = view[faces[0]]
-        if towards < 0 or (len(faces) > 1 and not _is_field(surface, faces, rim[faces], views[towards])):
-            result[faces] = -1
-    return result
+    alone = np.bincount(part)[part] == 1
+    field = _are_fields(surface, part, np.where(alone, -1, view), views)
+    return np.where((view >= 0) & (alone | field[part]), part, -1)
 
 
 def _views() -> Floats:
@@ -284,34 +280,38 @@ def _part_of_faces(neighbours: Ints, view: Ints) -> Ints:
     return component_of(face, neighbours[face, side], len(view))
 
 
-def _group_faces(part: Ints) -> list[Ints]:
-    """The faces of each part."""
-    order = np.argsort(part, kind="stable")
-    return np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
-
-
-def _is_field(surface: TriangleSurface, faces: Ints, rim: Bools, view: Floats) -> bool:
-    """Does the outline of some faces, seen along `view`, go round every point at most once?
+def _are_fields(surface: TriangleSurface, part: Ints, view: Ints, views: Floats) -> Bools:
+    """Does the outline of each part (p,), seen along its view, if any, go round every point at most once?
 
     The faces cover a point as often as their outline winds round it. Where its edges only meet at their
     ends, that is never more than once if it encloses as much as an even-odd filling does.
     """
-    axis = np.eye(3)[np.abs(view).argmin()]
-    across = np.cross(axis, view)
-    across /= np.sqrt(across @ across)
-    face, side = np.nonzero(rim)
-    ends = np.stack([surface.faces[faces[face], side], surface.faces[faces[face], (side + 1) % 3]], axis=1)
-    segments = surface.vertices[ends] @ np.column_stack([across, np.cross(view, across)])
-    if not len(segments):
-        return False
-    outline = shapely.multilinestrings(shapely.linestrings(segments))
-    if not outline.is_simple:
-        return False
-    middle = segments.mean(axis=(0, 1))
-    (x0, y0), (x1, y1) = (segments[:, 0] - middle).T, (segments[:, 1] - middle).T
-    winding = float((x0 * y1 - x1 * y0).sum() / 2)
-    filled = float(shapely.build_area(outline).area)
-    return abs(winding - filled) <= _SAME_AREA_SHARE * filled
+    found = np.zeros(int(part.max()) + 1, dtype=bool)
+    face, side = np.nonzero((part[:, None] != part[surface.neighbours]) & (view >= 0)[:, None])
+    if not len(face):
+        return found
+    order = np.argsort(part[face], kind="stable")
+    face, side = face[order], side[order]
+    parts, first, count = np.unique(part[face], return_index=True, return_counts=True)
+    ends = np.stack([surface.faces[face, side], surface.faces[face, (side + 1) % 3]], axis=1)
+    segments = surface.vertices[ends] @ _planes(views)[view[face]]
+    of_segment = np.repeat(np.arange(len(parts)), count)
+    outlines = shapely.multilinestrings(shapely.linestrings(segments), indices=of_segment)
+    simple = shapely.is_simple(outlines)
+    middle = np.add.reduceat(segments.mean(axis=1), first) / count[:, None]
+    (x0, y0), (x1, y1) = (segments - middle[of_segment][:, None]).transpose(1, 2, 0)
+    winding = np.add.reduceat(x0 * y1 - x1 * y0, first) / 2
+    filled = shapely.area(shapely.build_area(outlines[simple]))
+    found[parts[simple]] = np.abs(winding[simple] - filled) <= _SAME_AREA_SHARE * filled
+    return found
+
+
+def _planes(views: Floats) -> Floats:
+    """Two directions (k, 3, 2) across each view, of length 1: to the right and upwards."""
+    across = np.cross(np.eye(3)[np.abs(views).argmin(axis=1)], views)
+    across /= np.sqrt((across**2).sum(axis=1))[:, None]
+    result: Floats = np.stack([across, np.cross(views, across)], axis=2)
+    return result
 
 
 MAX_CROSSINGS = 1000

@@ -7,6 +7,7 @@ cut again with longer chords; if it stays so, it is refused, and the others are 
 import math
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from palpate.base.errors import InputError
@@ -57,15 +58,15 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> SolidFile:
     cuts: list[_Cut] = []
     for cut in _cuts(path, shapes, curve_mm):
         cuts.append(cut)
-        found = _again(path, found, [cut], ())
+        found = _again(path, found, [cut], None)
         if not _some_unsound(found):
             break
     if _some_unsound(found):
         cones = [cone for mm in stated_mm for cone in cones_in(data, mm)]
-        found = _again(path, found, cuts if cones else [], cones)
-    if _some_unsound(found) and _facet_count(shapes) <= _COARSER_FACETS:
-        coarser = _other_cut(path, shapes, _COARSER_FACTOR * curve_mm, _COARSE_TURN_RAD)
-        found = _again(path, found, coarser, cones)
+        found = _again(path, found, cuts, cones)
+        if _some_unsound(found) and _facet_count(shapes) <= _COARSER_FACETS:
+            coarser = _other_cut(path, shapes, _COARSER_FACTOR * curve_mm, _COARSE_TURN_RAD)
+            found = _again(path, _again(path, found, coarser, None), coarser, cones)
     solids = tuple(solid for item in found if not isinstance(item, InputError) for solid in item)
     refused = tuple(str(item).removeprefix(f"{path}: ") for item in found if isinstance(item, InputError))
     return SolidFile(solids, refused=refused)
@@ -105,7 +106,9 @@ def _some_unsound(found: Sequence[_Found]) -> bool:
     return any(isinstance(item, UnsoundSurfaceError) for item in found)
 
 
-def _again(path: Path, found: Sequence[_Found], cuts: Sequence[_Cut], cones: Sequence[Cone]) -> list[_Found]:
+def _again(
+    path: Path, found: Sequence[_Found], cuts: Sequence[_Cut], cones: Sequence[Cone] | None
+) -> list[_Found]:
     """What is found with other cuts, or with cones, of shapes that are not sound."""
     return [
         _first_sound(path, number, cuts, cones, item) if isinstance(item, UnsoundSurfaceError) else item
@@ -117,13 +120,21 @@ def _first_sound(
     path: Path,
     number: int,
     cuts: Sequence[_Cut],
-    cones: Sequence[Cone],
+    cones: Sequence[Cone] | None,
     problem: InputError,
 ) -> _Found:
-    """The solids of a shape, of the first of its cuts that is sound; if none is, the first `problem`."""
+    """The solids of a shape, of the first of its cuts that is sound; if none is, the first `problem`.
+
+    With `cones`, only what these close is looked at: the rest is known to be unsound.
+    """
     for within_mm, shapes in cuts:
+        closed = (
+            (shapes[number], within_mm) if cones is None else _with_lost(shapes[number], within_mm, cones)
+        )
+        if closed is None:
+            continue
         try:
-            return _solids(path, shapes[number], within_mm, cones)
+            return _solids(path, *closed)
         except InputError as error:
             problem = _by_opencascade(error) if problem is _UNCUT else problem
             if not isinstance(error, UnsoundSurfaceError):
@@ -141,15 +152,22 @@ def _by_opencascade(error: InputError) -> InputError:
     )
 
 
-def _solids(path: Path, shape: StepShape, within_mm: float, cones: Sequence[Cone]) -> tuple[Solid, ...]:
-    """The solids of a shape whose chords deviate by so much; `cones` of its file. Raises InputError."""
-    rounding = vertex_rounding(shape.vertices_mm)
-    vertices, faces, moved = merge_vertices(shape.vertices_mm, shape.faces, rounding)
+def _with_lost(shape: StepShape, within_mm: float, cones: Sequence[Cone]) -> tuple[StepShape, float] | None:
+    """A shape with the `cones` of its file that close its holes, and how far (mm) it is off, if any do."""
     lost = [cone for cone in cones if not any(cone.is_like(there) for there in shape.cones)]
     laid = [cone.move(shape.place) for cone in lost]
+    if not laid:
+        return None
+    rounding = vertex_rounding(shape.vertices_mm)
+    vertices, faces, moved = merge_vertices(shape.vertices_mm, shape.faces, rounding)
     (vertices, faces), off = close_cones((vertices, faces), laid)
-    off = math.nextafter(max(within_mm, off) + moved + rounding, math.inf)
-    return check_solids(f"{path}: {shape.name}", shape.name, vertices, faces, off)
+    return (replace(shape, vertices_mm=vertices, faces=faces), max(within_mm, off) + moved) if off else None
+
+
+def _solids(path: Path, shape: StepShape, off_mm: float) -> tuple[Solid, ...]:
+    """The solids of a shape whose chords deviate by so much. Raises InputError."""
+    off = math.nextafter(off_mm + vertex_rounding(shape.vertices_mm), math.inf)
+    return check_solids(f"{path}: {shape.name}", shape.name, shape.vertices_mm, shape.faces, off)
 
 
 def _check_units(path: Path, data: bytes, units: str | None) -> set[float]:

@@ -5,7 +5,7 @@ material hangs together there is left open. Here it does not: the faces that bou
 together, and the edges of wedges are drawn back into their material.
 """
 
-from collections import defaultdict
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -25,13 +25,12 @@ def part_touching_edges(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float] |
     they may be one part or two. `tolerance_mm`: vertices closer together are one.
     """
     vertices, faces = _with_middles(*mesh)
-    pairs = _pair_faces(vertices, faces)
+    edges = _edges_of(faces)
+    pairs = _pair_faces(vertices, faces, edges)
     if pairs is None:
         return None
     corners = _link_corners(faces, pairs)
-    crowded = np.unique(
-        faces.ravel()[[3 * face + corner for face, corner in _corners_of_crowded_edges(faces)]]
-    )
+    crowded = edges.crowded_ends
     # Other vertices stay one: surfaces that touch in a vertex belong together.
     label = np.where(np.isin(faces.ravel(), crowded), len(vertices) + corners, faces.ravel())
     _, first, parted = np.unique(label, return_index=True, return_inverse=True)
@@ -48,23 +47,20 @@ def part_touching_edges(mesh: Mesh, tolerance_mm: float) -> tuple[Mesh, float] |
 
 def _with_middles(vertices: Floats, faces: Ints) -> Mesh:
     """The same surface with a vertex in the middle of each crowded edge, whose ends may not come apart."""
-    middle = {
-        edge: len(vertices) + number
-        for number, edge in enumerate(edge for edge, some in _edges_of(faces).items() if len(some) > 2)
-    }
-    ends = np.array([*middle], dtype=np.int64)
-    kept, cut = [], []
-    for face in faces.tolist():
+    edges = _edges_of(faces)
+    ends = edges.crowded_ends
+    middle = {(a, b): len(vertices) + number for number, (a, b) in enumerate(ends.tolist())}
+    is_cut = (edges.count[edges.number] > 2).any(axis=1)
+    cut: list[tuple[int, int, int]] = []
+    for face in faces[is_cut].tolist():
         ring: list[int] = []
         for a, b in zip(face, [*face[1:], face[0]], strict=True):
             ring += [a, middle[min(a, b), max(a, b)]] if (min(a, b), max(a, b)) in middle else [a]
-        if len(ring) == 3:
-            kept.append(face)
-            continue
         begin = next(k for k, vertex in enumerate(ring) if vertex >= len(vertices))
         hub, *others = [*ring[begin:], *ring[:begin]]
         cut += [(hub, one, other) for one, other in pairwise(others)]
-    return np.vstack([vertices, vertices[ends].mean(axis=1)]), np.array([*kept, *cut], dtype=np.int64)
+    more = np.array(cut, dtype=np.int64).reshape(-1, 3)
+    return np.vstack([vertices, vertices[ends].mean(axis=1)]), np.vstack([faces[~is_cut], more])
 
 
 def _bodies(vertices: Floats, faces: Ints) -> int:
@@ -76,43 +72,58 @@ def _bodies(vertices: Floats, faces: Ints) -> int:
     return int(np.count_nonzero(volume > 0))
 
 
-def _edges_of(faces: Ints) -> dict[tuple[int, int], list[tuple[int, int]]]:
-    """Faces of each edge (lower, higher vertex), each with the corner at which the edge begins."""
-    found: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
-    for number, face in enumerate(faces.tolist()):
-        for corner in range(3):
-            a, b = face[corner], face[(corner + 1) % 3]
-            found[min(a, b), max(a, b)].append((number, corner))
-    return found
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """Edges of faces: the `number` (m, 3) of the edge that begins at each corner, in the order of the file.
+
+    `ends` (e, 2): lower and higher vertex; `count` (e,): of faces.
+    """
+
+    number: Ints
+    ends: Ints
+    count: Ints
+
+    @property
+    def crowded_ends(self) -> Ints:
+        """Ends (k, 2) of the edges of more than two faces."""
+        result: Ints = self.ends[self.count > 2]
+        return result
 
 
-def _corners_of_crowded_edges(faces: Ints) -> list[tuple[int, int]]:
-    """Both ends of all edges of more than two faces, as faces and corners."""
-    crowded = [item for some in _edges_of(faces).values() if len(some) > 2 for item in some]
-    return [*crowded, *((face, (corner + 1) % 3) for face, corner in crowded)]
+def _edges_of(faces: Ints) -> _Edges:
+    following = np.roll(faces, -1, axis=1)
+    size = int(faces.max()) + 1
+    keys = (np.minimum(faces, following) * size + np.maximum(faces, following)).ravel()
+    _, first, number, count = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    order = np.argsort(first)
+    place = np.argsort(order)
+    ends = np.column_stack(np.divmod(keys[first[order]], size))
+    return _Edges(place[number].reshape(-1, 3), ends, count[order])
 
 
-def _pair_faces(vertices: Floats, faces: Ints) -> list[tuple[int, int, int, int]] | None:
-    """Pairs of faces that meet in an edge and bound one wedge of material: face, corner, face, corner."""
-    pairs = []
-    for (a, b), some in _edges_of(faces).items():
-        if len(some) == 2:
-            pairs.append((*some[0], *some[1]))
-            continue
+def _pair_faces(vertices: Floats, faces: Ints, edges: _Edges) -> Ints | None:
+    """Pairs (p, 4) of faces that meet in an edge and bound one wedge: face, corner, face, corner."""
+    order = np.argsort(edges.number, axis=None, kind="stable")
+    face_corner = np.column_stack(np.divmod(order, 3))
+    pairs = [face_corner[(edges.count == 2)[edges.number.ravel()[order]]].reshape(-1, 4)]
+    first = np.cumsum(edges.count) - edges.count
+    for number in np.flatnonzero(edges.count != 2).tolist():
+        a, b = edges.ends[number].tolist()
+        some = face_corner[first[number] : first[number] + edges.count[number]].tolist()
         axis = vertices[b] - vertices[a]
         if not axis.any():
             return None
         across = np.array([vertices[faces[face][(corner + 2) % 3]] - vertices[a] for face, corner in some])
         turn = _angles(across, axis / np.linalg.norm(axis))
-        order = np.argsort(turn, kind="stable").tolist()
+        around = np.argsort(turn, kind="stable").tolist()
         # Seen along the edge, material is to the left of faces that run against it, up to the next one.
-        against = [faces[some[k][0]][some[k][1]] == b for k in order]
+        against = [faces[some[k][0]][some[k][1]] == b for k in around]
         if len(some) % 2 or any(one == other for one, other in pairwise(against)):
             return None
         begin = against.index(True)
-        around = [some[k] for k in (*order[begin:], *order[:begin])]
-        pairs += [(*one, *other) for one, other in zip(around[::2], around[1::2], strict=True)]
-    return pairs
+        around = [*around[begin:], *around[:begin]]
+        pairs.append(np.array(some)[around].reshape(-1, 4))
+    return np.vstack(pairs)
 
 
 def _angles(across: Floats, axis: Floats) -> Floats:
@@ -121,14 +132,13 @@ def _angles(across: Floats, axis: Floats) -> Floats:
     return np.arctan2(across @ np.cross(axis, first), across @ first)
 
 
-def _link_corners(faces: Ints, pairs: list[tuple[int, int, int, int]]) -> Ints:
+def _link_corners(faces: Ints, pairs: Ints) -> Ints:
     """A number (3 m,) for each corner of a face, the same for those that hang together round a vertex."""
-    rows, columns = [], []
-    for one, at, other, to in pairs:
-        ends = [(at, (to + 1) % 3), ((at + 1) % 3, to)]  # the edge runs the other way in the other face
-        rows += [3 * one + mine for mine, _ in ends]
-        columns += [3 * other + theirs for _, theirs in ends]
-    return component_of(np.array(rows), np.array(columns), 3 * len(faces))
+    one, at, other, to = pairs.T
+    # The edge runs the other way in the other face.
+    rows = np.concatenate([3 * one + at, 3 * one + (at + 1) % 3])
+    columns = np.concatenate([3 * other + (to + 1) % 3, 3 * other + to])
+    return component_of(rows, columns, 3 * len(faces))
 
 
 def _normals(points: Floats, faces: Ints) -> Floats:
