@@ -5,6 +5,7 @@ is one. OpenCASCADE writes metres in single precision, whatever the file's unit.
 told, so that those on which it gave up can be put back (`lost_cones`).
 """
 
+import hashlib
 import json
 import tempfile
 from dataclasses import dataclass
@@ -81,21 +82,22 @@ def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[StepShape]
 
 
 def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
-    """Shapes of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
+    """Shapes of a trimesh scene that differ in more than name, place and heading, by name or `fallback`."""
     found: list[StepShape] = []
-    seen: dict[str, list[Floats]] = {}
+    seen: dict[bytes, list[Floats]] = {}
     for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
         transform, geometry = scene.graph[node]
+        mesh = scene.geometry[geometry]
+        if not hasattr(mesh, "faces"):
+            continue
         matrix = np.asarray(transform, dtype=np.float64)
         linear = matrix[:3, :3]
         # Equal up to a rotation: the same lengths and angles, and the same handedness.
         kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
-        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in seen.setdefault(geometry, [])):
+        alike = seen.setdefault(_digest(mesh), [])
+        if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in alike):
             continue
-        seen[geometry].append(kind)
-        mesh = scene.geometry[geometry]
-        if not hasattr(mesh, "faces"):
-            continue
+        alike.append(kind)
         name = real_name(str(geometry)) or fallback
         vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
         cones = tuple(
@@ -104,6 +106,14 @@ def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
         place = np.vstack([matrix[:3] * [1, 1, 1, _MM], matrix[3:]])
         found.append(StepShape(name, vertices @ linear.T * _MM + place[:3, 3], faces, place, cones))
     return found
+
+
+def _digest(mesh: Any) -> bytes:
+    """A digest of a mesh in its own frame: programs write one shape several times, under several names."""
+    digest = hashlib.sha256(str(len(mesh.vertices)).encode())
+    for array in (mesh.vertices, mesh.faces):
+        digest.update(np.asarray(array).tobytes())
+    return digest.digest()
 
 
 def _order(scene: Any, node: str) -> tuple[int, str]:
