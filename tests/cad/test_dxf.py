@@ -2,7 +2,7 @@
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import ezdxf
@@ -134,7 +134,8 @@ def test_weights_of_minus_one_are_none(file: Path) -> None:
     spline.set_open_uniform(points, degree=1)
     plain = read(file, document)
     spline.weights = [-1.0] * len(points)
-    assert [shape(item).area for item in read(file, document)] == [shape(item).area for item in plain]
+    for found in (plain, read(file, document)):
+        assert [shape(item).area for item in found] == pytest.approx([40 * 30])
 
 
 def test_free_form_spline_against_its_own_points(file: Path) -> None:
@@ -147,6 +148,50 @@ def test_free_form_spline_against_its_own_points(file: Path) -> None:
     points = [tuple(point.vec2) for point in spline.construction_tool().approximate(3000)]
     assert shapely.distance(shapely.points(points), ring).max() <= found.off_mm
     assert shapely.Polygon(points).area == pytest.approx(shape(found).area, abs=found.off_mm * ring.length)
+
+
+PERIODIC = [(0, 0), (30, -10), (40, 25), (15, 12), (5, 40), (-12, 18)]
+WEIGHTS = [1.0, 2.0, 0.5, 1.0, 3.0, 1.0]
+KINKED = [(0, 0), (20, -8), (40, 0), (40, 30), (48, 40), (20, 36), (0, 0)]
+
+
+def periodic(layout: BaseLayout, weights: Sequence[float] = ()) -> None:
+    """A closed spline of these poles: the first of them are repeated at the end, its knots go on evenly."""
+    spline = layout.add_spline(dxfattribs={"degree": 3})
+    spline.control_points = [(x, y, 0) for x, y in PERIODIC + PERIODIC[:3]]
+    spline.knots = [*range(len(PERIODIC) + 7)]
+    spline.weights = [*weights, *weights[:3]]
+    spline.closed = True
+
+
+def kinked(layout: BaseLayout) -> None:
+    """A spline with a knot of its degree's multiplicity, where it has a corner."""
+    spline = layout.add_spline(dxfattribs={"degree": 3})
+    spline.control_points = [(x, y, 0) for x, y in KINKED]
+    spline.knots = [0, 0, 0, 0, 1, 1, 1, 2, 2, 2, 2]
+
+
+@pytest.mark.parametrize(
+    ("draw", "area", "bounds"),
+    [
+        (periodic, 958.679167, (-7.275630, -4.398068, 34.996707, 31.758713)),
+        (
+            lambda m: periodic(m, WEIGHTS),
+            931.866412,
+            (-5.365344, -7.293031, 31.912551, 36.459202),
+        ),
+        (kinked, 859.2, (0.0, -2.912284, 41.400833, 34.734016)),
+    ],
+    ids=["periodic", "periodic with weights", "a corner within"],
+)
+def test_closed_splines_against_open_cascade(
+    file: Path, draw: Draw, area: float, bounds: tuple[float, ...]
+) -> None:
+    """Areas and bounds by Open CASCADE 7.9, of its own B-spline curves with these poles and knots."""
+    found = read_one(file, draw)
+    whole = shape(found)
+    assert whole.area == pytest.approx(area, abs=found.off_mm * whole.length)
+    assert whole.bounds == pytest.approx(bounds, abs=found.off_mm)
 
 
 @pytest.mark.parametrize(("scale", "angle"), [((1, 1), 30), ((2, 0.5), 75), ((-1, 1), 10)])
@@ -167,6 +212,17 @@ def test_blocks_in_blocks_are_placed(file: Path, scale: tuple[float, float], ang
     moved = shapely.affinity.translate(shapely.affinity.rotate(moved, angle, (0, 0)), 50, 60)
     assert shape(found).area == pytest.approx(BULGED * abs(scale[0] * scale[1]), rel=1e-3)
     assert shape(found).hausdorff_distance(moved) < 0.03
+
+
+def test_a_block_that_is_seen_from_below_is_mirrored(file: Path) -> None:
+    """Corners by ezdxf's own matrix of the insertion: x is turned round after the rotation."""
+    document = new()
+    document.blocks.new("one").add_lwpolyline([(0, 0), (30, 0), (0, 20)], close=True)
+    attributes = {"extrusion": (0, 0, -1), "rotation": 90}
+    document.modelspace().add_blockref("one", (50, 60), dxfattribs=attributes)
+    (found,) = read(file, document)
+    corners = [(-50.0, 60.0), (-50.0, 90.0), (-30.0, 60.0)]
+    assert shape(found).symmetric_difference(shapely.Polygon(corners)).area < 1e-6
 
 
 def test_rows_and_columns_of_a_block(file: Path) -> None:
