@@ -76,6 +76,31 @@ def test_formats_without_units(tmp_path, kind):
             read_solids(path, "inch", 0.05)
 
 
+def test_an_stl_in_metres(tmp_path):
+    """A ring of twelve corners: area 12 / 2 · sin 30° · (20² − 10²) mm²."""
+    path = tmp_path / "part.stl"
+    trimesh.creation.annulus(0.01, 0.02, 0.007, sections=12).export(path)
+    (solid,) = read_solids(path, "m", 0.05).solids
+    assert volume(solid) == pytest.approx(900.0 * 7, rel=1e-6)
+    assert np.ptp(solid.vertices_mm[:, 2]) == pytest.approx(7.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "order"), [("big", ">"), ("little", "<")])
+def test_a_binary_ply_of_quadrangles(tmp_path, kind, order):
+    """An oblique box, in either order of bytes: 12 · 8 · 5 mm³."""
+    box = [(0, 0, 0), (12, 0, 0), (12, 8, 0), (0, 8, 0), (3, 2, 5), (15, 2, 5), (15, 10, 5), (3, 10, 5)]
+    faces = [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    rows = np.array([(4, face) for face in faces], dtype=[("count", "u1"), ("corners", f"{order}i4", 4)])
+    head = (
+        f"ply\nformat binary_{kind}_endian 1.0\nelement vertex 8\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 6\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    path = tmp_path / "part.ply"
+    path.write_bytes(head.encode() + np.array(box, dtype=f"{order}f4").tobytes() + rows.tobytes())
+    (solid,) = read_solids(path, "mm", 0.05).solids
+    assert volume(solid) == pytest.approx(480.0, rel=1e-6)
+
+
 def test_a_second_solid_that_is_cut_off_is_missed(tmp_path):
     text = trimesh.creation.box((9, 9, 9)).export(file_type="stl_ascii")
     path = tmp_path / "two.stl"

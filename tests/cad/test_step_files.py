@@ -1,5 +1,6 @@
 """STEP files, written by Gmsh 4.15 and CadQuery 2.8 (OpenCASCADE 7.8, 7.9), of shapes that are known."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +150,25 @@ def test_a_part_that_is_refused_does_not_cost_the_others():
     (line,) = found.refused
     assert "0.5" in line
     assert "must be from 1 mm" in line
+
+
+@read_here
+def test_each_shape_of_an_assembly_is_one_solid():
+    """A plate, and a pin five times: two in a sub-assembly that occurs twice; volumes by Open CASCADE."""
+    plate, pin = read_solids(HERE / "assembly.step", None, 0.1).solids
+    assert (plate.name, pin.name) == ("assembly", "pin")  # Open CASCADE wrote no name of the plate
+    assert volume(plate) == pytest.approx(6000.0, rel=1e-5)
+    assert volume(pin) == pytest.approx(904.778684, abs=715.9 * pin.off_mm)
+    assert np.ptp(pin.vertices_mm, axis=0) == pytest.approx([12, 12, 23], abs=2 * pin.off_mm)
+
+
+@read_here
+def test_shapes_of_one_name_with_braces_are_read(tmp_path):
+    text = re.sub(
+        r"PRODUCT\('[^']*','[^']*'", "PRODUCT('{a}','{a}'", (HERE / "plate_and_chip.step").read_text()
+    )
+    path = tmp_path / "part.step"
+    path.write_text(text)
+    found = read_solids(path, None, 0.1)
+    assert [solid.name for solid in found.solids] == ["{a}"]
+    assert found.refused[0].startswith("{a}: its largest side is 0.5")

@@ -222,6 +222,23 @@ def test_used_shapes_are_where_they_are_used(file: Path) -> None:
     assert box(found[1]) == pytest.approx([20, -35, 29, -30])
 
 
+def test_copies_of_copies_and_views_within_are_placed(file: Path) -> None:
+    """By hand: matrices of SVG 2, 8.3 and 5.6; a view keeps its proportions and is centred."""
+    pair = (
+        '<g id="pair"><use href="#r" x="1"/><use href="#r" transform="translate(0 20) rotate(90)"/></g>'
+        '<use id="twice" href="#pair" x="100" transform="scale(2)"/>'
+    )
+    views = "".join(
+        f'<svg x="20" width="40" {view}><rect x="10" y="10" width="50" height="25"/></svg>'
+        for view in ('y="10" height="20" viewBox="0 0 100 50"', 'y="50" height="40" viewBox="-10 0 100 50"')
+    )
+    found = read(file, f'<defs><rect id="r" width="10" height="6"/>{pair}</defs><use href="#twice"/>{views}')
+    assert sorted(map(box, found)) == [
+        pytest.approx(sides)
+        for sides in ([24, -24, 44, -14], [28, -74, 48, -64], [188, -60, 200, -40], [202, -12, 222, 0])
+    ]
+
+
 @pytest.mark.parametrize(
     ("body", "said"),
     [

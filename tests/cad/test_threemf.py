@@ -126,6 +126,21 @@ def test_a_file_in_inches_says_so(file: Written, tmp_path: Path) -> None:
         read_solids(path, "mm", 0.05)
 
 
+def test_transforms_are_in_the_units_of_the_file(file: Written, tmp_path: Path) -> None:
+    """Bounds and volume by trimesh, of the same wedge moved in inches."""
+    file.model.SetUnit(lib3mf.ModelUnit.Inch)
+    wedge = trimesh.convex.convex_hull(
+        [[0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 0.5], [2, 0, 0.5], [0, 1, 0.5]]
+    )
+    turned: Place = ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1.0, 0.0, 0.0))
+    upright: Place = ([[1, 0, 0], [0, 0, -1], [0, 1, 0]], (0.0, 0.0, 3.0))
+    file.item(file.whole([(file.mesh(wedge), turned)], "wedge"), upright)
+    (solid,) = file.read(tmp_path / "wedge.3mf").solids
+    assert volume_mm3(solid) == pytest.approx(8193.532)
+    assert solid.vertices_mm.min(axis=0) == pytest.approx([0.0, -12.7, 76.2])
+    assert solid.vertices_mm.max(axis=0) == pytest.approx([25.4, 0.0, 127.0])
+
+
 def test_a_mirrored_component_is_turned_inside_out_and_back(file: Written, tmp_path: Path) -> None:
     wedge = trimesh.convex.convex_hull([[0, 0, 0], [20, 0, 0], [0, 10, 0], [0, 0, 8], [20, 0, 8], [0, 10, 8]])
     left = file.mesh(wedge)

@@ -5,7 +5,6 @@ is one. OpenCASCADE writes metres in single precision, whatever the file's unit.
 told, so that those on which it gave up can be put back (`lost_cones`).
 """
 
-import hashlib
 import json
 import tempfile
 from dataclasses import dataclass
@@ -82,10 +81,14 @@ def tessellate(path: Path, within_mm: float, turn_rad: float) -> list[StepShape]
 
 
 def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
-    """Shapes of a trimesh scene that differ in more than name, place and heading, by name or `fallback`."""
+    """Shapes of a trimesh scene that differ in more than name, place and heading, by name or `fallback`.
+
+    OpenCASCADE writes a shape again wherever it occurs, and programs write it under several names.
+    """
     found: list[StepShape] = []
-    seen: dict[bytes, list[Floats]] = {}
-    for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
+    seen: dict[tuple[bytes, bytes], list[Floats]] = {}
+    rank = {geometry: number for number, geometry in enumerate(scene.geometry)}
+    for node in sorted(scene.graph.nodes_geometry, key=lambda node: (rank[scene.graph[node][1]], str(node))):
         transform, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
         if not hasattr(mesh, "faces"):
@@ -94,11 +97,11 @@ def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
         linear = matrix[:3, :3]
         # Equal up to a rotation: the same lengths and angles, and the same handedness.
         kind = np.append((linear.T @ linear).ravel(), np.sign(np.linalg.det(linear)))
-        alike = seen.setdefault(_digest(mesh), [])
+        alike = seen.setdefault((mesh.vertices.tobytes(), mesh.faces.tobytes()), [])
         if any(np.abs(kind - other).max() <= _SAME_TRANSFORM for other in alike):
             continue
         alike.append(kind)
-        name = real_name(str(geometry)) or fallback
+        name = real_name(mesh.metadata["product"]) or fallback
         vertices, faces = mesh_triangles(f"{where}: {name}", mesh)
         cones = tuple(
             Cone(np.array(apex) * _MM, np.array(axis), half) for apex, axis, half in mesh.metadata["cones"]
@@ -108,34 +111,25 @@ def _distinct_shapes(where: str, scene: Any, fallback: str) -> list[StepShape]:
     return found
 
 
-def _digest(mesh: Any) -> bytes:
-    """A digest of a mesh in its own frame: programs write one shape several times, under several names."""
-    digest = hashlib.sha256(str(len(mesh.vertices)).encode())
-    for array in (mesh.vertices, mesh.faces):
-        digest.update(np.asarray(array).tobytes())
-    return digest.digest()
-
-
-def _order(scene: Any, node: str) -> tuple[int, str]:
-    return list(scene.geometry).index(scene.graph[node][1]), str(node)
-
-
 def _one_mesh_a_shape(glb: bytes) -> bytes:
-    """The same binary glTF 2.0, told so that trimesh makes one mesh of each shape and keeps its cones.
+    """The same binary glTF 2.0, told so that trimesh makes one mesh of each shape, with its cones and name.
 
     A shape whose faces have several colours comes as several lists of triangles, each of which is open, and
-    trimesh joins only those that have a material.
+    trimesh joins only those that have a material. It cannot read two names that are equal and have braces.
     """
     size = int.from_bytes(glb[12:16], "little")
     header = json.loads(glb[20 : 20 + size])
     header.setdefault("materials", [{}])
-    for mesh in header.get("meshes", ()):
+    for number, node in enumerate(header.get("nodes", ())):
+        node["name"] = f"{number:07}"
+    for number, mesh in enumerate(header.get("meshes", ())):
         cones: list[Any] = []
         for triangles in mesh["primitives"]:
             triangles.setdefault("material", 0)
             surfaces = triangles.pop("extensions", {}).get("TM_brep_faces", {}).get("faces", ())
             cones += [(item["apex"], item["axis"], abs(item["semi_angle"])) for item in surfaces if item]
-        mesh["extras"] = {"cones": cones}
+        mesh["extras"] = {"cones": cones, "product": mesh.get("name", "")}
+        mesh["name"] = f"shape {number}"
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 4)
     rest = glb[20 + size :]
