@@ -243,6 +243,22 @@ def test_list_says_what_is_known_of_each_object(ask: Here) -> None:
     assert out["objects"][-1]["states"][0]["heights"] == [[9, 11], [12, 20]]
 
 
+def test_list_shows_tags_and_chooses_by_them(ask: Here, here: Here) -> None:
+    first, second = (
+        {**part, "tags": tags} for part, tags in zip(PARTS, (["steel"], ["steel", "spare"]), strict=False)
+    )
+    ended = ask("list", [first, second, *PARTS[2:]], "--tag", "steel")
+    assert re.search(r"all heights +steel$", ended.out, re.M)
+    assert re.search(r"all heights +steel, spare$", ended.out, re.M)
+    assert ended.out.endswith("\n2 objects, 2 states in parts.objects.json\n")
+    both = here("objects", "list", "parts.objects.json", "--tag", "spare", "--tag", "steel", "--json").json
+    assert not violations(both, json.loads(schema_text("objects-inventory")))
+    assert [item["tags"] for item in both["objects"]] == [["steel", "spare"]]
+    none = here("objects", "list", "parts.objects.json", "--tag", "brass")
+    assert (none.code, none.out) == (2, "")
+    assert "spare, steel" in none.err
+
+
 def test_list_with_names_says_which_side_is_down(ask: Here, here: Here) -> None:
     sides = [
         {"name": name, "sections": [section(0, 20, FOOT)], "down": down, "probability": share}

@@ -235,6 +235,7 @@ friction = 0.5
 units = "inch"
 name = "inches"
 mass_g = 100.0
+tags = ["gauge", "steel"]
 
 [files."block-[12].stl"]
 deviation_mm = 0.3
@@ -265,6 +266,7 @@ def test_settings_say_of_each_file_what_it_is(parts: Path, tmp_path: Path, ask: 
     assert made["block-2"]["part_holds_n"] == pytest.approx(0.5 * 0.0048 * 9.81, abs=1e-3)
     assert (made["inches"]["size"], made["inches"]["mass_g"]) == ([25.4, 50.8, 12.7], 100.0)
     assert made["block-2"]["mass_g"] == pytest.approx(4.8)
+    assert (made["inches"]["tags"], "tags" in made["block-2"]) == (["gauge", "steel"], False)
     assert changed["deviation"] == 0.3
     again = ask(parts, *OPTIONS[2:])
     assert [item["kept"] for item in again.json["files"]] == [True, True]

@@ -102,5 +102,5 @@ format = "palpate/import-settings@1"
 # density_g_cm3 = 1.24  # of PLA; with friction it says which force the parts hold
 # friction = 0.3
 
-# Files by pattern; later tables go before earlier ones. Also: name, states, up, leave_out.
+# Files by pattern; later tables go before earlier ones. Also: name, tags, states, up, leave_out.
 """

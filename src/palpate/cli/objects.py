@@ -234,6 +234,10 @@ def list_objects(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME…", help="List their states.", show_default=False)
     ] = None,
+    tags: Annotated[
+        list[str] | None,
+        typer.Option("--tag", metavar="TAG", help="Only objects with this tag; may be given again."),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """List the objects of a file: size, mass, states, and at which heights they are known.
@@ -243,11 +247,13 @@ def list_objects(
     from palpate.cli.objects_target import load_for_edit
     from palpate.cli.terminal import Terminal
     from palpate.config.fields import to_json
-    from palpate.config.objects_tables import select_objects
+    from palpate.config.objects_tables import select_objects, select_tagged
     from palpate.views.catalogue.inventory import inventory_out, print_inventory, print_states
 
     text = load_for_edit(file)
-    out = inventory_out(str(file), select_objects(text, names, str(file)) if names else text)
+    text = select_objects(text, names, str(file)) if names else text
+    text = select_tagged(text, tags, str(file)) if tags else text
+    out = inventory_out(str(file), text)
     if json:
         typer.echo(to_json(out))
     else:

@@ -118,6 +118,7 @@ class InventoryObjectOut(Out):
     """
 
     name: str
+    tags: tuple[str, ...]
     size: tuple[Rounded, Rounded, Rounded] | None
     mass_g: Rounded | None
     tolerance: Rounded

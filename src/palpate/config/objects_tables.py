@@ -227,6 +227,7 @@ class ObjectText(FileModel):
         description="Extents along the axes of its CAD file, mm; for lists. Written by the import.",
     )
     mass_g: Positive | None = Field(default=None, description="Mass, g; for lists. Written by the import.")
+    tags: Items[Name] | None = Field(default=None, description="Words by which lists choose; as you like.")
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
     states: Items[StateText] | None = Field(default=None, min_length=1)
@@ -306,6 +307,16 @@ def select_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> Ob
     for name in names:
         _check_there(text, name, file)
     return text.model_copy(update={"objects": [item for item in text.objects if item.name in names]})
+
+
+def select_tagged(text: ObjectsFileText, tags: Sequence[str], file: str) -> ObjectsFileText:
+    """Keep the objects that have all of these tags. Raises InputError if none has."""
+    left = [item for item in text.objects if set(tags) <= set(item.tags or ())]
+    if not left:
+        there = sorted({tag for item in text.objects for tag in item.tags or ()})
+        some = f"{', '.join(there[:_MAX_NAMES])}{', …' if len(there) > _MAX_NAMES else ''}"
+        raise InputError(f"{file}: no object is tagged {' and '.join(tags)}; its tags are {some or 'none'}")
+    return text.model_copy(update={"objects": left})
 
 
 def remove_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:

@@ -75,7 +75,8 @@ class ImportOptions:
     are wanted of a file. `as_is`: not dropped, but as it lies in the file. States that are less probable than
     `least_probability` are left out. `accept_loss`: even if they are a fifth of all cases together, or more.
     `up`: axis of the file that points up where it is imported `as_is`. `part_holds_n`: force below which the
-    part does not slide; without it, that follows from `friction` and the mass, or the density.
+    part does not slide; without it, that follows from `friction` and the mass, or the density. `tags`: words
+    by which lists choose.
     """
 
     units: str | None = None
@@ -94,6 +95,7 @@ class ImportOptions:
     mass_g: float | None = None
     density_g_cm3: float | None = None
     friction: float | None = None
+    tags: tuple[str, ...] = ()
 
     @property
     def turn_up(self) -> Floats:
@@ -403,6 +405,7 @@ def _make_object(
         tolerance=out.tolerance,
         size=(width, depth, height),
         mass_g=None if mass_g is None else round(mass_g, 3),
+        tags=list(options.tags) or None,
         states=states,
         part_holds_n=options.holds_n(volume_mm3),
     )

@@ -33,6 +33,7 @@ def _object_out(item: ObjectText) -> InventoryObjectOut:
     states = [_state_out(state) for state in item.states or ()]
     return InventoryObjectOut(
         name=item.name,
+        tags=tuple(item.tags or ()),
         size=item.size,
         mass_g=item.mass_g,
         tolerance=item.tolerance,
@@ -65,6 +66,7 @@ def print_inventory(out: InventoryOut, console: Console) -> None:
 
 def _table(out: InventoryOut, *, with_files: bool) -> Table:
     has_mass = any(item.mass_g is not None for item in out.objects)
+    has_tags = any(item.tags for item in out.objects)
     has_source = with_files and any(item.source is not None for item in out.objects)
     rows = table(
         _names(out),
@@ -72,6 +74,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
         *(["mass"] if has_mass else []),
         "states",
         "known at mm",
+        *([folding_column("tags")] if has_tags else []),
         *([folding_column("from")] if has_source else []),
         numbers=("size mm", "mass"),
     )
@@ -83,6 +86,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
             *([mass] if has_mass else []),
             _states(item.states),
             _known(item.states),
+            *([escape(", ".join(item.tags))] if has_tags else []),
             *([escape(PurePath(item.source or _UNKNOWN).name)] if has_source else []),
         )
     return rows
