@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.base.confined_reading import read_confined
 from palpate.base.errors import InputError
 from palpate.cad.parts import SolidFile
 from palpate.cad.readers import read_solids
@@ -289,3 +290,16 @@ def test_a_component_that_is_open_is_named(tmp_path: Path) -> None:
     model = model_of(f'{meshes}<object id="3">{parts}</object>', '<item objectid="3"/>')
     with pytest.raises(InputError, match="component 2 of 2: is not watertight"):
         read_solids(packed(tmp_path / "p.3mf", {"3D/3dmodel.model": model}), None, 0.05)
+
+
+def test_what_is_said_of_long_names_is_short(tmp_path: Path) -> None:
+    open_box = trimesh.Trimesh(BOX.vertices, BOX.faces[:-1], process=False)
+    long = "n" * 100_000
+    for objects, item in (
+        (f'<object id="1" name="{long}">{xml_of(open_box)}</object>', '<item objectid="1"/>'),
+        ("", f'<item objectid="{long}"/>'),
+    ):
+        path = packed(tmp_path / "p.3mf", {"3D/3dmodel.model": model_of(objects, item)})
+        with pytest.raises(InputError, match=r"watertight|referred to") as raised:
+            read_confined(path, "", read_solids, path, None, 0.05)
+        assert len(str(raised.value)) < 600

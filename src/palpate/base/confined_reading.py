@@ -96,12 +96,22 @@ def _answer(call: bytes) -> tuple[str, object]:
         read, args, kwargs = pickle.loads(call)
         return "value", read(*args, **kwargs)
     except InputError as error:
-        return "refused", (str(error), *getattr(error, "__notes__", ()))
+        return "refused", tuple(map(_shorten, (str(error), *getattr(error, "__notes__", ()))))
     except MemoryError:
         return "failed", _TOO_LARGE
     except Exception as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return "failed", f"cannot be read ({what:.200})"
+
+
+_FIRST_CHARS, _LAST_CHARS = 400, 180
+"""What is kept of a message in which a file's own words are long."""
+
+
+def _shorten(text: str) -> str:
+    if len(text) <= _FIRST_CHARS + _LAST_CHARS:
+        return text
+    return f"{text[:_FIRST_CHARS]} … {text[-_LAST_CHARS:]}"
 
 
 if __name__ == "__main__":

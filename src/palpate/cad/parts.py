@@ -110,9 +110,12 @@ _PLACEHOLDER = re.compile(
 """What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
 
 
+_MOST_NAME_CHARS = 90
+
+
 def real_name(name: str) -> str:
-    """A part's name; empty for one that a program gives to what nobody has named."""
-    name = name.strip()
+    """A part's name, or how it begins; empty for one that a program gives to what nobody has named."""
+    name = name.strip()[:_MOST_NAME_CHARS]
     return "" if _PLACEHOLDER.fullmatch(name) else name
 
 
