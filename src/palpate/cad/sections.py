@@ -49,6 +49,8 @@ _MAX_TRIES = 7
 _MAX_GROWTH = 4.0
 """A slab is tried that is at most so many times higher than the one before."""
 _LEAST_SLAB_MM = 1e-3
+_ROUNDING_SHARE = 1e-6
+"""Heights of slabs that differ by less are the same."""
 _SOONER_SHARES = (0.5, 0.8, 0.2)
 """Where in a slab the next one may begin if it cannot at its end."""
 _LEVEL_PROBLEM = "a wall that leans moves too far"
@@ -199,11 +201,12 @@ class _SlabSearch:
                 return ((begin, at), proven), (at, to), trial
         return last, (end, here[0]), here[1]
 
-    def highest_slab(self, at: float, height: float) -> tuple[float, _Trial]:
+    def highest_slab(self, at: float, height: float, least: float = _LEAST_SLAB_MM) -> tuple[float, _Trial]:
         """The end of the highest slab from `at` that is found in a few tries, up to `high`.
 
-        The first guess is `height`. How far an outline is off tells by how much to change it;
-        where that says nothing, because something begins or ends in the slab, it may have to end at a peak.
+        The first guess is `height`; slabs lower than `least` are not looked for. How far an outline is off
+        tells by how much to change it; where that says nothing, because something begins or ends in the
+        slab, it may have to end at a peak.
         """
         good: tuple[float, _Trial] | None = None
         bad = np.inf
@@ -222,7 +225,7 @@ class _SlabSearch:
                 bad = to
             if good is not None and (tries >= _MAX_TRIES or bad - good[0] < 0.04 * (good[0] - at)):
                 return good
-            if good is None and bad - at < _LEAST_SLAB_MM:
+            if good is None and bad - at < least * (1 + _ROUNDING_SHARE):
                 return bad, trial
             to = self._next_end(at, good, bad, trial, tries)
 
@@ -268,7 +271,9 @@ def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> 
         last: _Slab | None = None  # it may yet have to end sooner
         while at < high:
             height = max(_foreseen_height(surface, at, at + height, likely), _THIN_SLAB_MM)
-            to, trial = search.highest_slab(at, height)
+            # Beyond a height that is skipped, thin slabs seldom begin a run that is long enough to be kept.
+            skipping = last is not None and bool(last[1].problem)
+            to, trial = search.highest_slab(at, height, _THIN_SLAB_MM if skipping else _LEAST_SLAB_MM)
             if trial.problem and last is not None and not last[1].problem:
                 last, (at, to), trial = search.begin_lower(last, (to, trial))
             likely = _likely_drift(surface, at, to, trial, budget)
