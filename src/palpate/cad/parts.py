@@ -78,7 +78,8 @@ class StableState:
     of mass above the origin. `probability`: how often the solid comes to rest so when dropped anyhow;
     `tipping_angle_rad`: the smallest tilt that tips it over. `support_mm` (n, 2): the convex polygon that it
     rests on, counter-clockwise. `leans`: it lies on a surface that is curved both ways, whose facets tell
-    only nearly which way is down.
+    only nearly which way is down. `unknown_mm`: open ranges of height, ascending and apart, at which
+    nothing is known of it.
     """
 
     name: str
@@ -88,6 +89,7 @@ class StableState:
     tipping_angle_rad: float
     support_mm: Floats
     leans: bool = False
+    unknown_mm: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, repr=False)

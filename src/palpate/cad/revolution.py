@@ -54,7 +54,7 @@ def solid_of_revolution(solid: Solid, within_mm: float) -> Solid | None:
     if ball is not None:
         return ball
     for direction in axis_directions(solid):
-        centre = _centre(solid, direction)
+        centre = fit_axis_point(solid, direction)
         frame = axis_frame(direction)
         points = (solid.vertices_mm - centre) @ frame.T
         profile = _profile(solid, points, within_mm)
@@ -63,8 +63,8 @@ def solid_of_revolution(solid: Solid, within_mm: float) -> Solid | None:
         turned = vertex_permutations(points, len(far_azimuths(points)))
         if turned is not None:
             return _regularise(solid, points, turned, frame, centre) if len(turned) >= _FEWEST_SIDES else None
-        number = _steps(max(float(ring[:, 0].max()) for ring in profile), within_mm * _STEP_SHARE)
-        made = _revolve(solid, profile, frame, centre, number)
+        number = steps_of_turn(max(float(ring[:, 0].max()) for ring in profile), within_mm * _STEP_SHARE)
+        made = revolve(solid, profile, frame, centre, number)
         apart = surface_distance_bound_mm(SurfaceDistance(solid), SurfaceDistance(made), within_mm)
         if apart is not None:
             return replace(made, off_mm=solid.off_mm + apart)
@@ -84,11 +84,11 @@ def _ball(solid: Solid, within: float) -> Solid | None:
     is_round = len(points) >= _FEWEST_STEPS and most - least <= 2 * within
     if not is_round or volume_mm3(solid) < 2 * np.pi / 3 * least**3:  # half a ball: the centre is inside
         return None
-    number = _steps(most, within * _BALL_SHARE)
+    number = steps_of_turn(most, within * _BALL_SHARE)
     polar = np.linspace(0.0, np.pi, number // 2 + 1)
     profile = (least + most) / 2 * np.column_stack([np.sin(polar), -np.cos(polar)])
     profile[[0, -1], 0] = 0.0
-    made = _revolve(solid, [profile], np.eye(3), centre, number)
+    made = revolve(solid, [profile], np.eye(3), centre, number)
     inner, outer = _distances(made, centre)
     return replace(made, off_mm=solid.off_mm + max(most - inner, outer - least))
 
@@ -101,7 +101,7 @@ def _distances(solid: Solid, centre: Floats) -> tuple[float, float]:
     return float(off.min()), float(np.linalg.norm(solid.vertices_mm - centre, axis=1).max())
 
 
-def _centre(solid: Solid, direction: Floats) -> Floats:
+def fit_axis_point(solid: Solid, direction: Floats) -> Floats:
     """A point (3,) of the axis: the common centre of circles at the heights that have many vertices."""
     start = centre_of_mass(solid)
     frame = axis_frame(direction)
@@ -136,7 +136,7 @@ def _profile(solid: Solid, points: Floats, within: float) -> list[Floats] | None
     through the solid in a half-plane, which passes them at most `within` away. None if it does not.
     """
     near = _SAME_POINT_SHARE * float(np.ptp(points, axis=0).max())
-    cut = _cut(solid, points)
+    cut = cut_half_plane(solid, points)
     flat = np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]])
     flat[flat[:, 0] < near, 0] = 0.0
     flat = flat[np.sort(np.unique(np.round(flat / near), axis=0, return_index=True)[1])]
@@ -172,10 +172,13 @@ def _to_axis(ring: Floats, cut: Floats, near: float) -> Floats:
     return np.vstack([ends[0], ring, ends[1]])
 
 
-def _cut(solid: Solid, points: Floats) -> list[Floats]:
-    """The solid cut by a half-plane from its axis: lines (k, 2), those that end on the axis open."""
+def cut_half_plane(solid: Solid, points: Floats, azimuth_rad: float = _PROFILE_AZIMUTH_RAD) -> list[Floats]:
+    """The solid cut by a half-plane from its axis: lines (k, 2), those that end on the axis open.
+
+    `points` (n, 3): the vertices in the axis' frame.
+    """
     size = float(np.ptp(points, axis=0).max())
-    c, s = math.cos(_PROFILE_AZIMUTH_RAD), math.sin(_PROFILE_AZIMUTH_RAD)
+    c, s = math.cos(azimuth_rad), math.sin(azimuth_rad)
     seen = np.array([[c, s, 0.0], [0.0, 0.0, 1.0], [s, -c, 0.0]])
     turned = replace(solid, vertices_mm=points)
     surface = resting_surface_of(turned, StableState("cut", seen, np.zeros(3), 0.0, 0.0, np.zeros((0, 2))))
@@ -201,7 +204,7 @@ def _off_axis(ring: Floats, near: float) -> list[Floats]:
     return [part for part in parts if len(part) > 1]
 
 
-def _steps(radius_mm: float, within: float) -> int:
+def steps_of_turn(radius_mm: float, within: float) -> int:
     """Steps of a turn whose chords are as far inside of a circle as corners are outside: no further."""
     half = math.acos(max(1 - 2 * within / max(radius_mm, 2 * within), 0.0))
     return 4 * math.ceil(min(max(math.pi / max(half, 1e-3), _FEWEST_STEPS), _MOST_STEPS) / 4)
@@ -223,7 +226,7 @@ def _regularise(solid: Solid, points: Floats, turned: Ints, frame: Floats, centr
     return replace(made, off_mm=solid.off_mm + moved, symmetry=symmetry)
 
 
-def _revolve(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
+def revolve(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
     """The profile turned about the axis in so many steps."""
     scale = 2 / (1 + math.cos(math.pi / number))
     azimuth = 2 * np.pi * np.arange(number) / number

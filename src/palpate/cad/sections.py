@@ -102,7 +102,7 @@ def sections_of(
     surface = resting_surface_of(solid, state)
     found: list[CrossSection] = []
     problem = ""
-    for begin, end in _ranges(solid, surface, heights_mm):
+    for begin, end in _known(_ranges(solid, surface, heights_mm), state.unknown_mm):
         for slab, trial in _slabs(surface, begin, end, budget):
             problem = problem or trial.problem
             if len(found) == most:
@@ -115,7 +115,7 @@ def sections_of(
                 found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
     known = tuple(_long_runs(found))
     if not any(section.polygons for section in known):
-        problem = problem or "each range of heights is too short"
+        problem = problem or "each range of heights is too short, or differs as the part rolls"
         off = f" where its surface is off by {solid.off_mm:.2g} mm" if solid.off_mm > SAME_HEIGHT_MM else ""
         raise SectionsError(where, f"no section can be given, as {problem}{off}")
     return known
@@ -154,6 +154,17 @@ def _ranges(
             solid.name, f"no given height is on the part, which is {top:.4g} mm high", "give others"
         )
     return merged
+
+
+def _known(
+    ranges: Sequence[tuple[float, float]], unknown: Sequence[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    """What ranges of height, ascending and apart, leave of others."""
+    left = list(ranges)
+    for low, high in unknown:
+        parts = [part for begin, end in left for part in ((begin, min(end, low)), (max(begin, high), end))]
+        left = [(begin, end) for begin, end in parts if end - begin >= SAME_HEIGHT_MM]
+    return left
 
 
 @dataclass(frozen=True, eq=False)

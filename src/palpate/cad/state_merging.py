@@ -20,6 +20,7 @@ from palpate.base.geometry.plane import signed_area
 from palpate.cad.parts import Solid, StableState
 from palpate.cad.planar_congruence import PlanarMotion, find_motions
 from palpate.cad.resting_surface import ROUNDING_SHARE
+from palpate.cad.rolling import RollingState, rolling_states
 from palpate.cad.solid_symmetries import KnownSymmetries, orbits_of
 from palpate.cad.stable_states import LeftOut, centre_of_mass, settle_leaning, upright_state
 from palpate.cad.surface_congruence import SurfaceDistance, congruence_bound_mm
@@ -43,6 +44,8 @@ _NEARLY_EXACT_SHARE = 0.05
 """Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
 _BALL_STATES = 12
 """So many states of a ball stand for all."""
+_MOST_PROBABLE_ROLLING = 0.04
+"""States that are more probable stay their own: a prism of few sides does not roll."""
 _POLE_SHARE = 0.05
 """Share of a ball's height, at either end, where sections change too fast to be compared."""
 
@@ -52,12 +55,14 @@ class MergedState:
     """A state that stands for `count` of them, with their probabilities' sum and least tipping angle.
 
     `apart_mm`: the largest distance of any of their surfaces, and of any of the sections that were compared
-    (without points in straight lines), from this state's.
+    (without points in straight lines), from this state's. `model`: the solid that rests so, where it is not
+    the one that was given, but one of revolution in its place (`rolling`).
     """
 
     state: StableState
     apart_mm: float
     count: int
+    model: Solid | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +105,8 @@ def merge_states(
 
     `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
     within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
-    height. States that lean become one upright state or are left out (`leaning`). Of the others the 800
+    height. States of a part that rolls become one of a `model`. States that lean become one upright state or
+    are left out. Of the others the 800
     most probable are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
     until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000
@@ -109,7 +115,9 @@ def merge_states(
     """
     if _is_ball(solid, within_mm):
         return _choose([_ball(solid, states, slices_of)], [], least_probability, most)
-    states, out = settle_leaning(solid, states)
+    rolling = _rolling(solid, states, within_mm)
+    rolled = {id(state) for item in rolling for state in item.members}
+    states, out = settle_leaning(solid, [state for state in states if id(state) not in rolled])
     orbits = orbits_of(solid, states, within_mm)
     compared = orbits[:_MAX_COMPARED]
     groups: list[_Group] = []
@@ -130,7 +138,18 @@ def merge_states(
         reason = f"not compared, it would take too long: {len(pairs.unproven)} states may be as others are"
         out.append(LeftOut(reason, 0.0, -pairs.unproven[0].rotation[2]))
     found = [_merge_group(item.first.state, item.members, item.apart_mm) for item in groups]
+    found += [MergedState(item.state, 0.0, len(item.members), item.model) for item in rolling]
     return _choose(found, out, least_probability, most)
+
+
+def _rolling(solid: Solid, states: Sequence[StableState], within_mm: float) -> list[RollingState]:
+    """Families of states that roll into one another, none of which, with its like, is probable itself."""
+    some = [
+        orbit.members
+        for orbit in orbits_of(solid, states, within_mm)
+        if sum(state.probability for state in orbit.members) < _MOST_PROBABLE_ROLLING
+    ]
+    return rolling_states(solid, [state for members in some for state in members], within_mm)
 
 
 def _ball(solid: Solid, states: Sequence[StableState], slices_of: SlicesOf) -> MergedState:

@@ -241,6 +241,7 @@ def _section_all(
 
 def _section_state(solid: Solid, item: MergedState, shares: Shares) -> ImportedState | LeftOut:
     """One state, in a process of its own: large parts take seconds for each."""
+    solid = solid if item.model is None else item.model
     try:
         sections = _sections(solid, item.state, shares)
     except SectionsError as error:
