@@ -1,4 +1,4 @@
-"""Parts that are round but for a socket or a hole: one state stands for every way in which they have rolled."""
+"""Parts that are round but for a socket: one state stands for every way in which they have rolled."""
 
 import math
 
@@ -21,7 +21,7 @@ TOLERANCE = 0.09
 
 
 def bolt(turn, sides=120, socket=(6, 1.6), flat=None):
-    """A bolt along its axis, its head at the top with a socket of so many sides; or with a flat for its shaft."""
+    """A bolt whose head has a socket of so many sides of a radius; or with a flat all along."""
     profile = [[0, 0], [2.5, 0], [2.6, 0.3], [2.6, 14], [4.5, 14.5], [4.5, 17], [4.0, 17.4], [0, 17.4]]
     part = trimesh.creation.revolve(np.array(profile, dtype=float), sections=sides)
     number, radius = socket

@@ -172,7 +172,7 @@ def _far_pieces(triangles: Floats, near: shapely.Geometry, least: float) -> Floa
     shapely.prepare(near)
     far, looked = [np.zeros((0, 6, 2))], -len(triangles)
     while len(triangles):
-        seen = _seen(triangles)
+        seen = _profile_hulls(triangles)
         hulls = shapely.convex_hull(shapely.multipoints(seen))
         rest = ~shapely.covers(near, hulls)
         small = np.ptp(seen, axis=1).max(axis=1) <= least
@@ -183,7 +183,7 @@ def _far_pieces(triangles: Floats, near: shapely.Geometry, least: float) -> Floa
     return np.concatenate(far)
 
 
-def _seen(triangles: Floats) -> Floats:
+def _profile_hulls(triangles: Floats) -> Floats:
     """Points (k, 6, 2) of (r, h) in whose hull triangles (k, 3, 3) about the z axis are seen."""
     across, height = triangles[:, :, :2], triangles[:, :, 2]
     radius = np.hypot(across[..., 0], across[..., 1])

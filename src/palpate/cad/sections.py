@@ -102,7 +102,7 @@ def sections_of(
     surface = resting_surface_of(solid, state)
     found: list[CrossSection] = []
     problem = ""
-    for begin, end in _known(_ranges(solid, surface, heights_mm), state.unknown_mm):
+    for begin, end in _without(_ranges(solid, surface, heights_mm), state.unknown_mm):
         for slab, trial in _slabs(surface, begin, end, budget):
             problem = problem or trial.problem
             if len(found) == most:
@@ -156,7 +156,7 @@ def _ranges(
     return merged
 
 
-def _known(
+def _without(
     ranges: Sequence[tuple[float, float]], unknown: Sequence[tuple[float, float]]
 ) -> list[tuple[float, float]]:
     """What ranges of height, ascending and apart, leave of others."""
