@@ -249,3 +249,17 @@ def test_no_point_of_a_wall_needs_more_than_the_wall(seed: int) -> None:
     assert good
     nearest = max(float(np.hypot(*(outline.start - point).T).min()) for point in inside)
     assert found >= min(worst, nearest) - 1e-9
+
+
+@pytest.mark.parametrize(("subdivisions", "within"), [(2, 0.2), (3, 0.05)])
+def test_a_ball_of_few_facets_is_one_within_half_of_its_shell(subdivisions, within):
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=20)
+    drawn_ball = Solid("ball", np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64))
+    made = solid_of_revolution(drawn_ball, 0.004, within)
+    assert made is not None
+    inscribed = 20 - np.abs(np.einsum("ij,ij->i", mesh.triangles_center, mesh.face_normals)).min()
+    assert inscribed / 2 <= made.off_mm <= within
+    points = trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0]
+    radius = np.linalg.norm(made.vertices_mm - made.vertices_mm.mean(axis=0), axis=1)
+    assert np.abs(np.linalg.norm(points, axis=1)[:, None] - [radius.min(), radius.max()]).max() <= made.off_mm
+    assert solid_of_revolution(drawn_ball, 0.004, inscribed / 2 - 0.001) is None

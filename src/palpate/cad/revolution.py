@@ -44,13 +44,14 @@ _PROFILE_AZIMUTH_RAD = 0.7236
 """Of the half-plane in which the profile is read, rad; no corner is there, unless by chance."""
 
 
-def solid_of_revolution(solid: Solid, within_mm: float) -> Solid | None:
+def solid_of_revolution(solid: Solid, within_mm: float, ball_within_mm: float = 0.0) -> Solid | None:
     """A solid of revolution in place of one that is nowhere further from it than a distance, or None.
 
-    Its `off_mm` counts that distance, too. What is alike all round as it is, but for rounding, keeps its
-    facets; None for prisms, which have few sides.
+    A ball may be further off, as it has no state else: each of its facets is one. Its `off_mm` counts that
+    distance, too. What is alike all round as it is, but for rounding, keeps its facets; None for prisms,
+    which have few sides.
     """
-    ball = _ball(solid, within_mm)
+    ball = _ball(solid, within_mm, max(ball_within_mm, within_mm))
     if ball is not None:
         return ball
     for direction in axis_directions(solid):
@@ -71,8 +72,10 @@ def solid_of_revolution(solid: Solid, within_mm: float) -> Solid | None:
     return None
 
 
-def _ball(solid: Solid, within: float) -> Solid | None:
-    """A ball, in the middle of a shell that all of the surface is in, of twice the thickness at most.
+def _ball(solid: Solid, within: float, shell: float) -> Solid | None:
+    """A ball, in the middle of a shell that all of the surface is in, of twice `shell` thickness at most.
+
+    `within`: for its facets.
 
     Two surfaces round one centre are apart by no more than their distances from it differ.
     """
@@ -81,7 +84,7 @@ def _ball(solid: Solid, within: float) -> Solid | None:
     rows = np.column_stack([2 * points, np.ones(len(points))])
     centre: Floats = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0][:3]
     least, most = _distances(solid, centre)
-    is_round = len(points) >= _FEWEST_STEPS and most - least <= 2 * within
+    is_round = len(points) >= _FEWEST_STEPS and most - least <= 2 * shell
     if not is_round or volume_mm3(solid) < 2 * np.pi / 3 * least**3:  # half a ball: the centre is inside
         return None
     number = steps_of_turn(most, within * _BALL_SHARE)

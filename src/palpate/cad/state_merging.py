@@ -106,9 +106,8 @@ def merge_states(
     `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
     within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
     height. States of a part that rolls become one of a `model`. States that lean become one upright state or
-    are left out. Of the others the 800
-    most probable are compared and further ones are left out together,
-    as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
+    are left out. Of the others the 800 most probable are compared and further ones are left out together, as
+    are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
     until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000
     facets), and sections are compared up to a limit, too: what is left out says so, with no probability of
     its own.

@@ -43,6 +43,7 @@ Report = Callable[[str], None]
 _Part = TypeVar("_Part")
 
 _CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.04, 0.3  # the last one of what the others leave
+_BALL_SHARE = 0.5  # of the tolerance: a ball's facets are states otherwise, each improbable
 _ROUND_SHARE = 0.03  # of the tolerance, for the curves of a drawing that is round
 _NAMED_LOSS, _TOLERATED_LOSS, _MAX_LOSS = 0.005, 0.05, 0.2  # of resting probability, in states left out
 _ORIGIN_DECIMALS = 3
@@ -194,7 +195,8 @@ class _Made:
 def _import_solid(drawn: Solid, name: str, options: ImportOptions, report: Report) -> _Made:
     """The object of a solid. Raises InputError if none can be made, LossError if too much is left out."""
     upright = replace(drawn, vertices_mm=drawn.vertices_mm @ options.turn_up.T)
-    solid = solid_of_revolution(upright, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm))
+    within = max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm)
+    solid = solid_of_revolution(upright, within, _BALL_SHARE * options.tolerance_mm)
     solid = solid or upright
     shares = _shares(solid, options)
     if solid.symmetry is None and not options.as_is:
