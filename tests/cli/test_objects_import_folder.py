@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from palpate.base.confined_reading import UnfinishedReadingError
+from palpate.base.errors import InputError
 from palpate.base.optional_imports import MissingPackageError
 from palpate.cad.parts import Solid
 from palpate.config import load_objects
@@ -133,12 +135,19 @@ def test_a_file_that_was_refused_is_read_again_only_when_it_has_changed(
     assert "refused" not in json.loads((tmp_path / "all.json").read_text())
 
 
-def test_what_an_extra_lacks_is_not_held_against_the_file(
-    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "error",
+    [
+        MissingPackageError("reading STL files needs trimesh: pip install 'palpate[cad]'"),
+        UnfinishedReadingError("was not read within 60 s"),
+    ],
+)
+def test_what_this_computer_lacks_is_not_held_against_the_file(
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch, error: InputError
 ) -> None:
     def without(path: Path, *_: object) -> Imported:
         if path.stem == "block-2":
-            raise MissingPackageError("reading STL files needs trimesh: pip install 'palpate[cad]'")
+            raise error
         return import_file(path, *_)
 
     with monkeypatch.context() as patched:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.base.confined_reading import read_confined
+from palpate.base.confined_reading import UnfinishedReadingError, read_confined
 from palpate.base.errors import InputError
 from palpate.base.file_io import READING_BYTES, READING_S, read_bytes
 from palpate.cad.readers import read_drawings, read_solids
@@ -194,6 +194,12 @@ def test_without_end() -> None:
     begin = time.process_time()
     assert f"more than {READING_S:g} s" in failure(pow, 7, 10**9)
     assert time.process_time() - begin < 2
+
+
+def test_a_busy_computer_says_nothing_of_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.base.confined_reading.READING_WALL_S", 0.01)
+    with pytest.raises(UnfinishedReadingError, match=r"was not read within 0\.01 s"):
+        read_confined(FILE, "try another", pow, 7, 3)
 
 
 def test_more_memory_than_there_is() -> None:

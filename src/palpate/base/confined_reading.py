@@ -25,6 +25,11 @@ _CHILD = "palpate.base.confined_reading"
 _INSIDE = "PALPATE_READING_PROCESS"
 """Set in the environment of such a process, in which no second one is needed."""
 
+
+class UnfinishedReadingError(InputError):
+    """A file that was not read in time, for want of processor time: nothing is said of it."""
+
+
 _TOO_LONG = f"takes more than {READING_S:g} s to read"
 _TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
 
@@ -35,7 +40,8 @@ def read_confined(
     """Call `read`, a function of a module, in a process with limits; its value, or its InputError.
 
     `path`: what is read. Raises InputError, with `advice`, also where the process exceeds `READING_S` of
-    processor time or `READING_BYTES`, crashes, or fails unforeseen. Its temporary files are removed.
+    processor time or `READING_BYTES`, crashes, or fails unforeseen; UnfinishedReadingError where it does not
+    get that time. Its temporary files are removed.
     """
     if _INSIDE in os.environ:
         return read(*args, **kwargs)
@@ -55,7 +61,10 @@ def read_confined(
                 process_group=0,
             )
         except subprocess.TimeoutExpired:
-            raise InputError(f"{name}: {_TOO_LONG}; {advice}") from None
+            raise UnfinishedReadingError(
+                f"{name}: was not read within {READING_WALL_S:g} s, as its reader had less than "
+                f"{READING_S:g} s of processor time; try again while less runs beside it"
+            ) from None
     if ended.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
         raise InputError(f"{name}: {_TOO_LONG}; {advice}")
     if ended.returncode:

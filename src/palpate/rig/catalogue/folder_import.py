@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from palpate.base.confined_reading import UnfinishedReadingError
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.file_io import CAD_BYTES, read_bytes
 from palpate.base.optional_imports import MissingPackageError
@@ -345,7 +346,8 @@ def _import_one(path: Path, options: ImportOptions) -> FileOutcome:
             path,
             failure=str(error),
             is_loss=isinstance(error, LossError),
-            is_final=isinstance(error, InputError) and not isinstance(error, MissingPackageError),
+            is_final=isinstance(error, InputError)
+            and not isinstance(error, MissingPackageError | UnfinishedReadingError),
             seconds=time.monotonic() - begin,
         )
     except Exception as error:  # a mistake of palpate's own must not cost the other files
