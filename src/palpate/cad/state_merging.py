@@ -114,7 +114,7 @@ def merge_states(
     """
     if _is_ball(solid, within_mm):
         return _choose([_ball(solid, states, slices_of)], [], least_probability, most)
-    rolling = _rolling(solid, states, within_mm)
+    rolling = _rolling(solid, states, within_mm, least_probability, most)
     rolled = {id(state) for item in rolling for state in item.members}
     states, out = settle_leaning(solid, [state for state in states if id(state) not in rolled])
     orbits = orbits_of(solid, states, within_mm)
@@ -141,14 +141,24 @@ def merge_states(
     return _choose(found, out, least_probability, most)
 
 
-def _rolling(solid: Solid, states: Sequence[StableState], within_mm: float) -> list[RollingState]:
-    """Families of states that roll into one another, none of which, with its like, is probable itself."""
+def _rolling(
+    solid: Solid, states: Sequence[StableState], within_mm: float, least: float, most: int
+) -> list[RollingState]:
+    """Families of states that roll into one another, more than half of which would be left out."""
     some = [
         orbit.members
         for orbit in orbits_of(solid, states, within_mm)
         if sum(state.probability for state in orbit.members) < _MOST_PROBABLE_ROLLING
     ]
-    return rolling_states(solid, [state for members in some for state in members], within_mm)
+    found = rolling_states(solid, [state for members in some for state in members], within_mm)
+    # Each by itself is known at more heights.
+    return [item for item in found if 2 * _share_alone(item, least, most) < item.state.probability]
+
+
+def _share_alone(family: RollingState, least: float, most: int) -> float:
+    """Probability of those members that would have a state of their own."""
+    alone = [state.probability for state in family.members if state.probability >= least and not state.leans]
+    return sum(alone[:most])
 
 
 def _ball(solid: Solid, states: Sequence[StableState], slices_of: SlicesOf) -> MergedState:
