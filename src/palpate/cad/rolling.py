@@ -39,8 +39,10 @@ _FEWEST_STATES = 8
 """States that roll into one another; fewer are told apart."""
 _LEAST_SHARE = 0.02
 """Probability of a family that is worth it, and of what a nearer model may lose."""
-_TIGHT_SHARE = 0.2
-"""Of the distance allowed, that is tried first."""
+_CLEARLY = 1.05
+"""A model that is less near must be worth so many times more."""
+_TRIED_SHARES = (0.2, 0.5, 1.0)
+"""Of the distance allowed, the nearest first."""
 _NEAR_SHARE, _TURN_SHARE, _PROFILE_SHARE, _APART_SHARE = 0.5, 0.15, 0.1, 0.25
 """Of the distance allowed: of surface from the outline, chords of the model, its outline, states."""
 _CUT_AZIMUTHS_RAD = tuple(0.7236 + 2.4 * k for k in range(5))
@@ -85,18 +87,29 @@ def rolling_states(solid: Solid, states: Sequence[StableState], within_mm: float
     nearer if that will do: then walls that are nearly level are known, too.
     """
     best: list[RollingState] = []
-    for within in (_TIGHT_SHARE * within_mm, within_mm) if len(states) >= _FEWEST_STATES else ():
+    for within in [share * within_mm for share in _TRIED_SHARES] if len(states) >= _FEWEST_STATES else []:
         axis = _likely_axis(solid, states, _APART_SHARE * within)
         model = None if axis is None else _model(solid, *axis, within)
         if axis is not None and model is not None:
             found = _families(solid, states, axis, model, _APART_SHARE * within)
-            best = found if _worth(found) > _worth(best) + _LEAST_SHARE / 2 else best
+            best = found if _worth(found) > _CLEARLY * _worth(best) else best
     return best
 
 
 def _worth(families: Sequence[RollingState]) -> float:
-    """Probability of families; the fewer the better."""
-    return sum(item.state.probability - _LEAST_SHARE for item in families)
+    """Probability of families by the share of their height that is known; the fewer the better."""
+    known = [sum(high - low for low, high in _known(item)) / _top_mm(item) for item in families]
+    return sum(k * (item.state.probability - _LEAST_SHARE) for k, item in zip(known, families, strict=True))
+
+
+def _top_mm(item: RollingState) -> float:
+    return float((item.model.vertices_mm @ item.state.rotation[2]).max() + item.state.offset_mm[2])
+
+
+def _known(item: RollingState) -> list[tuple[float, float]]:
+    """Ranges of height at which a state is known."""
+    ends = [0.0, *(end for ends in item.state.unknown_mm for end in ends), _top_mm(item)]
+    return [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if high > low]
 
 
 _Axis = tuple[Floats, Floats]
@@ -226,8 +239,9 @@ def _families(
         made = replace(model.solid, off_mm=model.solid.off_mm + float(apart[near].max()))
         unknown = _unknown(model.far, polar, height, made.off_mm)
         state = replace(_rest(made, axis, polar, members), unknown_mm=unknown)
-        if _is_known(made, state):
-            found.append(RollingState(state, made, tuple(members)))
+        family = RollingState(state, made, tuple(members))
+        if any(high - low >= _LEAST_KNOWN_MM for low, high in _known(family)):
+            found.append(family)
     return found
 
 
@@ -235,13 +249,6 @@ def _rest(model: Solid, axis: _Axis, polar: float, states: Sequence[StableState]
     """The state of a model whose axis is at an angle from down, in place of others."""
     x, _, z = axis_frame(axis[0])
     return upright_state(model, math.cos(polar) * z + math.sin(polar) * x, states)
-
-
-def _is_known(solid: Solid, state: StableState) -> bool:
-    """True if a state is known over a quarter of a millimetre somewhere."""
-    top = float((solid.vertices_mm @ state.rotation[2]).max() + state.offset_mm[2])
-    ends = [0.0, *(end for ends in state.unknown_mm for end in ends), top]
-    return any(high - low >= _LEAST_KNOWN_MM for low, high in zip(ends[::2], ends[1::2], strict=True))
 
 
 def _unknown(far: Floats, polar: float, height: float, off: float) -> tuple[tuple[float, float], ...]:
