@@ -98,7 +98,7 @@ def rolling_states(solid: Solid, states: Sequence[StableState], within_mm: float
 
 def _worth(families: Sequence[RollingState]) -> float:
     """Probability of families by the share of their height that is known; the fewer the better."""
-    known = [sum(high - low for low, high in _known_ranges(item)) / _top_mm(item) for item in families]
+    known = [sum(high - low for low, high in _ranges_known(item)) / _top_mm(item) for item in families]
     return sum(k * (item.state.probability - _LEAST_SHARE) for k, item in zip(known, families, strict=True))
 
 
@@ -106,7 +106,7 @@ def _top_mm(item: RollingState) -> float:
     return float((item.model.vertices_mm @ item.state.rotation[2]).max() + item.state.offset_mm[2])
 
 
-def _known_ranges(item: RollingState) -> list[tuple[float, float]]:
+def _ranges_known(item: RollingState) -> list[tuple[float, float]]:
     """Ranges of height at which a state is known."""
     ends = [0.0, *(end for ends in item.state.unknown_mm for end in ends), _top_mm(item)]
     return [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if high > low]
@@ -237,10 +237,10 @@ def _families(
             continue
         left &= ~near
         made = replace(model.solid, off_mm=model.solid.off_mm + float(apart[near].max()))
-        unknown = _unknown_ranges(model.far, polar, height, made.off_mm)
+        unknown = _ranges_unknown(model.far, polar, height, made.off_mm)
         state = replace(_rest(made, axis, polar, members), unknown_mm=unknown)
         family = RollingState(state, made, tuple(members))
-        if any(high - low >= _LEAST_KNOWN_MM for low, high in _known_ranges(family)):
+        if any(high - low >= _LEAST_KNOWN_MM for low, high in _ranges_known(family)):
             found.append(family)
     return found
 
@@ -251,7 +251,7 @@ def _rest(model: Solid, axis: _Axis, polar: float, states: Sequence[StableState]
     return upright_state(model, math.cos(polar) * z + math.sin(polar) * x, states)
 
 
-def _unknown_ranges(far: Floats, polar: float, height: float, off: float) -> tuple[tuple[float, float], ...]:
+def _ranges_unknown(far: Floats, polar: float, height: float, off: float) -> tuple[tuple[float, float], ...]:
     """Ranges of height (mm), ascending and apart, to which far pieces may come; widened by `off`."""
     along, across = -math.cos(polar) * far[:, :, 1], math.sin(polar) * far[:, :, 0]
     low = height - off + (along - across).min(axis=1, initial=np.inf)
