@@ -21,7 +21,7 @@ from palpate.drivers.dynamixel.packet import (
     encode_instruction,
 )
 from palpate.drivers.dynamixel.x_series import MODEL_NAMES, X_SERIES, XModel, table_of
-from palpate.drivers.emulators.device_server import serve_pty
+from palpate.drivers.emulators.pseudo_terminal import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.emulators.servo_firmware import (

@@ -18,7 +18,8 @@ from serial.serialutil import SerialBase
 from serial.tools.list_ports_common import ListPortInfo
 
 from palpate.base.errors import DeviceError
-from palpate.drivers.emulators.device_server import DeviceServer, baud_rate, serve_pty, serve_tcp
+from palpate.drivers.emulators.device_server import DeviceServer, serve_tcp
+from palpate.drivers.emulators.pseudo_terminal import baud_rate, serve_pty
 from palpate.drivers.emulators.wire_faults import FaultyWire
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub

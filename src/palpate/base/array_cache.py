@@ -41,6 +41,8 @@ import scipy
 import shapely
 from numpy.typing import NDArray
 
+from palpate.base.file_access import NO_LINK, NO_WAIT, is_own
+
 Arrays = Mapping[str, NDArray[Any]]
 """Arrays by name."""
 
@@ -78,9 +80,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
         digest.update(part)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(8)}{_PARTIAL_SUFFIX}")
     try:
-        with os.fdopen(
-            os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "wb"
-        ) as f:
+        with os.fdopen(os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as f:
             f.write(_MAGIC + digest.digest() + head)
             for part in _payload(stored):
                 f.write(part)
@@ -116,10 +116,10 @@ def map_arrays(path: Path) -> dict[str, NDArray[Any]]:
 def _map_file(path: Path) -> mmap.mmap:
     """A file's bytes, if it is a regular file that only this user can write to."""
     # Neither a link, nor a pipe that would keep us waiting.
-    number = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    number = os.open(path, os.O_RDONLY | NO_LINK | NO_WAIT)
     try:
         found = os.fstat(number)
-        if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o022:
+        if not stat.S_ISREG(found.st_mode) or not is_own(found):
             raise ArrayFileError("not this user's own file")
         try:
             return mmap.mmap(number, 0, access=mmap.ACCESS_READ)
@@ -230,7 +230,8 @@ class Cache:
         for _, own, path in sorted(_cached_files(folder, f"*{_SUFFIX}"), reverse=True):
             size += own
             if size > self.most_bytes:
-                path.unlink(missing_ok=True)
+                with suppress(OSError):  # Windows keeps a file that a process has mapped
+                    path.unlink()
 
 
 def _is_private(folder: Path) -> bool:
@@ -239,7 +240,7 @@ def _is_private(folder: Path) -> bool:
         found = folder.stat()
     except OSError:
         return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+    return stat.S_ISDIR(found.st_mode) and is_own(found)
 
 
 def _fetch_file(path: Path) -> dict[str, NDArray[Any]] | None:
@@ -281,7 +282,7 @@ def source_digest(*packages: str, compiled: bool) -> str:
 
     `compiled`: also with what has been compiled for them.
     """
-    digest, suffixes = hashlib.sha256(), (".py", ".so") if compiled else (".py",)
+    digest, suffixes = hashlib.sha256(), (".py", ".so", ".pyd") if compiled else (".py",)
     for package in packages:
         for place, file in _source_files(files(package), package):
             if place.endswith(suffixes):

@@ -12,11 +12,28 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from tempfile import TemporaryDirectory
 from typing import ParamSpec, TypeVar
 
 from palpate.base.errors import InputError
 from palpate.base.file_io import READING_BYTES, READING_S, READING_WALL_S, size_in_words
+
+try:
+    import resource
+except ImportError:  # Windows: there the clock alone limits a reading
+    _CPU_IS_LIMITED = False
+
+    def _limit(name: str, soft: int, hard: int) -> None:
+        pass
+else:
+    _CPU_IS_LIMITED = True
+
+    def _limit(name: str, soft: int, hard: int) -> None:
+        """Limit this process, unless it has a stricter limit already, or the system has none of that name."""
+        with suppress(ValueError, OSError):
+            resource.setrlimit(getattr(resource, name), (soft, hard))
+
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -32,6 +49,8 @@ class UnfinishedReadingError(InputError):
 
 _TOO_LONG = f"takes more than {READING_S:g} s to read"
 _TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
+_KILLED = {-getattr(signal, name) for name in ("SIGXCPU", "SIGKILL") if hasattr(signal, name)}
+"""How a process ends that has used up its processor time."""
 
 
 def read_confined(
@@ -58,14 +77,17 @@ def read_confined(
                 timeout=READING_WALL_S,
                 check=False,
                 env=os.environ | threads | {_INSIDE: "1", "TMPDIR": folder},
-                process_group=0,
+                process_group=0,  # a Ctrl-C at the terminal is not for it
+                creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows
             )
         except subprocess.TimeoutExpired:
+            had = (
+                f", as its reader had less than {READING_S:g} s of processor time" if _CPU_IS_LIMITED else ""
+            )
             raise UnfinishedReadingError(
-                f"{name}: was not read within {READING_WALL_S:g} s, as its reader had less than "
-                f"{READING_S:g} s of processor time; try again while less runs beside it"
+                f"{name}: was not read within {READING_WALL_S:g} s{had}; try again while less runs beside it"
             ) from None
-    if ended.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
+    if ended.returncode in _KILLED:
         raise InputError(f"{name}: {_TOO_LONG}; {advice}")
     if ended.returncode:
         raise InputError(f"{name}: cannot be read: its reader crashed, or {_TOO_LARGE}; {advice}")
@@ -85,17 +107,15 @@ _SPARE_MEMORY_BYTES = 32_000_000
 
 def main() -> int:
     """Carry out the call within the limits."""
-    import resource  # noqa: PLC0415  # POSIX alone has it
-
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as out:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # OpenCASCADE writes to standard output
         call = sys.stdin.buffer.read()
-        resource.setrlimit(resource.RLIMIT_CPU, (int(READING_S), int(READING_S) + 1))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_FSIZE, (READING_BYTES, READING_BYTES))
-        resource.setrlimit(resource.RLIMIT_DATA, (READING_BYTES - _SPARE_MEMORY_BYTES, READING_BYTES))
+        _limit("RLIMIT_CPU", int(READING_S), int(READING_S) + 1)
+        _limit("RLIMIT_CORE", 0, 0)
+        _limit("RLIMIT_FSIZE", READING_BYTES, READING_BYTES)
+        _limit("RLIMIT_DATA", READING_BYTES - _SPARE_MEMORY_BYTES, READING_BYTES)
         answer = _answer(call)
-        resource.setrlimit(resource.RLIMIT_DATA, (READING_BYTES, READING_BYTES))
+        _limit("RLIMIT_DATA", READING_BYTES, READING_BYTES)
         out.write(pickle.dumps(answer))
     return 0
 

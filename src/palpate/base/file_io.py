@@ -15,6 +15,7 @@ from itertools import chain, combinations, product
 from pathlib import Path
 
 from palpate.base.errors import InputError, OutputError
+from palpate.base.file_access import NO_WAIT
 
 MB = 1_000_000
 
@@ -79,7 +80,7 @@ def read_bytes(path: str | os.PathLike[str], most_bytes: int, advice: str) -> by
     check_file(path, most_bytes, advice)
     try:
         # Neither a pipe put here meanwhile nor a file of the kernel's keeps us waiting.
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        with os.fdopen(os.open(path, os.O_RDONLY | NO_WAIT), "rb") as file:
             data = file.read(most_bytes + 1) or b""
     except (OSError, ValueError) as error:
         raise _unreadable(path, error) from None
@@ -181,7 +182,7 @@ def write_text(path: Path, text: str) -> None:
     _check_kind(path)
     partial = _partial(path)
     try:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8", newline="\n")
         with suppress(FileNotFoundError):
             partial.chmod(stat.S_IMODE(path.stat().st_mode))
         os.replace(partial, path)

@@ -1,13 +1,13 @@
 """Options of an import by file: what the command line says, and what the settings of a folder do."""
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Self
 
 from palpate.base.errors import InputError
+from palpate.base.file_access import relative_path
 from palpate.base.file_io import write_text
 from palpate.config.import_settings import SETTINGS_FILE, ImportSettings, load_import_settings
 from palpate.rig.catalogue.cad_import import ImportOptions
@@ -41,7 +41,7 @@ class SettingsOfFiles:
         return () if self.settings is None else self.settings.unused(map(self._seen, paths))
 
     def _seen(self, path: Path) -> PurePosixPath:
-        return PurePosixPath(Path(os.path.relpath(path, self.folder)).as_posix())
+        return PurePosixPath(relative_path(path, self.folder))
 
 
 @dataclass(frozen=True)

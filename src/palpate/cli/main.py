@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from enum import IntEnum
+from io import TextIOWrapper
 from types import FrameType
 from typing import Annotated
 
@@ -143,8 +144,11 @@ for _group in (app, objects, sessions):
 def main() -> None:
     """Run the command line; ends the process with an `ExitCode`."""
     _fill_closed_streams()
+    _choose_encodings()
     for number in INTERRUPTS:
-        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has it
+        if (
+            INTERRUPTS[number] != "hung_up" or signal.getsignal(number) is not signal.SIG_IGN
+        ):  # as nohup has it
             signal.signal(number, _interrupt)
     sys.exit(_run())
 
@@ -158,6 +162,14 @@ def _fill_closed_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
     if sys.stdin is None:  # what Python makes of one that was closed
         sys.stdin = os.fdopen(0, closefd=False)
+
+
+def _choose_encodings() -> None:
+    """Let every word be written: files and pipes are UTF-8 on all systems, a terminal shows what it can."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            is_terminal = stream.isatty()
+            stream.reconfigure(encoding=None if is_terminal else "utf-8", errors="replace")
 
 
 def _run() -> int:

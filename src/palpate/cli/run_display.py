@@ -86,8 +86,11 @@ def closing_lines(answer: Answer, picture: Path) -> list[str]:
 def view_starter(port: int) -> Callable[[Path], None]:
     """Return what shows the session in a folder, beside the run that records it.
 
-    Raises InputError, before anything moves, if the extra `view` is not installed or the port is taken.
+    Raises InputError, before anything moves, if the extra `view` is not installed, the port is taken, or the
+    system would neither end the view with the run nor let it interrupt the run.
     """
+    if os.name == "nt":
+        raise InputError("--view is not for Windows: in another terminal, palpate view SESSION follows a run")
     if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
         raise MissingPackageError(f"--view needs starlette and uvicorn: {install_command('view')}")
     with socket.socket() as probe:

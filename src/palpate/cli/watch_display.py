@@ -4,10 +4,8 @@ import io
 import os
 import select
 import sys
-import termios
-import tty
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +22,10 @@ from palpate.config.fields import to_json
 from palpate.jobs.monitor import Monitor
 from palpate.rig.array_monitor import FingerView, MonitoredFinger
 from palpate.views.watch_screen import WatchPicture, line_of, out_of, summary_of, watch_view
+
+with suppress(ImportError):  # Windows has no terminals of this kind: no keys there
+    import termios
+    import tty
 
 _SCREEN_INTERVAL_S = 0.05
 _LINES_INTERVAL_S = 1.0
@@ -194,7 +196,7 @@ def _terminal() -> int | None:
     try:
         fd = sys.stdin.fileno()
         return fd if os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp() else None
-    except (OSError, ValueError, AttributeError):  # closed, or not a file at all
+    except (OSError, ValueError, AttributeError):  # closed, not a file at all, or of another kind of system
         return None
 
 

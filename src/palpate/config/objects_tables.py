@@ -5,7 +5,6 @@ between them, or a circle. Edits go from text to text, so that everything else i
 """
 
 import json
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +13,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from palpate.base.errors import InputError
+from palpate.base.file_access import relative_path
 from palpate.base.geometry import Circle, Curve, Floats
 from palpate.base.geometry.object_model import Faceted, arcs_polygon, circle_facets, circle_polygon
 from palpate.config.fields import (
@@ -367,8 +367,8 @@ def merge_objects(texts: Sequence[tuple[Path, ObjectsFileText]], target: Path) -
 
 def _relative_source(source: SourceText, path: Path, target: Path) -> SourceText:
     """A source as an objects file in another folder has it."""
-    file = os.path.relpath(path.parent / source.file, target.parent)
-    return source.model_copy(update={"file": Path(file).as_posix()})
+    file = relative_path(path.parent / source.file, target.parent)
+    return source.model_copy(update={"file": file})
 
 
 def _check_there(text: ObjectsFileText, name: str, file: str) -> None:

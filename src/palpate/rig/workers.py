@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import active_children, connection, parent_process
+from multiprocessing import active_children, connection, get_start_method, parent_process
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
@@ -28,6 +28,7 @@ QUEUE_CAPACITY = 50_000  # items: half a minute of a rig's traffic, some 20 MB
 _MAX_PENDING_CALLS = 1_000
 _CLOSE_TIMEOUT_S = 2.0
 _MAX_ENDING_S = 10.0  # longer than the longest computation between two looks at devices
+_UNGUARDED_TEXT = '; a script of your own needs if __name__ == "__main__": where processes are spawned'
 _ENDED_TEXT, _COMPLETE_TEXT = "the run was ended, torque off", "the run was complete, its result stands"
 
 
@@ -200,8 +201,16 @@ class BackgroundCall:
                 self._call(*args)
             except KeyboardInterrupt:
                 if self._in_main:  # else no signal would reach the run: it ends at its next check
-                    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+                    interrupt_main_thread(signal.SIGINT)
                 raise
+
+
+def interrupt_main_thread(number: int) -> None:
+    """Send a signal to the main thread, from any other one."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(threading.main_thread().ident or 0, number)
+    else:  # Windows, where os.kill would end the process
+        signal.raise_signal(number)
 
 
 def in_processes(
@@ -221,9 +230,10 @@ def in_processes(
             for future in as_completed(work):
                 yield work[future], future.result()
         except BrokenProcessPool as error:
+            unguarded = "" if get_start_method() == "fork" else _UNGUARDED_TEXT
             raise InputError(
                 "a process that worked on this was ended from outside, as it is without memory enough; free "
-                "some, or let fewer work at once"
+                f"some, or let fewer work at once{unguarded}"
             ) from error
         except BaseException:
             for child in set(active_children()) - others:

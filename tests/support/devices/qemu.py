@@ -21,7 +21,7 @@ import tomlkit
 from palpate.base.geometry import Counts, Floats
 from palpate.config import RigFile
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.device_server import serve_pty
+from palpate.drivers.emulators.pseudo_terminal import serve_pty
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.transport.clock import MonotonicClock

@@ -12,7 +12,8 @@ from serial.serialutil import SerialBase
 
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, StatusPacket
-from palpate.drivers.emulators.device_server import DeviceServer, serve_pty
+from palpate.drivers.emulators.device_server import DeviceServer
+from palpate.drivers.emulators.pseudo_terminal import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock

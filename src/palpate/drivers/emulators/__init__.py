@@ -6,7 +6,7 @@ They take the place of a real rig's hardware. Only rig's composition root and te
 
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
-from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_pty, serve_tcp
+from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_tcp
 from palpate.drivers.emulators.mechanics import (
     ArmTruth,
     EmulatedStage,
@@ -24,6 +24,7 @@ from palpate.drivers.emulators.part import (
     QuasiStaticPart,
     StillPart,
 )
+from palpate.drivers.emulators.pseudo_terminal import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.emulators.skin import Press, Skin

@@ -7,14 +7,10 @@ device that speaks of its own accord. Physics shared between devices may also be
 """
 
 import contextlib
-import fcntl
 import os
 import select
 import socket
-import struct
-import termios
 import threading
-import tty
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -24,7 +20,7 @@ from palpate.base.errors import DeviceError
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import AdaptedDevice, Device, Emission, RatedDevice, wire_time_s
 
-_CHUNK_BYTES = 4096
+CHUNK_BYTES = 4096
 """Most bytes that are taken from a client at once."""
 
 
@@ -95,66 +91,6 @@ class ServedPort(ABC):
             self._outgoing.append((self._free_s, data, rate))
 
 
-# struct termios2 of <asm-generic/termbits.h>: four words of flags, c_line and c_cc, both speeds as numbers
-_TCGETS2 = 0x802C542A
-_TERMIOS2 = struct.Struct("4I20s2I")
-_NAMED = {
-    getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
-}
-
-
-class PtyPort(ServedPort):
-    """One device on its pseudo-terminal; `address` is the terminal's path."""
-
-    def __init__(self, device: Device, baudrate: int) -> None:
-        """Open a terminal. Raises DeviceError if the system has none left."""
-        super().__init__(device, baudrate)
-        try:
-            self._master, self._slave = os.openpty()
-        except OSError as error:
-            raise DeviceError(
-                f"no pseudo-terminal for an emulated device: {error}; close some terminals"
-            ) from error
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.address = os.ttyname(self._slave)
-
-    def handles(self) -> list[int]:
-        """The terminal's other side."""
-        return [self._master]
-
-    def close(self) -> None:
-        """Close both sides; clients see an unplug."""
-        os.close(self._master)
-        os.close(self._slave)
-
-    def _receive(self) -> bytes:
-        try:
-            return os.read(self._master, _CHUNK_BYTES)
-        except BlockingIOError:
-            return b""
-
-    def _send(self, data: bytes) -> None:
-        with contextlib.suppress(BlockingIOError):
-            os.write(self._master, data)
-
-    def _client_rate(self) -> int:
-        rate = baud_rate(self._master)
-        return self.baudrate if rate is None else rate
-
-
-def baud_rate(fd: int) -> int | None:
-    """Rate (baud) at which a terminal sends; None if the system cannot tell.
-
-    Python's termios knows named rates only, and cannot tell if the client has set its rate as a number, as
-    some do at any rate.
-    """
-    try:
-        return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
-    except OSError:
-        return _NAMED.get(termios.tcgetattr(fd)[5])
-
-
 LOOPBACK = "127.0.0.1"
 
 
@@ -167,8 +103,8 @@ class TcpPort(ServedPort):
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._client: socket.socket | None = None
         try:
-            # ports of a service that has just ended may be used again at once
-            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if os.name == "posix":  # ports of a service that has just ended may be used again at once
+                self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             self._listener.bind((host, port))
             self._listener.listen()
         except (OSError, OverflowError) as error:
@@ -201,7 +137,7 @@ class TcpPort(ServedPort):
         if self._client is None:
             return b""
         try:
-            data = self._client.recv(_CHUNK_BYTES)
+            data = self._client.recv(CHUNK_BYTES)
         except BlockingIOError:
             return b""
         except OSError:
@@ -362,21 +298,13 @@ class DeviceServer:
             line.close()
 
 
-def serve_pty(devices: Devices, clock: Clock, stop: threading.Event) -> DeviceServer:
-    """Serve devices on pseudo-terminals, until `stop` is set; returns at once.
-
-    Devices are given by name with their baud rates. `clock` must run in real time. Raises DeviceError if the
-    system has no pseudo-terminals left.
-    """
-    return DeviceServer(devices, lambda _, device, baudrate: PtyPort(device, baudrate), clock, stop)
-
-
 def serve_tcp(
     devices: Devices, clock: Clock, stop: threading.Event, first_port: int = 0, host: str = LOOPBACK
 ) -> DeviceServer:
-    """The same on TCP ports of an address of this computer, from `first_port` on in the devices' order.
+    """Serve devices on TCP ports of an address of this computer, until `stop` is set; returns at once.
 
-    0: any free ones. Raises DeviceError if one is taken.
+    Devices are given by name with their baud rates, and get ports from `first_port` on in their order, 0: any
+    free ones. `clock` must run in real time. Raises DeviceError if a port is taken.
     """
 
     def line(index: int, device: Device, baudrate: int) -> ServedPort:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from palpate.base.confined_reading import UnfinishedReadingError
 from palpate.base.errors import InputError, PalpateError
+from palpate.base.file_access import relative_path
 from palpate.base.file_io import CAD_BYTES, read_bytes
 from palpate.base.optional_imports import MissingPackageError
 from palpate.cad.parts import GIVE_NO_UNITS
@@ -145,7 +146,7 @@ def _source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
     content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
     asked = json.dumps([_REQUEST_EDITION, asdict(options)], sort_keys=True)
     return SourceText(
-        file=Path(os.path.relpath(path, target.parent)).as_posix(),
+        file=relative_path(path, target.parent),
         sha256=content,
         request=hashlib.sha256(asked.encode()).hexdigest()[:16],
     )

@@ -35,6 +35,7 @@ class DeadManSwitch:
             stdout=subprocess.DEVNULL,
             env={**os.environ, "PYTHONPATH": str(Path(serial.__file__).parents[1])},
             start_new_session=True,  # a Ctrl-C at the terminal is not for it
+            creationflags=getattr(subprocess, "DETACHED_PROCESS", 0),  # the same on Windows
         )
 
     def release(self) -> None:
@@ -52,7 +53,7 @@ def _is_released() -> bool:
     """Wait until the program has released this process, or is gone."""
     parent = os.getppid()
     while os.getppid() == parent:
-        if select.select([0], [], [], _POLL_S)[0]:
+        if os.name == "nt" or select.select([0], [], [], _POLL_S)[0]:  # nothing forks on Windows: read waits
             return os.read(0, 1) == _RELEASE
     return False
 
@@ -73,7 +74,8 @@ def _write(url: str, baudrate: int, packet: bytes) -> None:
 
 
 if __name__ == "__main__":
-    for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(_number, signal.SIG_IGN)
+    for _name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        if hasattr(signal, _name):  # Windows has no SIGHUP
+            signal.signal(getattr(signal, _name), signal.SIG_IGN)
     if not _is_released():
         _write(sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3]))

@@ -4,16 +4,15 @@ A block ends with every flush, so that the log of a killed process can be read: 
 last flush are missing. Logs of older versions, and those that were unpacked by `zstd -d`, are plain text.
 """
 
-import fcntl
 import io
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 import zstandard
 
 from palpate.base.errors import InputError
+from palpate.base.file_access import is_locked, lock_file
 from palpate.base.file_io import LOG_BYTES, LOG_LINE_BYTES, read_bytes, size_in_words
 from palpate.base.vocabulary import SESSIONS_FOLDER
 
@@ -41,7 +40,7 @@ class LogFile:
         """Lock the file; a look at whether it is locked (`is_written_now`) is no reason to give up."""
         for left in reversed(range(_LOCK_TRIES)):
             try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_file(self._file)
                 return
             except BlockingIOError:
                 if not left:
@@ -151,13 +150,3 @@ def is_written_now(path: Path) -> bool:
             return is_locked(file)
     except OSError:
         return False
-
-
-def is_locked(file: BinaryIO) -> bool:
-    """True if a process has this open log open for writing, though the log may be removed by now."""
-    try:
-        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    fcntl.flock(file, fcntl.LOCK_UN)
-    return False

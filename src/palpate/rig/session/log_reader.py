@@ -19,6 +19,7 @@ from typing import Any, BinaryIO, NoReturn
 import zstandard
 
 from palpate.base.errors import InputError
+from palpate.base.file_access import is_locked
 from palpate.base.file_io import MOST_LOG_LINES, MOST_LOG_VALUES
 from palpate.base.short_repr import ShortRepr
 from palpate.config.problems import excerpt
@@ -33,7 +34,7 @@ from palpate.drivers.transport import (
     SessionEvent,
 )
 from palpate.rig.session.log import INTERRUPTS, KINDS, error_of, line_checksum
-from palpate.rig.session.log_file import check_line_length, check_session, is_locked, log_lines, log_path
+from palpate.rig.session.log_file import check_line_length, check_session, log_lines, log_path
 
 _FORMAT = "palpate/session@1"
 _ADVICE = "record shorter runs"

@@ -6,7 +6,6 @@ interrupt there could not be brought about again. In a long computation, where n
 `_MAX_HOLD_S` at latest. A moving rig makes hundreds of calls a second.
 """
 
-import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -14,17 +13,23 @@ from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Self
 
+from palpate.rig.workers import interrupt_main_thread
+
 _MAX_HOLD_S = 0.25
 
-INTERRUPTS = {
-    signal.SIGINT: "interrupted",
-    signal.SIGTERM: "terminated",
-    signal.SIGHUP: "hung_up",  # its terminal was closed
-    signal.SIGXCPU: "cpu_time",  # its limit of computing time is reached; killed at the hard limit
-    signal.SIGUSR1: "sigusr1",  # batch systems warn by these
-    signal.SIGUSR2: "sigusr2",
+_WORDS = {
+    "SIGINT": "interrupted",
+    "SIGTERM": "terminated",
+    "SIGHUP": "hung_up",  # its terminal was closed
+    "SIGBREAK": "hung_up",  # as Windows has it
+    "SIGXCPU": "cpu_time",  # its limit of computing time is reached; killed at the hard limit
+    "SIGUSR1": "sigusr1",  # batch systems warn by these
+    "SIGUSR2": "sigusr2",
 }
-"""Signals that end a command in order, and what session logs call the end then."""
+INTERRUPTS: dict[signal.Signals, str] = {
+    getattr(signal, name): word for name, word in _WORDS.items() if hasattr(signal, name)
+}
+"""Signals of this system that end a command in order, and what session logs call the end then."""
 
 
 class Interrupted(BaseException):
@@ -33,14 +38,16 @@ class Interrupted(BaseException):
     Not a KeyboardInterrupt: typer makes one exit code of all of those.
     """
 
-    def __init__(self, number: signal.Signals) -> None:
-        super().__init__(INTERRUPTS[number])
+    def __init__(self, number: signal.Signals, word: str | None = None) -> None:
+        super().__init__(word or INTERRUPTS[number])
         self.signal = number
 
     @classmethod
     def of(cls, name: str) -> Self:
-        """The interrupt that a session log names so; KeyError for an unknown name."""
-        return cls({word: number for number, word in INTERRUPTS.items()}[name])
+        """The interrupt that a session log names so, of another system, too; KeyError for an unknown name."""
+        if name not in _WORDS.values():
+            raise KeyError(name)
+        return cls(next((n for n, word in INTERRUPTS.items() if word == name), signal.SIGTERM), name)
 
 
 class HeldInterrupts:
@@ -95,7 +102,7 @@ class HeldInterrupts:
         """Send the signal once more, from another thread: no call came."""
         self._overdue = True
         if self._pending is not None:
-            os.kill(os.getpid(), number)
+            interrupt_main_thread(number)
 
 
 _UNWINDING_SIGNALS = [number for number in INTERRUPTS if number != signal.SIGINT]

@@ -12,6 +12,7 @@ import pytest
 
 from palpate.base.errors import InputError
 from palpate.config import RigOnBench, load_calibrated, load_objects, shipped_objects
+from palpate.rig.session.signals import INTERRUPTS
 
 RIG = pytest.StashKey[RigOnBench]()
 """In a config's stash: the rig under test, if `--rig` names one."""
@@ -49,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
         )
     if hasattr(config, "workerinput") or getattr(config.option, "numprocesses", None):
         raise pytest.UsageError("one rig cannot be tested by several processes: leave -n out")
-    for number in (signal.SIGTERM, signal.SIGHUP):  # as Ctrl-C does: torque off, and the session ends
+    for number in INTERRUPTS:  # as Ctrl-C does: torque off, and the session ends
         if signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, signal.default_int_handler)
     config.stash[RIG] = rig
