@@ -37,7 +37,7 @@ from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.transport import protocol_mock
 from palpate.recognizer import Catalogue
 from palpate.rig import bench as composition
-from palpate.rig.identification.loop import identify
+from palpate.rig.identification.identify import identify
 
 HERE = Path(__file__).resolve().parents[1]
 RIGS = (

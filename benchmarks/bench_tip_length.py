@@ -26,7 +26,7 @@ from palpate.recognizer import Catalogue, Finger
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.loop import identify
+from palpate.rig.identification.identify import identify
 from support.benches.rigs import small_rig
 from support.oracles.upright_tips import REACH_MM, Stack, drawn_stack, model_of
 

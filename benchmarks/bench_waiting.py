@@ -25,7 +25,7 @@ from peer_questions import drawn_models
 from performance_page import markdown_table, milliseconds, update, versions_line
 
 import palpate
-from palpate.rig.identification import loop
+from palpate.rig.identification import identify
 from palpate.rig.session import run
 from support.commands.repository import SHARED_OUTLINE_SETS
 
@@ -121,7 +121,7 @@ def row_of(rig: str, objects: Path, runs: int, sessions: Path) -> tuple[str, ...
     waits, identified = Waits(), 0
     for seed in range(runs):
         with (
-            mock.patch.object(loop, "carry_out_grip", waits.between_grips(loop.carry_out_grip)),
+            mock.patch.object(identify, "carry_out_grip", waits.between_grips(identify.carry_out_grip)),
             mock.patch.object(run, "identify", waits.until_answer(run.identify)),
             palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened,
         ):

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from palpate.jobs.catalogue import check_objects as check_objects
     from palpate.jobs.catalogue import import_objects as import_objects
     from palpate.jobs.catalogue import list_objects as list_objects
+    from palpate.jobs.connected import ConnectedRig as ConnectedRig
     from palpate.jobs.files import load_calibration as load_calibration
     from palpate.jobs.files import load_contacts as load_contacts
     from palpate.jobs.files import load_objects as load_objects
@@ -41,18 +42,24 @@ if TYPE_CHECKING:
     from palpate.jobs.study import study as study
     from palpate.recognizer import Contact as Contact
     from palpate.recognizer import Finger as Finger
+    from palpate.recognizer import FingerApproach as FingerApproach
+    from palpate.recognizer import Goals as Goals
     from palpate.recognizer import NormalRange as NormalRange
     from palpate.rig.identification.events import MoveEvent as MoveEvent
     from palpate.rig.identification.events import PlanEvent as PlanEvent
     from palpate.rig.identification.events import RecognitionEvent as RecognitionEvent
     from palpate.rig.identification.events import StageEvent as StageEvent
     from palpate.rig.identification.events import TouchEvent as TouchEvent
+    from palpate.rig.identification.rig_recognition import GripPlanner as GripPlanner
+    from palpate.rig.identification.rig_recognition import MadeGrip as MadeGrip
+    from palpate.rig.identification.rig_recognition import RigRecognition as RigRecognition
 
     __version__: str
 
 _HOMES = {
     "jobs.bus": ("scan", "stop"),
     "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
+    "jobs.connected": ("ConnectedRig",),
     "jobs.files": (
         "load_calibration",
         "load_contacts",
@@ -66,7 +73,7 @@ _HOMES = {
     "jobs.rig": ("Rig", "open_rig"),
     "jobs.session": ("Session", "open_session"),
     "jobs.study": ("study",),
-    "recognizer": ("Contact", "Finger", "NormalRange"),
+    "recognizer": ("Contact", "Finger", "FingerApproach", "Goals", "NormalRange"),
     "rig.identification.events": (
         "MoveEvent",
         "PlanEvent",
@@ -74,6 +81,7 @@ _HOMES = {
         "StageEvent",
         "TouchEvent",
     ),
+    "rig.identification.rig_recognition": ("GripPlanner", "MadeGrip", "RigRecognition"),
     "base.errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "RigWarning", "SafetyStop"),
 }
 

@@ -4,6 +4,7 @@ This module imports nothing, so that the command line can list the values withou
 """
 
 from enum import StrEnum
+from typing import Final
 
 DEFAULT_BUDGET = 1_000_000
 LEAST_BUDGET = 10_000
@@ -46,6 +47,10 @@ class Strategy(StrEnum):
     PLANNED = "planned"
     RANDOM = "random"
     ROTATE = "rotate"
+
+
+OWN_STRATEGY: Final = "own"
+"""Name, in results and logs, of a strategy that is a function of Python."""
 
 
 class PushResponse(StrEnum):

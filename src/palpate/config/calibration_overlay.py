@@ -9,6 +9,8 @@ rig; emulated devices are built from the one in the rig file, around which their
 import hashlib
 import json
 import math
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -19,7 +21,7 @@ from palpate.config.calibration_file import CalibrationFile, calibration_path, l
 from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.fields import FileModel
 from palpate.config.loading import shipped_rig
-from palpate.config.rig_file import RigFile, load_rig
+from palpate.config.rig_file import RigFile, change_tables, load_rig
 from palpate.config.rig_fingers import BOUND_SIGMAS, FingerConfig
 from palpate.config.rig_servos import StageConfig
 
@@ -157,13 +159,26 @@ def _geometry(value: Any) -> Any:
 class RigOnBench:
     """A rig: with its calibration laid over it, and as its file `path` describes it.
 
-    Both are the same if `calibration` is None.
+    Both are the same if `calibration` is None. `is_changed`: the file says otherwise, by `change`.
     """
 
     rig: RigFile
     described: RigFile
     calibration: CalibrationFile | None
     path: Path | Traversable
+    is_changed: bool = False
+
+    def change(self, tables: Mapping[str, object]) -> "RigOnBench":
+        """The rig with other values in its file, as `change_tables` puts them there, and its calibration.
+
+        Raises InputError if such a file would be wrong, or the calibration is not of that rig.
+        """
+        name = os.fspath(self.path) if isinstance(self.path, Path) else self.path.name
+        rig = described = change_tables(self.described, tables, name)
+        if self.calibration is not None:
+            check_calibration(self.calibration, described, str(self.calibration_path), name)
+            rig = apply_calibration(described, self.calibration)
+        return RigOnBench(rig, described, self.calibration, self.path, is_changed=True)
 
     @property
     def calibration_path(self) -> Path | None:

@@ -252,6 +252,10 @@ class Out(ShortRepr, BaseModel):
         """Map a value; `fields` go before its attributes."""
         return cls.model_validate(_attributes(cls, value) | fields)
 
+    def to_json(self) -> str:
+        """The result as one JSON object, as commands print it."""
+        return to_json(self)
+
     @model_validator(mode="before")
     @classmethod
     def _from_value(cls, value: Any) -> Any:

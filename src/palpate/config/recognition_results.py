@@ -411,7 +411,7 @@ class IdentificationOut(Out):
     bounds: BoundsOut | None
     alternatives: tuple[AlternativeOut, ...]
     symmetry_order: int
-    strategy: Strategy
+    strategy: Strategy | Literal["own"]
     grips: int
     touches: int
     touch_records: tuple[TouchRecordOut, ...] = ()

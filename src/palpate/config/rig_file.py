@@ -8,20 +8,20 @@ suffixes of their names: mm, degrees, N, Hz; `rig` turns them into mm, rad, s, N
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from operator import attrgetter
 from typing import Annotated, Any, Literal, Self, get_args
 
 import shapely
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from palpate.base.errors import InputError
 from palpate.base.tips import Ability
 from palpate.config.arm_finger import ArmFingerConfig
 from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
-from palpate.config.problems import TAG, Place, problem
+from palpate.config.problems import TAG, Place, problem, problems_of, refuse
 from palpate.config.rig_fingers import FingerConfig
 from palpate.config.rig_servos import RigServo, StageConfig
 from palpate.config.rig_tables import (
@@ -343,3 +343,37 @@ def load_rig(source: Source) -> RigFile:
 
     """
     return load_toml(source, RigFile, {})
+
+
+def change_tables(rig: RigFile, changes: Mapping[str, object], name: str) -> RigFile:
+    """The rig with other values in some tables; those of a list, such as fingers, are given by their names.
+
+    Checked as a rig file is; `name`: what messages call it. None takes a key away.
+    """
+    data = rig.model_dump(mode="json", exclude_unset=True)
+    for key, value in changes.items():
+        _change(data, key, value, name)
+    try:
+        return RigFile.model_validate(data)
+    except ValidationError as error:
+        raise refuse(name, problems_of(error, RigFile, data, {})) from None
+
+
+def _change(table: dict[str, Any], key: str, value: object, place: str) -> None:
+    before = table.get(key)
+    if value is None:
+        table.pop(key, None)
+    elif not isinstance(value, Mapping):
+        table[key] = value
+    elif not isinstance(before, list | dict):
+        table[key] = dict(value)
+    elif isinstance(before, list):
+        entries = {item["name"]: item for item in before}
+        for entry, inner in value.items():
+            if entry not in entries or not isinstance(inner, Mapping):
+                raise InputError(f"{place}: {key}: there is none called {entry!r}; {', '.join(entries)}")
+            for name, to in inner.items():
+                _change(entries[entry], name, to, place)
+    else:
+        for name, to in value.items():
+            _change(before, name, to, place)

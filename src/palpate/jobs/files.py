@@ -24,6 +24,7 @@ from palpate.config.calibration_file import load_references as read_references
 from palpate.config.loading import shipped_objects, shipped_references, shipped_rig
 from palpate.config.recognition_results import UnknownStateOut
 from palpate.config.writers import file_text
+from palpate.recognizer import Contact
 from palpate.rig.catalogue.finger_model import HasHeight, KnownObjects
 
 _P = ParamSpec("_P")
@@ -93,7 +94,12 @@ def _kind_words(hint: Any) -> list[str]:
     if kind is Callable:
         return ["a function"]
     if kind is Sequence:
-        return [f"a sequence, each {' or '.join(_kind_words(get_args(hint)[0]))}"]
+        (item,) = get_args(hint)
+        if item is Contact:
+            return ["a list of contacts"]
+        if item == Sequence[Contact]:
+            return ["a list of grips, each a list of contacts"]
+        return [f"a sequence, each {' or '.join(_kind_words(item))}"]
     return [_KIND_WORDS.get(kind, f"a {getattr(kind, '__name__', kind)}")]
 
 

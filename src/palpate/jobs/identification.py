@@ -34,6 +34,7 @@ from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
+from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.recorded_session import confirmed_of, keep_inputs
@@ -58,6 +59,15 @@ class Callbacks:
         return [] if self.on_event is None else [self.on_event]
 
 
+def required_proof(on_bench: RigOnBench) -> WiringProof | None:
+    """Proof of the wiring that motions of a rig ask for; None for an emulated one."""
+    path = on_bench.path
+    if on_bench.rig.emulated or not isinstance(path, Path):
+        return None
+    command = f"palpate check --press --move --rig {shlex.quote(str(path))}"
+    return WiringProof(on_bench.described, confirmed_of(path), command)
+
+
 @dataclass(frozen=True)
 class IdentificationRequest:
     """Request for an identification; `name`: of the objects, in messages.
@@ -73,29 +83,27 @@ class IdentificationRequest:
     scene: Scene | None
     seed: int
     run: int
-    strategy: Strategy
+    strategy: Strategy | GripStrategy
     unconfirmed: bool
     left_out: tuple[UnknownStateOut, ...] = ()
 
     @property
     def proof(self) -> WiringProof | None:
         """Proof of the wiring that the run asks for."""
-        path = self.on_bench.path
-        if self.unconfirmed or self.on_bench.rig.emulated or not isinstance(path, Path):
-            return None
-        command = f"palpate check --press --move --rig {shlex.quote(str(path))}"
-        return WiringProof(self.on_bench.described, confirmed_of(path), command)
+        return None if self.unconfirmed else required_proof(self.on_bench)
 
     def session_name(self) -> str:
         """After everything that decides an emulated session, so that it is the same again; else the time."""
         if not self.on_bench.rig.emulated:
             return datetime.now(UTC).strftime("identify-%Y%m%d-%H%M%S")
         content = hashlib.sha256(version("palpate").encode())
+        if self.on_bench.is_changed:
+            content.update(file_text(self.on_bench.described).encode())
         for path in (self.on_bench.path, self.on_bench.calibration_path):
             content.update(b"" if path is None else path.read_bytes())
         content.update(file_text(self.objects).encode())
         content.update(b"" if self.scene is None else file_text(self.scene).encode())
-        content.update(self.strategy.value.encode())
+        content.update(name_strategy(self.strategy).encode())
         return f"identify-seed-{self.seed}-{content.hexdigest()[:8]}"
 
     def with_part(self) -> tuple[Self, Placement | None]:
@@ -202,7 +210,7 @@ def _header(request: IdentificationRequest, job: IdentificationJob, latency_s: f
         "palpate": version("palpate"),
         "rig": job.rig.name,
         "seed": request.seed,
-        "strategy": request.strategy.value,
+        "strategy": name_strategy(request.strategy),
         "scene": request.scene is not None,
         "calibration": job.calibration is not None,
         "emulated": job.rig.emulation is not None,

@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from palpate import recognizer
@@ -30,6 +30,7 @@ from palpate.rig.catalogue.reachability import untouched_lines
 from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.identification.grip_choice import GripPlan, grip_plan
 from palpate.rig.identification.result import IdentificationRun
+from palpate.rig.motion.touch import Touch
 from palpate.views.answer import answer_lines, picture_facts
 from palpate.views.plan import grip_out, plan_picture
 from palpate.views.recognition import (
@@ -93,6 +94,26 @@ class Answer:
     def goal_met(self) -> bool | None:
         """True if `bounds` are as narrow as the rig file's goals; None without an answer."""
         return self.result.goal_met
+
+    @property
+    def grips(self) -> tuple[tuple[Contact, ...], ...]:
+        """Contacts of each grip, misses included, as `recognise` takes them."""
+        return tuple(tuple(c for touch in grip for c in touch.evidence) for grip in self.run.result.grips)
+
+    @property
+    def touches(self) -> tuple[Touch, ...]:
+        """All touches in order, misses included, with what was measured."""
+        return tuple(touch for grip in self.run.result.grips for touch in grip)
+
+    @property
+    def rig_seconds(self) -> float:
+        """Duration by the rig's clock, which is virtual on an emulated one."""
+        return self.result.rig_seconds
+
+    @property
+    def wall_seconds(self) -> float:
+        """Duration by this computer's clock."""
+        return self.result.wall_seconds
 
     @property
     def session(self) -> str | None:
@@ -183,6 +204,19 @@ class RecognitionAnswer:
         """Hypotheses that agree with the contacts, the largest weight first."""
         return self.recognition.hypotheses
 
+    @check_arguments
+    def extend(self, contacts: Sequence[Contact]) -> "RecognitionAnswer":
+        """The same with the contacts of one more grip, misses included; the part lay still.
+
+        For grips that a rig has made: `extend` of what its `recognise` returns, which knows how parts move.
+        """
+        begin = time.perf_counter()
+        extended = self.recognition.extend(contacts)
+        _ = extended.hypotheses
+        record = ContactRecord([*self.contacts.grips, contacts])
+        seconds = time.perf_counter() - begin
+        return replace(self, recognition=extended, contacts=record, seconds=seconds)
+
     def explanation(self) -> Explanation | None:
         """Why nothing agrees; None if something does."""
         if self.verdict is not RecognitionVerdict.NONE:
@@ -218,8 +252,8 @@ class RecognitionAnswer:
         return f"<RecognitionAnswer {self.verdict.value}: {'; '.join([names, *reasons[:1]])}>"
 
 
-Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
-"""Contacts of each grip, misses included: from a file or made in Python."""
+Contacts = ContactsFile | PathLike | Sequence[Contact] | Sequence[Sequence[Contact]]
+"""Contacts, misses included: from a file, one list of them, or a list of grips, which are lists."""
 
 _MANY_INTERPRETATIONS = 10_000  # interpretations that take noticeably long
 
@@ -292,7 +326,10 @@ def parse_strategy(name: Strategy | str) -> Strategy:
 def _contacts(contacts: Contacts) -> ContactRecord:
     if isinstance(contacts, str | os.PathLike):
         contacts = load_contacts(contacts)
-    return ContactRecord(grips_of(contacts) if isinstance(contacts, ContactsFile) else contacts)
+    if isinstance(contacts, ContactsFile):
+        return ContactRecord(grips_of(contacts))
+    alone = [item for item in contacts if isinstance(item, Contact)]
+    return ContactRecord([alone] if alone else [item for item in contacts if not isinstance(item, Contact)])
 
 
 def _fingers_in(given: ContactRecord) -> set[Finger]:

@@ -36,20 +36,23 @@ from palpate.jobs.check import (
     hold_check,
     touch_check,
 )
+from palpate.jobs.connected import ConnectedRig
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
-from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
+from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on, required_proof
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.recognition import Answer, Plan
 from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
-from palpate.rig.bench import choose_placement, connect, set_up
+from palpate.rig.bench import choose_placement, environment, set_up
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.wiring_check import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.events import Observer
-from palpate.rig.motion.hand import Hand
+from palpate.rig.identification.rig_recognition import GripStrategy
 from palpate.rig.session.calibration_drift import check_arrays
+from palpate.rig.session.run import prepared_hand
 from palpate.rig.session.signals import unwind_on_signals
+from palpate.rig.workers import BackgroundCall
 
 
 @check_arguments
@@ -104,6 +107,15 @@ class Rig:
         """True if a calibration is in use."""
         return self._on_bench.calibration is not None
 
+    def with_(self, **tables: object) -> "Rig":
+        """Return this rig with other values in its file, which is checked as when it is read.
+
+        `rig.with_(closing={"search_speed_mm_s": 6}, fingers={"f1": {"tip": {"radius_mm": 4.9}}})`: a table
+        by its name, one of a list by the entry's; None takes a key away. The rig file stays as it is. Raises
+        InputError that names the key, also if the calibration is not of the changed rig.
+        """
+        return Rig(self._on_bench.change(tables), self._path, self._seed)
+
     def __enter__(self) -> Self:
         self._open.enter_context(unwind_on_signals())
         return self
@@ -119,7 +131,7 @@ class Rig:
         objects: ObjectsFile | PathLike | None = None,
         *,
         scene: Scene | PathLike | None = None,
-        strategy: Strategy | str = Strategy.PLANNED,
+        strategy: Strategy | str | GripStrategy = Strategy.PLANNED,
         unconfirmed: bool = False,
         sessions: PathLike | None = None,
         on_event: Observer | None = None,
@@ -133,7 +145,8 @@ class Rig:
         Args:
             objects: the catalogue; None for the six shipped objects.
             scene: what lies on an emulated table; else each call draws the next part by the rig's seed.
-            strategy: how grips are chosen (memo §3.2): "planned", "random" or "rotate".
+            strategy: how grips are chosen (memo §3.2): "planned", "random", "rotate", or a function of
+                (recognition, planner): approaches of the next grip, or None to end.
             unconfirmed: the wiring of a real rig need not have been proven, by `check` or `calibrate`.
             sessions: where a folder with log, answer, contacts and picture is made; None keeps none.
             on_event: called with every event of the run, beside the thread that drives the devices.
@@ -154,7 +167,7 @@ class Rig:
         models, given = objects_from(objects), scene_from(scene)
         run, self._runs = self._runs, self._runs + 1
         with unwind_on_signals():
-            chosen = recognition.parse_strategy(strategy)
+            chosen = strategy if callable(strategy) else recognition.parse_strategy(strategy)
             request = IdentificationRequest(
                 self._on_bench, models, name_of(objects), given, self._seed, run, chosen, unconfirmed
             )
@@ -261,6 +274,8 @@ class Rig:
         """
         if self.path is None:
             raise InputError(SHIPPED_RIG)
+        if self._on_bench.is_changed:
+            raise InputError("a calibration is of a rig file: change the file itself, and open it again")
         with unwind_on_signals():
             request = CalibrationRequest(
                 self._on_bench, self.path, self._seed, steps, references_from(references), table, restart
@@ -335,21 +350,32 @@ class Rig:
     @check_arguments
     @contextmanager
     def connect(
-        self, *, objects: ObjectsFile | PathLike | None = None, notice: Callable[[str], None] = warn_operator
-    ) -> Iterator[Hand]:
-        """Connect the hand, for motions of one's own: `hand.prepare()`, then `palpate.rig.motion`.
+        self,
+        objects: ObjectsFile | PathLike | None = None,
+        *,
+        scene: Scene | PathLike | None = None,
+        unconfirmed: bool = False,
+        notice: Callable[[str], None] = warn_operator,
+    ) -> Iterator[ConnectedRig]:
+        """Connect the fingers for single touches and grips, and a loop of one's own.
 
-        Torque is off when the block is left, by whatever way. On an emulated rig something of `objects` lies
-        on the table; None for nothing. Raises DeviceError, SafetyStop as `Hand` does.
+        Torque is on until the block is left, by whatever way: hands away from the rig. On an emulated rig
+        something of `objects`, or what `scene` says, lies on the table; without either nothing.
+        `unconfirmed`, `notice` and errors are as in `identify`.
         """
-        lies = (
-            None
-            if objects is None
-            else choose_placement(self._on_bench.described, objects_from(objects), None, self._seed)
-        )
-        bench = set_up(self._on_bench.described, lies, self._seed)
-        with unwind_on_signals(), connect(bench, notice=notice) as hand:
-            yield hand
+        given, bench_rig = scene_from(scene), self._on_bench
+        bench_rig.rig.require("identify")
+        lies = None
+        if objects is not None or given is not None:
+            lies = choose_placement(bench_rig.described, objects_from(objects), given, self._seed)
+        there = environment(set_up(bench_rig.described, lies, self._seed))
+        proof = None if unconfirmed else required_proof(bench_rig)
+        with unwind_on_signals(), BackgroundCall("the display", notice) as beside, ExitStack() as connection:
+            hand = connection.enter_context(
+                prepared_hand(there, bench_rig.rig, bench_rig.calibration, proof, beside)
+            )
+            with ConnectedRig.of(connection, hand) as connected:
+                yield connected
 
     @check_arguments
     @contextmanager

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.base.errors import InputError
-from palpate.base.vocabulary import Strategy
+from palpate.base.vocabulary import OWN_STRATEGY, Strategy
 from palpate.drivers.transport import Clock
 from palpate.jobs.files import PathLike, check_arguments
 from palpate.jobs.monitor import Monitor
@@ -100,6 +100,8 @@ class Session:
         if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
             raise InputError(f'{path}: line 1: "seed" must be a whole number from 0')
         names = [item.value for item in Strategy]
+        if strategy == OWN_STRATEGY:
+            raise InputError(f"{path}: a strategy of its own chose the grips; such a session is not replayed")
         if strategy not in names:
             raise InputError(f'{path}: line 1: "strategy" must be one of {", ".join(names)}')
         if not isinstance(scene, bool):

@@ -78,7 +78,7 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
         ("grips", str(out.grips)),
         ("touches", str(out.touches)),
         ("matched the prediction", str(out.predicted)),
-        ("strategy", out.strategy.value),
+        ("strategy", str(out.strategy)),
         ("rig time", f"{out.rig_seconds:.1f} s"),
         ("devices", "emulated" if out.emulated else "hardware"),
     ]

@@ -31,7 +31,7 @@ from palpate.rig.catalogue.reachability import (
 )
 from palpate.rig.emulated.ground_truth import scene_lines
 from palpate.rig.emulated.scene import Placement, placement_of
-from palpate.rig.identification.loop import search
+from palpate.rig.identification.identify import search
 from palpate.rig.reach.approaches import reach_of
 from support.benches.parts import OUTLINE, objects_file, part, scene_file
 from support.benches.rigs import firm_rig, small

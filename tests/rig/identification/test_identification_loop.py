@@ -37,9 +37,10 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
+from palpate.rig.identification.grip_choice import GripChooser, PushTables, strategy_rng
 from palpate.rig.identification.grip_evidence import GripEvidence
-from palpate.rig.identification.loop import Identification, PushTables, search, search_with
+from palpate.rig.identification.identify import search, search_with
+from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of

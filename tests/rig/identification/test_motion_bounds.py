@@ -19,7 +19,7 @@ from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEviden
 from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
-from palpate.rig.identification.loop import search
+from palpate.rig.identification.identify import search
 from palpate.rig.identification.motion_bounds import MotionBounds, _Pushed
 from palpate.rig.identification.pushing_mechanics import StateSupport, support_of
 from palpate.rig.motion.guarded_approach import GripPhase

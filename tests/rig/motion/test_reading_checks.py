@@ -11,7 +11,7 @@ from palpate.drivers.emulators import Taxels
 from palpate.drivers.tactile import Description, Shape
 from palpate.recognizer import Catalogue
 from palpate.rig.identification.events import Observers
-from palpate.rig.identification.loop import identify
+from palpate.rig.identification.identify import identify
 from palpate.rig.identification.result import Identification
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, connect, emulated_session

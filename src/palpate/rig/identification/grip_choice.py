@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -135,6 +136,20 @@ class StabilityTable:
             stability = stability_of(item.state, item.tolerance_mm, spans)
             self._by_state[state] = stability, stability.safe_heights_mm()
         return self._by_state[state]
+
+
+@dataclass(frozen=True, eq=False)
+class PushTables:
+    """Tables of a rig and a catalogue: how pushes move its parts, and which may tip."""
+
+    bounds: MotionBounds
+    stability: StabilityTable
+
+    @classmethod
+    def of(cls, rig: RigFile, catalogue: Catalogue) -> Self:
+        """Return tables, of which none is worked out before it is asked for."""
+        bounds = MotionBounds(rig, catalogue)
+        return cls(bounds, StabilityTable(rig, catalogue, bounds))
 
 
 _MAX_IDLE_GRIPS = 2  # as many in a row without gain, and more will not help

@@ -16,9 +16,9 @@ refused beforehand.
 
 import math
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Self
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from palpate.base.vocabulary import (
     IdentificationVerdict,
     RecognitionVerdict,
     RunLimit,
-    Strategy,
 )
 from palpate.config import RigFile
 from palpate.recognizer import (
@@ -54,7 +53,6 @@ from palpate.rig.identification.events import (
     Observers,
     PlanEvent,
     RecognitionEvent,
-    StageEvent,
     TouchEvent,
 )
 from palpate.rig.identification.exploration import (
@@ -66,16 +64,13 @@ from palpate.rig.identification.exploration import (
     sweeping_grip,
     unswept_places,
 )
-from palpate.rig.identification.grip_choice import GripChooser, StabilityTable, strategy_rng
+from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
-from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
-from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
-from palpate.rig.reach.approaches import Reach, reach_of
 
-GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
-"""Carries out a grip and reports its stages."""
+OwnChoice = Callable[["Search"], Sequence[FingerApproach] | None]
+"""Chooses the approaches of the next grip in place of a strategy; None if there is to be no further one."""
 
 _MAX_MOVES = 1
 _DOUBT_GRIPS, _MAX_DOUBTING_GRIPS = 4, 3  # that met something, by which the set-up is doubted; to get there
@@ -128,34 +123,21 @@ class Identification:
         return sum(len(grip) for grip in self.grips)
 
 
-@dataclass(frozen=True, eq=False)
-class PushTables:
-    """Tables of a rig and a catalogue: how pushes move its parts, and which may tip."""
+class Search:
+    """One identification under way; grips before the last move of the part count no longer.
 
-    bounds: MotionBounds
-    stability: StabilityTable
-
-    @classmethod
-    def of(cls, rig: RigFile, catalogue: Catalogue) -> Self:
-        """Return tables, of which none is worked out before it is asked for."""
-        bounds = MotionBounds(rig, catalogue)
-        return cls(bounds, StabilityTable(rig, catalogue, bounds))
-
-
-class _Search:
-    """One identification under way; grips before the last move of the part count no longer."""
+    `next` and `take` in turn make an identification, whoever carries out the grips.
+    """
 
     def __init__(
         self,
         chooser: GripChooser,
-        execute: GripExecutor,
         catalogue: Catalogue,
-        observers: Observers,
         bounds: MotionBounds,
-        now: Callable[[], float],
+        observers: Observers | None = None,
+        own: OwnChoice | None = None,
     ) -> None:
-        self._chooser, self._observers = chooser, observers
-        self._execute, self._now = execute, now
+        self._chooser, self._observers, self._own = chooser, observers or Observers(), own
         self._rig, self._reach, self._catalogue = chooser.rig, chooser.reach, catalogue
         self._grips: list[tuple[Touch, ...]] = []
         self._made: list[Sequence[FingerApproach]] = []
@@ -175,14 +157,54 @@ class _Search:
         self._refuted: Recognition | None = None  # the last of which nothing was left
         self._present: tuple[int, Recognition | None] = 0, None  # after so many grips
 
-    def run(self) -> Identification:
-        verdict, limit, begun_s = None, None, self._now()
-        _ = self._bounds.supports  # of all states: worked out before a touched part has to wait for it
-        while verdict is None and limit is None:
-            verdict, grip = self._next()
-            if verdict is None:
-                self._carry_out(grip)
-                limit = self._limit(self._now() - begun_s)
+    def copy(self) -> "Search":
+        """A search that knows the same, and goes on by itself."""
+        other = copy(self)
+        other._evidence = replace(self._evidence)
+        for name in ("_grips", "_made", "_contradictions", "_moved_before", "_eliminated", "_motions"):
+            setattr(other, name, list(getattr(self, name)))
+        return other
+
+    @property
+    def rig(self) -> RigFile:
+        """The rig whose touches it understands."""
+        return self._rig
+
+    @property
+    def chooser(self) -> GripChooser:
+        """What chooses its grips."""
+        return self._chooser
+
+    @property
+    def grips(self) -> Sequence[tuple[Touch, ...]]:
+        """Touches of every grip that was taken."""
+        return self._grips
+
+    @property
+    def recognition(self) -> Recognition | None:
+        """All that is known of the part as it lies now; None before enough was touched."""
+        return self._present_recognition()
+
+    def with_chooser(self, chooser: GripChooser) -> "Search":
+        """The same with other goals."""
+        other = self.copy()
+        other._chooser = chooser
+        return other
+
+    def without_own_choice(self) -> "Search":
+        """The same, whose grips a strategy of palpate's chooses."""
+        other = self.copy()
+        other._own, other._observers = None, Observers()
+        return other
+
+    def prepare(self) -> None:
+        """Work out what a touched part would have to wait for."""
+        _ = self._bounds.supports
+
+    def conclude(
+        self, verdict: IdentificationVerdict | None = None, limit: RunLimit | None = None
+    ) -> Identification:
+        """The result, with the verdict that `next` gave, or the one that what is known allows."""
         verdict, recognition = verdict or self._last_verdict(), self._present_recognition()
         stranger, altered = self._evidence.stranger_probability, self._evidence.altered_probability
         if verdict is IdentificationVerdict.UNKNOWN and self._refuted is not None:
@@ -211,7 +233,7 @@ class _Search:
             tuple(self._motions),
         )
 
-    def _limit(self, passed_s: float) -> RunLimit | None:
+    def limit(self, passed_s: float) -> RunLimit | None:
         """The rig's limit that is reached after so many seconds."""
         limits = self._rig.search
         if len(self._grips) >= limits.max_grips:
@@ -222,6 +244,15 @@ class _Search:
         budget = Budget(self._rig.search.budget)
         return GripEvidence(self._catalogue, self._chooser.resolution, budget)
 
+    def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
+        """The verdict if there is one already, else the next grip, with speeds that the part bears."""
+        verdict, grip = self._next()
+        if self._repeated is None:
+            grip = grip[: self._most_at_once]
+        most = [item.touch_mm_s if self._own else None for item in grip]
+        speeds = [min(self._touch_mm_s(item), own or math.inf) for item, own in zip(grip, most, strict=True)]
+        return verdict, tuple(replace(item, touch_mm_s=v) for item, v in zip(grip, speeds, strict=True))
+
     def _next(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """The verdict if there is one already, else the next grip."""
         recognition = self._evidence.recognition
@@ -231,9 +262,15 @@ class _Search:
             return self._resolve_contradiction()
         if self._moves_too_often:
             return self._doubt(self._moving())
-        if recognition is None:
-            grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._explore()]
-            return None if grip else IdentificationVerdict.UNRESOLVED, grip
+        if self._own is not None:
+            chosen = self._own(self)
+            return (None, chosen) if chosen else (self._last_verdict(), ())
+        return self._explore() if recognition is None else self._choose(recognition)
+
+    def _choose(
+        self, recognition: Recognition
+    ) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
+        """The verdict on what is left, or the grip that tells most of it apart."""
         now = self._present_recognition() or recognition
         choice = self._chooser.choose(self._evidence, now)
         if choice.grip is None:
@@ -313,8 +350,12 @@ class _Search:
             grip = [fast_to_workspace(item, radius) for item in exploring_grip(self._reach, contacts)]
         return None if grip else verdict, grip
 
-    def _explore(self) -> list[FingerApproach]:
-        """A grip to find the part; none if it cannot be there, or no approach is left."""
+    def _explore(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
+        """A grip to find the part; the verdict if it cannot be there, or no approach is left."""
+        grip = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in self._finding_grip()]
+        return None if grip else IdentificationVerdict.UNRESOLVED, grip
+
+    def _finding_grip(self) -> list[FingerApproach]:
         contacts = self._evidence.contacts
         if not contacts or any(contact.touched for contact in contacts):
             return exploring_grip(self._reach, contacts)
@@ -362,16 +403,11 @@ class _Search:
         self._observers(MoveEvent(number, furthest_mm))
         self._add(number, None)
 
-    def _carry_out(self, grip: Sequence[FingerApproach]) -> None:
-        """Do the grip and interpret its contacts."""
+    def take(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
+        """Interpret the contacts of a grip that was carried out."""
         number = len(self._grips) + 1
-        self._observers.check()
-        if self._repeated is None:
-            grip = grip[: self._most_at_once]
-        gently = [replace(approach, touch_mm_s=self._touch_mm_s(approach)) for approach in grip]
-        touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
-        self._made.append(gently)
+        self._made.append(grip)
         since = self._motions[-1].after if self._motions else None
         self._observers(TouchEvent(number, touches))
         known = self._evidence.recognition if self._doubted is None else None
@@ -381,8 +417,8 @@ class _Search:
         # Contacts of one grip are of the part as it lay then, so fewer fingers say less. Only a part that is
         # light in most of the states that are left gets fewer: together they may press too much unfelt.
         moved_mm = self._motions[-1].whole.displacements_mm(self._catalogue)[self._states()]
-        if len(gently) > 1 and np.median(moved_mm) > _MAX_CARRIED_MOTION_MM:
-            self._most_at_once = len(gently) - 1
+        if len(grip) > 1 and np.median(moved_mm) > _MAX_CARRIED_MOTION_MM:
+            self._most_at_once = len(grip) - 1
 
     def _touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
@@ -452,58 +488,3 @@ class _Search:
                 after += motion.whole
             self._present = grips, recognition.move(after) if self._is_bounded(after) else None
         return self._present[1]
-
-
-def identify(
-    hand: Hand,
-    catalogue: Catalogue,
-    observers: Observers | None = None,
-    *,
-    strategy: Strategy = Strategy.PLANNED,
-    seed: int = 0,
-) -> Identification:
-    """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
-
-    `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `carry_out_grip`
-    raises, and OutputError before a grip once an observer has raised.
-    """
-    chooser, pushes = _prepare(hand.rig, reach_of(hand.rig), catalogue, strategy, seed)
-    execute = partial(carry_out_grip, hand)
-    return search_with(chooser, execute, catalogue, pushes, observers, hand.clock.now)
-
-
-def search(
-    rig: RigFile,
-    reach: Reach,
-    execute: GripExecutor,
-    catalogue: Catalogue,
-    observers: Observers | None = None,
-    *,
-    strategy: Strategy = Strategy.PLANNED,
-    seed: int = 0,
-) -> Identification:
-    """Identify as `identify` does, with a function that carries out grips, whatever time they take."""
-    chooser, pushes = _prepare(rig, reach, catalogue, strategy, seed)
-    return search_with(chooser, execute, catalogue, pushes, observers)
-
-
-def _prepare(
-    rig: RigFile, reach: Reach, catalogue: Catalogue, strategy: Strategy, seed: int
-) -> tuple[GripChooser, PushTables]:
-    pushes = PushTables.of(rig, catalogue)
-    return GripChooser(rig, reach, strategy, strategy_rng(seed), None, {catalogue: pushes.stability}), pushes
-
-
-def search_with(
-    chooser: GripChooser,
-    execute: GripExecutor,
-    catalogue: Catalogue,
-    pushes: PushTables,
-    observers: Observers | None = None,
-    now: Callable[[], float] = lambda: 0.0,
-) -> Identification:
-    """Search as `search` does, with what may be prepared once for many searches of a rig and a catalogue.
-
-    `now`: the rig's clock (s), by which `max_seconds` counts.
-    """
-    return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds, now).run()

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
+from typing import Literal
 
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.short_repr import ShortRepr
@@ -34,6 +35,7 @@ from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +97,16 @@ class IdentificationJob(ShortRepr):
     rig: RigFile
     catalogue: Catalogue
     placement: Placement | None
-    strategy: Strategy
+    strategy: Strategy | GripStrategy
     seed: int
     calibration: CalibrationFile | None = None
     started: datetime | None = None
     proof: WiringProof | None = None
+
+    @property
+    def strategy_name(self) -> Strategy | Literal["own"]:
+        """Name of the strategy in results and logs."""
+        return name_strategy(self.strategy)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -137,7 +144,7 @@ class IdentificationRun(ShortRepr):
             bounds=first and first.bounds,
             alternatives=self._alternatives(hypotheses),
             symmetry_order=1 if first is None else first.state.symmetry_order,
-            strategy=self.job.strategy,
+            strategy=self.job.strategy_name,
             grips=len(result.grips),
             touches=result.touches,
             touch_records=_touch_records(result),

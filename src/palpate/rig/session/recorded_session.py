@@ -64,7 +64,8 @@ def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene:
 
 def keep_rig(folder: Path, on_bench: RigOnBench) -> None:
     """Keep a rig file and the calibration that is in use; InputError if one cannot be written."""
-    write_text(folder / _RIG, _text(on_bench.path))
+    text = file_text(on_bench.described) if on_bench.is_changed else _text(on_bench.path)
+    write_text(folder / _RIG, text)
     if on_bench.calibration_path is not None:
         write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
     if (confirmed := confirmed_of(on_bench.path)) is not None:

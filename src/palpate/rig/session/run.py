@@ -7,7 +7,8 @@ off.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +16,8 @@ from pydantic import BaseModel, ValidationError
 
 from palpate.base.errors import InputError, PalpateError
 from palpate.base.short_repr import ShortRepr
+from palpate.base.vocabulary import Strategy
+from palpate.config import CalibrationFile, RigFile
 from palpate.config.fields import Number
 from palpate.drivers.dynamixel import Instruction
 from palpate.drivers.transport import RecordEnded, Replayer
@@ -22,10 +25,11 @@ from palpate.recognizer import Configuration
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.doubt import doubt_set_up
 from palpate.rig.identification.events import Event, Observer, Observers, StageEvent
-from palpate.rig.identification.loop import identify
-from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth
+from palpate.rig.identification.identify import identify
+from palpate.rig.identification.result import IdentificationJob, IdentificationRun, Truth, WiringProof
+from palpate.rig.identification.rig_recognition import own_choice
 from palpate.rig.motion.guarded_approach import GripPhase
-from palpate.rig.motion.hand import Environment
+from palpate.rig.motion.hand import Environment, Hand
 from palpate.rig.motion.press import check_slips, slides_at_stops
 from palpate.rig.session.calibration_drift import arrays_of, calibration_used, check_devices
 from palpate.rig.session.log import SessionEvents, json_value
@@ -69,6 +73,29 @@ def recorded_truth(file: SessionFile, placement: Placement) -> Truth | None:
     return Truth(placement, [item.value() for item in text.at_measurement])
 
 
+@contextmanager
+def prepared_hand(
+    environment: Environment,
+    rig: RigFile,
+    calibration: CalibrationFile | None,
+    proof: WiringProof | None,
+    notice: Callable[[str], None],
+) -> Iterator[Hand]:
+    """A hand that is connected, found to be the one that was calibrated and proven, and ready for grips.
+
+    Torque is off when the block is left, by whatever way. Raises what `identify` raises.
+    """
+    with environment.hand(rig, notice) as hand:
+        check_devices(calibration, hand)
+        if proof is not None and not hand.emulated:
+            proof.check(arrays_of(hand))
+        hand.prepare()
+        at_stops = slides_at_stops(hand) if rig.search.check_slips else {}
+        yield hand
+        if at_stops:
+            check_slips(hand, at_stops)
+
+
 def run_identification(
     job: IdentificationJob,
     environment: Environment,
@@ -96,17 +123,14 @@ def run_identification(
     with (
         Observers(observers, in_step) as observed,
         BackgroundCall("the display", notice) as notice_beside,
-        environment.hand(job.rig, notice_beside) as hand,
+        prepared_hand(environment, job.rig, job.calibration, job.proof, notice_beside) as hand,
     ):
-        check_devices(job.calibration, hand)
-        if job.proof is not None and not hand.emulated:
-            job.proof.check(arrays_of(hand))
-        hand.prepare()
-        at_stops = slides_at_stops(hand) if job.rig.search.check_slips else {}
-        result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
-        if at_stops:
-            check_slips(hand, at_stops)
-        emulated, notices = hand.emulated, tuple(hand.checks.noted)
+        chosen = job.strategy
+        own = None if isinstance(chosen, Strategy) else own_choice(chosen)
+        named = chosen if isinstance(chosen, Strategy) else Strategy.PLANNED
+        result = identify(hand, job.catalogue, observed, strategy=named, seed=job.seed, own=own)
+        emulated, noted = hand.emulated, hand.checks.noted
+    notices = tuple(noted)
     late = observed.late_failure or notice_beside.late_failure
     placement = lies()
     truth = None if placement is None else Truth(placement, at_measurement if placement_now else None)

@@ -22,8 +22,8 @@ from palpate.rig.emulated.hidden_truth import draw_part, part_of
 from palpate.rig.emulated.scene import Placement, put_down
 from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.events import Event, Observers, RecognitionEvent, TouchEvent
-from palpate.rig.identification.grip_choice import GripChooser, strategy_rng
-from palpate.rig.identification.loop import PushTables, search_with
+from palpate.rig.identification.grip_choice import GripChooser, PushTables, strategy_rng
+from palpate.rig.identification.identify import search_with
 from palpate.rig.identification.result import hypotheses_of
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.study.pushing_touches import PushingTouches

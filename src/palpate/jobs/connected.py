@@ -1,0 +1,75 @@
+"""A connected rig: single touches and grips with the guards of `identify`, and what to touch next."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Self
+
+from palpate.base.errors import InputError, warn_operator
+from palpate.config import ObjectsFile
+from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, select_known
+from palpate.recognizer import FingerApproach
+from palpate.rig.catalogue.preparation import prepare_catalogue
+from palpate.rig.conversion import finger_of
+from palpate.rig.identification.exploration import fast_to_workspace
+from palpate.rig.identification.rig_recognition import GripPlanner, MadeGrip, RigRecognition
+from palpate.rig.motion.guarded_approach import carry_out_grip
+from palpate.rig.motion.hand import Hand
+
+
+class ConnectedRig(GripPlanner):
+    """A rig whose fingers are ready to touch. Torque is on, and off when its `with` block is left.
+
+    Fingers stand retracted between two grips, outside of the workspace, and hold there.
+    """
+
+    def __init__(self, hand: Hand, connection: ExitStack) -> None:
+        """`Rig.connect` makes one; `connection` is closed when a grip fails."""
+        super().__init__(hand.rig)
+        self.hand = hand
+        self._connection: ExitStack | None = connection
+
+    @classmethod
+    @contextmanager
+    def of(cls, connection: ExitStack, hand: Hand) -> Iterator[Self]:
+        """A rig that is connected until the block is left; `connection` switches torque off."""
+        with connection:
+            connected = cls(hand, connection)
+            try:
+                yield connected
+            finally:
+                connected._connection = None
+
+    @check_arguments
+    def recognise(self, objects: ObjectsFile | PathLike | None = None) -> RigRecognition:
+        """Recognise nothing yet: anything of the catalogue may lie anywhere; `extend` it with grips.
+
+        `objects`: None for the shipped ones. States that are not known at the fingers' heights are left out,
+        with a warning. Raises InputError if a file is wrong or no state is left.
+        """
+        models, _ = select_known(objects_from(objects), self.file.fingers, name_of(objects), warn_operator)
+        return self.begin(prepare_catalogue(models.objects, map(finger_of, self.file.fingers)))
+
+    def touch(self, approach: FingerApproach) -> MadeGrip:
+        """Touch with one finger: as `grip` of one approach."""
+        return self.grip([approach])
+
+    def grip(self, approaches: Sequence[FingerApproach]) -> MadeGrip:
+        """Grip: let fingers aim, close until each meets something or its end, measure, and retract.
+
+        Approaches are those of a plan, or of `approaches`, also shortened; each finger has one at most.
+        Returns the contacts with their bounds, misses included. Raises InputError, and moves nothing, for
+        other approaches; DeviceError, SafetyStop as `identify` does. After any error but the first, torque
+        is off and the rig connected no longer, even if the error is caught.
+        """
+        asked = self.check(approaches)
+        if self._connection is None:
+            raise InputError("this rig is connected no longer: grip inside of the `with` block of connect")
+        radius = self.file.workspace.radius_mm
+        ways = [item if item.fast_mm else fast_to_workspace(item, radius) for item in asked]
+        try:
+            touches = carry_out_grip(self.hand, ways, lambda _: None)
+        except BaseException as error:
+            connection, self._connection = self._connection, None
+            connection.__exit__(type(error), error, error.__traceback__)
+            raise
+        return MadeGrip.of(self.file, asked, touches)

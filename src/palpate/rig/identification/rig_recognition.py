@@ -1,0 +1,216 @@
+"""Recognition grip by grip on a rig: what its touches have shown so far, and the grip that comes next.
+
+An identification in two steps, for programs that carry out or choose grips themselves. It is the search of
+`identify` that decides and understands, so motions of the part and contradictions are dealt with alike.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Literal, Self
+
+from palpate.base.errors import InputError, quantity
+from palpate.base.vocabulary import OWN_STRATEGY, IdentificationVerdict, Strategy
+from palpate.config import RigFile
+from palpate.recognizer import Catalogue, Contact, FingerApproach, Goals, Hypothesis, Recognition
+from palpate.rig.identification.identify import begin_search, with_goals
+from palpate.rig.identification.loop import OwnChoice, Search
+from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.approaches import Reach, reach_of
+
+
+class MadeGrip(tuple[Contact, ...]):
+    """Contacts of a grip that a rig carried out, misses included, and the touches that they come from."""
+
+    rig: RigFile
+    approaches: tuple[FingerApproach, ...]
+    touches: tuple[Touch, ...]
+
+    @classmethod
+    def of(cls, rig: RigFile, approaches: Sequence[FingerApproach], touches: Sequence[Touch]) -> Self:
+        """A grip of these approaches on a rig."""
+        made = cls(contact for touch in touches for contact in touch.evidence)
+        made.rig, made.approaches, made.touches = rig, tuple(approaches), tuple(touches)
+        return made
+
+    def __repr__(self) -> str:
+        met = sum(contact.touched for contact in self)
+        return f"<MadeGrip {quantity(len(self.touches), 'touch', 'touches')}, {met} of {len(self)} met>"
+
+
+class RigRecognition:
+    """All that a rig's grips have shown of the part on its table, as `identify` understands them.
+
+    A value: `extend` returns another one. Where the rig file or an object declares what force parts bear, the
+    motion that grips may have caused is taken into account; if grips contradict one another, the part is
+    taken to have moved, and only the later ones count.
+    """
+
+    def __init__(self, search: Search, grips: tuple[MadeGrip, ...] = ()) -> None:
+        """`GripPlanner.begin` makes the first one."""
+        self._search = search
+        self._planned: tuple[Search, tuple[FingerApproach, ...], IdentificationVerdict | None] | None = None
+        self._grips = grips
+
+    @property
+    def grips(self) -> tuple[MadeGrip, ...]:
+        """Contacts of all grips, as `palpate.recognise` takes them."""
+        return self._grips
+
+    @property
+    def recognition(self) -> Recognition | None:
+        """Hypotheses with all that computing needs; None before enough was touched."""
+        return self._search.recognition
+
+    @property
+    def hypotheses(self) -> Sequence[Hypothesis]:
+        """Hypotheses on the part as it lies now, the largest weight first; none before enough was touched."""
+        return () if self.recognition is None else self.recognition.hypotheses
+
+    @property
+    def verdict(self) -> IdentificationVerdict:
+        """Verdict of `identify` if no further grip were made: `unresolved` while there is too little."""
+        search, verdict = self._search, None
+        if self._planned is not None:
+            search, _, verdict = self._planned
+        return search.copy().conclude(verdict).outcome
+
+    @property
+    def goal_met(self) -> bool:
+        """True if every hypothesis is placed as finely as the last plan's goal, or the rig file's, asks."""
+        search = self._search if self._planned is None else self._planned[0]
+        known = self.recognition
+        return known is not None and bool(known.hypotheses) and search.chooser.is_fine(known)
+
+    def extend(self, grip: MadeGrip) -> "RigRecognition":
+        """The same with one more grip, misses included; InputError for contacts of no rig, or another's.
+
+        Contacts from elsewhere are for `palpate.recognise(...).extend`, which takes parts to lie still.
+        """
+        if not isinstance(grip, MadeGrip):
+            raise InputError(
+                f"extend: grip is {type(grip).__name__}; it must be what rig.grip or rig.touch has returned: "
+                "contacts from elsewhere go into palpate.recognise(objects, contacts).extend(more)"
+            )
+        if grip.rig != self._search.rig:
+            raise InputError(f'extend: the grip is of rig "{grip.rig.name}" with other values in its file')
+        follows = self._planned is not None and self._planned[1] == grip.approaches
+        search = (self._planned[0] if follows and self._planned is not None else self._search).copy()
+        search.take(grip.approaches, grip.touches)
+        return RigRecognition(search, (*self._grips, grip))
+
+    def plan(self, goal: Goals | None) -> tuple[FingerApproach, ...]:
+        """Plan as `GripPlanner.plan` says; asked again, the answer is the same."""
+        search = self._search.with_chooser(with_goals(self._search.chooser, goal))
+        verdict, approaches = None, tuple[FingerApproach, ...]()
+        if search.limit(0.0) is None:
+            verdict, approaches = search.next()
+        self._planned = search, approaches, verdict
+        return approaches
+
+    def __repr__(self) -> str:
+        after = quantity(len(self._grips), "grip", "grips")
+        left = quantity(len(self.hypotheses), "hypothesis", "hypotheses")
+        return f"<RigRecognition {self.verdict.value}: {left} after {after}>"
+
+
+class GripPlanner:
+    """What a rig's fingers can reach, and which grip comes next."""
+
+    def __init__(self, rig: RigFile, reach: Reach | None = None) -> None:
+        """`reach`: the rig's, if it is known already."""
+        self.file = rig
+        self._known_reach = reach
+
+    @property
+    def approaches(self) -> tuple[FingerApproach, ...]:
+        """Every approach that a finger can make: straight lines into the workspace; `up_to` shortens one."""
+        return self._reach.approaches
+
+    @cached_property
+    def _reach(self) -> Reach:
+        return self._known_reach or reach_of(self.file)
+
+    @cached_property
+    def _longest_mm(self) -> dict[object, float]:
+        return {_line_of(item): item.travel_mm for item in self.approaches}
+
+    def begin(self, catalogue: Catalogue) -> RigRecognition:
+        """Recognition of a part of a catalogue before anything was touched."""
+        search = begin_search(self.file, self._reach, catalogue)
+        search.prepare()
+        return RigRecognition(search)
+
+    def plan(self, recognition: RigRecognition, goal: Goals | None = None) -> tuple[FingerApproach, ...]:
+        """Plan the next grip as `identify` does; none if that would end now: `recognition.verdict` says how.
+
+        `goal`: how finely to place the part; None: as the rig file's `[search]` says. `max_grips` of the
+        rig file counts, `max_seconds` does not.
+        """
+        if not isinstance(recognition, RigRecognition):
+            raise InputError(
+                f"plan: recognition is {type(recognition).__name__}; it must be what this rig's recognise, "
+                "or extend of that, has returned"
+            )
+        return recognition.plan(goal)
+
+    def check(self, approaches: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
+        """The approaches of one grip; InputError for such as the fingers cannot make, or not together."""
+        asked = tuple(approaches)
+        if not asked or not all(isinstance(item, FingerApproach) for item in asked):
+            raise InputError("a grip is one approach or several, each of `approaches` or of a plan")
+        if len({item.finger_index for item in asked}) < len(asked):
+            raise InputError("a finger has two approaches in one grip; make two grips of them")
+        if len({item.stage_rad for item in asked}) > 1:
+            raise InputError("approaches of one grip are for different stage angles; make a grip of each")
+        for item in asked:
+            self._check_one(item)
+        return asked
+
+    def _check_one(self, item: FingerApproach) -> None:
+        longest, name = self._longest_mm.get(_line_of(item)), "of no finger"
+        if 0 <= item.finger_index < len(self.file.fingers):
+            name = f"of finger {self.file.fingers[item.finger_index].name}"
+        if longest is None:
+            raise InputError(f"an approach {name} is none of this rig's `approaches`, nor a part of one")
+        if not 0 < item.travel_mm <= longest:
+            raise InputError(
+                f"an approach {name} goes {item.travel_mm:g} mm; it must be more than 0, and {longest:g} mm "
+                "at most"
+            )
+        if not 0 <= item.fast_mm <= item.travel_mm:
+            raise InputError(f"an approach {name} is fast for {item.fast_mm:g} mm of {item.travel_mm:g} mm")
+        fastest = self.file.closing.search_mm_s
+        if item.touch_mm_s is not None and not 0 < item.touch_mm_s <= fastest:
+            raise InputError(
+                f"an approach {name} touches at {item.touch_mm_s:g} mm/s; it must be more than 0, and the "
+                f"rig file's {fastest:g} mm/s at most"
+            )
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {self.file.name}: {len(self.approaches)} approaches>"
+
+
+def _line_of(item: FingerApproach) -> object:
+    return item.finger_index, item.stage_rad, item.start_mm, item.direction_rad
+
+
+GripStrategy = Callable[[RigRecognition, GripPlanner], Sequence[FingerApproach] | None]
+"""Strategy of one's own: the approaches of the next grip; None or nothing to make no further one."""
+
+
+def name_strategy(strategy: Strategy | GripStrategy) -> Strategy | Literal["own"]:
+    """Name of a strategy in results and logs: a function's is "own"."""
+    return strategy if isinstance(strategy, Strategy) else OWN_STRATEGY
+
+
+def own_choice(strategy: GripStrategy) -> OwnChoice:
+    """What `identify` asks in place of its strategies. Its approaches are checked as those of a grip are."""
+    planners: list[GripPlanner] = []
+
+    def choose(search: Search) -> Sequence[FingerApproach] | None:
+        if not planners:
+            planners.append(GripPlanner(search.rig, search.chooser.reach))
+        found = strategy(RigRecognition(search.without_own_choice()), planners[0])
+        return planners[0].check(found) if found else None
+
+    return choose
