@@ -34,7 +34,7 @@ dent = np.maximum(0.0, RADIUS - (RADIUS - 0.4) / np.cos(np.clip(angle, -1.2, 1.2
 load = np.outer(np.arange(ROWS) < 5, 1.2 / 5 * dent / dent.sum())
 time_s = np.arange(1000) / 100.0
 touched = (time_s >= 6) & (time_s < 7)
-counts = taxels.counts(touched[:, None, None] * load, time_s)
+counts = taxels.counts(touched.astype(float)[:, None, None] * load, time_s)
 
 tip = TipCalibration(gain=np.ones((ROWS, COLS)), gain_spread=0.1, noise_counts=2.0, drift_counts_per_s=0.5)
 extractor = ContactExtractor(array, tip)
@@ -43,6 +43,7 @@ patches = extractor.process(counts[50:], time_s[50:])
 
 print(f"touched in {patches.touched.sum()} frames of {len(patches)}")
 patch = patches.patch(600)
+assert patch is not None, "it is touched then"
 print(f"direction {math.degrees(patch.angle_rad):.1f} ± {math.degrees(patch.angle_half_range_rad):.1f}°")
 print(f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm")
 print(f"force {patch.force_n:.2f} ± {patch.force_bound_n:.2f} N")

@@ -2,7 +2,6 @@
 
 import ast
 import json
-import os
 import re
 import signal
 import subprocess
@@ -17,7 +16,6 @@ import palpate
 from palpate.rig.identification.events import Event, StageEvent, TouchEvent
 from palpate.rig.motion.guarded_approach import GripPhase
 from support.benches.rigs import firm_rig, quick_bench
-from support.campaign.sampling import sample
 from support.commands.command import PATIENCE_S, Here, bytes_sent, log_events, torque_writes
 from support.commands.repository import EXAMPLES, ROOT
 
@@ -103,11 +101,16 @@ def test_reprs_are_one_short_line(answer: palpate.Answer) -> None:
     rig, objects = palpate.open_rig(firm_rig(), seed=7), palpate.load_objects()
     replayed = palpate.open_session(answer.session or "").replay()
     events: list[Event] = [StageEvent(1, GripPhase.CLOSING)]
-    with rig.watch(["f1"], speed=None) as monitor, rig.connect() as hand:
+    with rig.watch(["f1"], speed=None) as monitor, rig.connect(objects) as connected:
         values = [
             *events,
             *next(monitor.updates()),
-            hand,
+            connected,
+            connected.hand,
+            connected.recognise(objects),
+            connected.approaches[0],
+            answer.touches[0],
+            answer.grips[0][0],
             replayed,
             rig.file,
             palpate.load_contacts(EXAMPLES / "contacts.json"),
@@ -261,21 +264,6 @@ def test_an_answer_that_cannot_be_written_down_is_still_an_answer(
 def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
     with pytest.raises(palpate.InputError, match="copy its rig file"):
         palpate.open_rig().calibrate()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", sample([1, 10], [1]))
-def test_ten_parts_in_a_row(bench: tuple[Path, Path], tmp_path: Path, number: int) -> None:
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / "identify_ten.py", *bench, str(number)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert f"{number} of {number} identified" in done.stdout
-    assert len(os.listdir(tmp_path / "palpate-sessions")) == number
 
 
 def test_contacts_only(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ edges it may be on. `constraints` uses them as evidence, `prediction` to look ah
 planner cannot disagree.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +34,11 @@ class Approach:
     direction_rad: float
     travel_mm: float
     position_bound_mm: float
+
+    def aside_mm(self, x_mm: float, y_mm: float) -> float:
+        """Distance at which the path's line passes a point in W."""
+        right, up = x_mm - self.start_mm[0], y_mm - self.start_mm[1]
+        return abs(up * math.cos(self.direction_rad) - right * math.sin(self.direction_rad))
 
 
 def approach_lines(approaches: Sequence[Approach]) -> tuple[Floats, Floats]:

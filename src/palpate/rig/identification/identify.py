@@ -105,7 +105,7 @@ def _run(
         verdict, grip = search.next()
         if verdict is None:
             observers.check()
-            tell = partial(_tell_stage, observers, len(search.grips) + 1)
+            tell = partial(_tell_stage, observers, len(search.made_grips) + 1)
             search.take(grip, tuple(execute(grip, tell)))
             limit = search.limit(now() - begun_s)
     return search.conclude(verdict, limit)

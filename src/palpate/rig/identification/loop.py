@@ -176,9 +176,9 @@ class Search:
         return self._chooser
 
     @property
-    def grips(self) -> Sequence[tuple[Touch, ...]]:
-        """Touches of every grip that was taken."""
-        return self._grips
+    def made_grips(self) -> Sequence[tuple[Sequence[FingerApproach], tuple[Touch, ...]]]:
+        """Approaches and touches of every grip that was taken."""
+        return list(zip(self._made, self._grips, strict=True))
 
     @property
     def recognition(self) -> Recognition | None:

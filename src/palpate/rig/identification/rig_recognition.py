@@ -5,6 +5,7 @@ An identification in two steps, for programs that carry out or choose grips them
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, Self
 
@@ -37,6 +38,16 @@ class MadeGrip(tuple[Contact, ...]):
         return f"<MadeGrip {quantity(len(self.touches), 'touch', 'touches')}, {met} of {len(self)} met>"
 
 
+@dataclass(frozen=True, eq=False)
+class _Planned:
+    """A plan for a goal, and the search that has made it: it understands these approaches, and no others."""
+
+    goal: Goals | None
+    search: Search
+    approaches: tuple[FingerApproach, ...]
+    verdict: IdentificationVerdict | None
+
+
 class RigRecognition:
     """All that a rig's grips have shown of the part on its table, as `identify` understands them.
 
@@ -45,16 +56,15 @@ class RigRecognition:
     taken to have moved, and only the later ones count.
     """
 
-    def __init__(self, search: Search, grips: tuple[MadeGrip, ...] = ()) -> None:
+    def __init__(self, search: Search) -> None:
         """`GripPlanner.begin` makes the first one."""
         self._search = search
-        self._planned: tuple[Search, tuple[FingerApproach, ...], IdentificationVerdict | None] | None = None
-        self._grips = grips
+        self._planned: _Planned | None = None
 
     @property
     def grips(self) -> tuple[MadeGrip, ...]:
         """Contacts of all grips, as `palpate.recognise` takes them."""
-        return self._grips
+        return tuple(MadeGrip.of(self._search.rig, *made) for made in self._search.made_grips)
 
     @property
     def recognition(self) -> Recognition | None:
@@ -69,15 +79,14 @@ class RigRecognition:
     @property
     def verdict(self) -> IdentificationVerdict:
         """Verdict of `identify` if no further grip were made: `unresolved` while there is too little."""
-        search, verdict = self._search, None
-        if self._planned is not None:
-            search, _, verdict = self._planned
-        return search.copy().conclude(verdict).outcome
+        if self._planned is None:
+            return self._search.copy().conclude().outcome
+        return self._planned.search.copy().conclude(self._planned.verdict).outcome
 
     @property
     def goal_met(self) -> bool:
         """True if every hypothesis is placed as finely as the last plan's goal, or the rig file's, asks."""
-        search = self._search if self._planned is None else self._planned[0]
+        search = self._search if self._planned is None else self._planned.search
         known = self.recognition
         return known is not None and bool(known.hypotheses) and search.chooser.is_fine(known)
 
@@ -93,22 +102,24 @@ class RigRecognition:
             )
         if grip.rig != self._search.rig:
             raise InputError(f'extend: the grip is of rig "{grip.rig.name}" with other values in its file')
-        follows = self._planned is not None and self._planned[1] == grip.approaches
-        search = (self._planned[0] if follows and self._planned is not None else self._search).copy()
+        planned = self._planned
+        follows = planned is not None and planned.approaches == grip.approaches
+        search = (planned.search if planned is not None and follows else self._search).copy()
         search.take(grip.approaches, grip.touches)
-        return RigRecognition(search, (*self._grips, grip))
+        return RigRecognition(search)
 
     def plan(self, goal: Goals | None) -> tuple[FingerApproach, ...]:
         """Plan as `GripPlanner.plan` says; asked again, the answer is the same."""
-        search = self._search.with_chooser(with_goals(self._search.chooser, goal))
-        verdict, approaches = None, tuple[FingerApproach, ...]()
-        if search.limit(0.0) is None:
-            verdict, approaches = search.next()
-        self._planned = search, approaches, verdict
-        return approaches
+        if self._planned is None or self._planned.goal != goal:
+            search = self._search.with_chooser(with_goals(self._search.chooser, goal))
+            verdict, approaches = None, tuple[FingerApproach, ...]()
+            if search.limit(0.0) is None:
+                verdict, approaches = search.next()
+            self._planned = _Planned(goal, search, approaches, verdict)
+        return self._planned.approaches
 
     def __repr__(self) -> str:
-        after = quantity(len(self._grips), "grip", "grips")
+        after = quantity(len(self._search.made_grips), "grip", "grips")
         left = quantity(len(self.hypotheses), "hypothesis", "hypotheses")
         return f"<RigRecognition {self.verdict.value}: {left} after {after}>"
 
