@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from palpate.jobs.catalogue import check_objects as check_objects
     from palpate.jobs.catalogue import import_objects as import_objects
     from palpate.jobs.catalogue import list_objects as list_objects
-    from palpate.jobs.connected import ConnectedRig as ConnectedRig
     from palpate.jobs.files import load_calibration as load_calibration
     from palpate.jobs.files import load_contacts as load_contacts
     from palpate.jobs.files import load_objects as load_objects
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from palpate.jobs.files import load_rig as load_rig
     from palpate.jobs.files import load_scene as load_scene
     from palpate.jobs.files import save as save
+    from palpate.jobs.ready_rig import ReadyRig as ReadyRig
     from palpate.jobs.recognition import Answer as Answer
     from palpate.jobs.recognition import Plan as Plan
     from palpate.jobs.recognition import RecognitionAnswer as RecognitionAnswer
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "jobs.bus": ("scan", "stop"),
     "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
-    "jobs.connected": ("ConnectedRig",),
+    "jobs.ready_rig": ("ReadyRig",),
     "jobs.files": (
         "load_calibration",
         "load_contacts",

@@ -36,10 +36,10 @@ from palpate.jobs.check import (
     hold_check,
     touch_check,
 )
-from palpate.jobs.connected import ConnectedRig
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on, required_proof
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
+from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
 from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
 from palpate.rig.bench import choose_placement, environment, set_up
@@ -356,7 +356,7 @@ class Rig:
         scene: Scene | PathLike | None = None,
         unconfirmed: bool = False,
         notice: Callable[[str], None] = warn_operator,
-    ) -> Iterator[ConnectedRig]:
+    ) -> Iterator[ReadyRig]:
         """Connect the fingers for single touches and grips, and a loop of one's own.
 
         Torque is on until the block is left, by whatever way: hands away from the rig. On an emulated rig
@@ -374,7 +374,7 @@ class Rig:
             hand = connection.enter_context(
                 prepared_hand(there, bench_rig.rig, bench_rig.calibration, proof, beside)
             )
-            with ConnectedRig.of(connection, hand) as connected:
+            with ReadyRig.of(connection, hand) as connected:
                 yield connected
 
     @check_arguments

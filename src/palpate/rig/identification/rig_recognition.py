@@ -125,7 +125,7 @@ class RigRecognition:
 
 
 class GripPlanner:
-    """What a rig's fingers can reach, and which grip comes next."""
+    """Planner of a rig's grips: approaches within reach, and which of them come next."""
 
     def __init__(self, rig: RigFile, reach: Reach | None = None) -> None:
         """`reach`: the rig's, if it is known already."""
@@ -215,7 +215,7 @@ def name_strategy(strategy: Strategy | GripStrategy) -> Strategy | Literal["own"
 
 
 def own_choice(strategy: GripStrategy) -> OwnChoice:
-    """What `identify` asks in place of its strategies. Its approaches are checked as those of a grip are."""
+    """Wrap a strategy of one's own for `identify`. Its approaches are checked as those of a grip are."""
     planners: list[GripPlanner] = []
 
     def choose(search: Search) -> Sequence[FingerApproach] | None:

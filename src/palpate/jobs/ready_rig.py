@@ -1,4 +1,4 @@
-"""A connected rig: single touches and grips with the guards of `identify`, and what to touch next."""
+"""A rig that is ready: single touches and grips with the guards of `identify`, and what to touch next."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,7 +16,7 @@ from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
 
 
-class ConnectedRig(GripPlanner):
+class ReadyRig(GripPlanner):
     """A rig whose fingers are ready to touch. Torque is on, and off when its `with` block is left.
 
     Fingers stand retracted between two grips, outside of the workspace, and hold there.
