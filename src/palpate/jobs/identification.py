@@ -59,15 +59,6 @@ class Callbacks:
         return [] if self.on_event is None else [self.on_event]
 
 
-def required_proof(on_bench: RigOnBench) -> WiringProof | None:
-    """Proof of the wiring that motions of a rig ask for; None for an emulated one."""
-    path = on_bench.path
-    if on_bench.rig.emulated or not isinstance(path, Path):
-        return None
-    command = f"palpate check --press --move --rig {shlex.quote(str(path))}"
-    return WiringProof(on_bench.described, confirmed_of(path), command)
-
-
 @dataclass(frozen=True)
 class IdentificationRequest:
     """Request for an identification; `name`: of the objects, in messages.
@@ -90,7 +81,11 @@ class IdentificationRequest:
     @property
     def proof(self) -> WiringProof | None:
         """Proof of the wiring that the run asks for."""
-        return None if self.unconfirmed else required_proof(self.on_bench)
+        path = self.on_bench.path
+        if self.unconfirmed or self.on_bench.rig.emulated or not isinstance(path, Path):
+            return None
+        command = f"palpate check --press --move --rig {shlex.quote(str(path))}"
+        return WiringProof(self.on_bench.described, confirmed_of(path), command)
 
     def session_name(self) -> str:
         """After everything that decides an emulated session, so that it is the same again; else the time."""

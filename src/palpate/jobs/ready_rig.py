@@ -1,13 +1,13 @@
 """A rig that is ready: single touches and grips with the guards of `identify`, and what to touch next."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from typing import Self
+from collections.abc import Sequence
+from contextlib import ExitStack
 
 from palpate.base.errors import InputError, warn_operator
 from palpate.config import ObjectsFile
 from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, select_known
 from palpate.recognizer import FingerApproach
+from palpate.rig.bench import check_heights
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.exploration import fast_to_workspace
@@ -27,27 +27,21 @@ class ReadyRig(GripPlanner):
         super().__init__(hand.rig)
         self.hand = hand
         self._connection: ExitStack | None = connection
+        connection.callback(self._end)
 
-    @classmethod
-    @contextmanager
-    def of(cls, connection: ExitStack, hand: Hand) -> Iterator[Self]:
-        """A rig that is connected until the block is left; `connection` switches torque off."""
-        with connection:
-            connected = cls(hand, connection)
-            try:
-                yield connected
-            finally:
-                connected._connection = None
+    def _end(self) -> None:
+        self._connection = None
 
     @check_arguments
     def recognise(self, objects: ObjectsFile | PathLike | None = None) -> RigRecognition:
         """Recognise nothing yet: anything of the catalogue may lie anywhere; `extend` it with grips.
 
         `objects`: None for the shipped ones. States that are not known at the fingers' heights are left out,
-        with a warning. Raises InputError if a file is wrong or no state is left.
+        with a warning. Raises InputError if a file is wrong, no state is left, or a part is too high.
         """
         models, _ = select_known(objects_from(objects), self.file.fingers, name_of(objects), warn_operator)
-        return self.begin(prepare_catalogue(models.objects, map(finger_of, self.file.fingers)))
+        check_heights(self.file, models)
+        return self._begin(prepare_catalogue(models.objects, map(finger_of, self.file.fingers)))
 
     def touch(self, approach: FingerApproach) -> MadeGrip:
         """Touch with one finger: as `grip` of one approach."""
@@ -69,7 +63,6 @@ class ReadyRig(GripPlanner):
         try:
             touches = carry_out_grip(self.hand, ways, lambda _: None)
         except BaseException as error:
-            connection, self._connection = self._connection, None
-            connection.__exit__(type(error), error, error.__traceback__)
+            self._connection.__exit__(type(error), error, error.__traceback__)
             raise
         return MadeGrip.of(self.file, asked, touches)

@@ -36,8 +36,15 @@ from palpate.jobs.check import (
     hold_check,
     touch_check,
 )
-from palpate.jobs.files import PathLike, check_arguments, name_of, objects_from, scene_from
-from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on, required_proof
+from palpate.jobs.files import (
+    PathLike,
+    check_arguments,
+    name_of,
+    objects_from,
+    scene_from,
+    select_known,
+)
+from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
@@ -360,22 +367,23 @@ class Rig:
         """Connect the fingers for single touches and grips, and a loop of one's own.
 
         Torque is on until the block is left, by whatever way: hands away from the rig. On an emulated rig
-        something of `objects`, or what `scene` says, lies on the table; without either nothing.
+        the next part of `objects`, or what `scene` says, lies on the table; without either nothing.
         `unconfirmed`, `notice` and errors are as in `identify`.
         """
-        given, bench_rig = scene_from(scene), self._on_bench
-        bench_rig.rig.require("identify")
-        lies = None
-        if objects is not None or given is not None:
-            lies = choose_placement(bench_rig.described, objects_from(objects), given, self._seed)
-        there = environment(set_up(bench_rig.described, lies, self._seed))
-        proof = None if unconfirmed else required_proof(bench_rig)
+        models, given, name = objects_from(objects), scene_from(scene), name_of(objects)
+        self.file.require("identify")
+        is_empty = objects is None and given is None
+        if not is_empty:
+            models, _ = select_known(models, self.file.fingers, name, lambda _: None)  # `recognise` warns
+        run, self._runs = self._runs, self._runs + 1
+        request = IdentificationRequest(
+            self._on_bench, models, name, given, self._seed, run, Strategy.PLANNED, unconfirmed
+        )
+        lies = None if is_empty else request.with_part()[1]
+        there = environment(set_up(self.described, lies, self._seed))
         with unwind_on_signals(), BackgroundCall("the display", notice) as beside, ExitStack() as connection:
-            hand = connection.enter_context(
-                prepared_hand(there, bench_rig.rig, bench_rig.calibration, proof, beside)
-            )
-            with ReadyRig.of(connection, hand) as connected:
-                yield connected
+            hand = prepared_hand(there, self.file, self._on_bench.calibration, request.proof, beside)
+            yield ReadyRig(connection.enter_context(hand), connection)
 
     @check_arguments
     @contextmanager

@@ -44,7 +44,7 @@ def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, se
     is too high for an arm's links to pass above it, and for one that is not known where a finger is.
     """
     check_known(objects.objects, rig.fingers)
-    _check_heights(rig, objects)
+    check_heights(rig, objects)
     if rig.emulation is None:
         if scene is not None:
             raise InputError(f'a scene is for emulated rigs; rig "{rig.name}" has real devices')
@@ -57,7 +57,7 @@ def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, se
     return draw_placement(objects, rig.emulation.placement_radius_mm, rng, rig.workspace.radius_mm)
 
 
-def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:
+def check_heights(rig: RigFile, objects: ObjectsFile) -> None:
     """Refuse a catalogue with an object that an arm's links would run into."""
     room_mm, name = lowest_links(rig)
     for model in objects.objects:

@@ -57,7 +57,7 @@ class RigRecognition:
     """
 
     def __init__(self, search: Search) -> None:
-        """`GripPlanner.begin` makes the first one."""
+        """`ReadyRig.recognise` makes the first one."""
         self._search = search
         self._planned: _Planned | None = None
 
@@ -108,8 +108,7 @@ class RigRecognition:
         search.take(grip.approaches, grip.touches)
         return RigRecognition(search)
 
-    def plan(self, goal: Goals | None) -> tuple[FingerApproach, ...]:
-        """Plan as `GripPlanner.plan` says; asked again, the answer is the same."""
+    def _plan(self, goal: Goals | None) -> tuple[FingerApproach, ...]:
         if self._planned is None or self._planned.goal != goal:
             search = self._search.with_chooser(with_goals(self._search.chooser, goal))
             verdict, approaches = None, tuple[FingerApproach, ...]()
@@ -145,7 +144,7 @@ class GripPlanner:
     def _longest_mm(self) -> dict[object, float]:
         return {_line_of(item): item.travel_mm for item in self.approaches}
 
-    def begin(self, catalogue: Catalogue) -> RigRecognition:
+    def _begin(self, catalogue: Catalogue) -> RigRecognition:
         """Recognition of a part of a catalogue before anything was touched."""
         search = begin_search(self.file, self._reach, catalogue)
         search.prepare()
@@ -154,15 +153,15 @@ class GripPlanner:
     def plan(self, recognition: RigRecognition, goal: Goals | None = None) -> tuple[FingerApproach, ...]:
         """Plan the next grip as `identify` does; none if that would end now: `recognition.verdict` says how.
 
-        `goal`: how finely to place the part; None: as the rig file's `[search]` says. `max_grips` of the
-        rig file counts, `max_seconds` does not.
+        Asked again, the answer is the same. `goal`: how finely to place the part; None: as the rig file's
+        `[search]` says. `max_grips` of the rig file counts, `max_seconds` does not.
         """
         if not isinstance(recognition, RigRecognition):
             raise InputError(
                 f"plan: recognition is {type(recognition).__name__}; it must be what this rig's recognise, "
                 "or extend of that, has returned"
             )
-        return recognition.plan(goal)
+        return recognition._plan(goal)
 
     def check(self, approaches: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
         """The approaches of one grip; InputError for such as the fingers cannot make, or not together."""
