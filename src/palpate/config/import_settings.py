@@ -69,7 +69,7 @@ class FileSettings(FileModel):
     friction: Annotated[Positive, Field(le=2.0)] | None = Field(
         default=None, description="Least coefficient of friction at the table, for part_holds_n."
     )
-    tags: Items[Name] | None = Field(default=None, description="Words by which objects list --tag chooses.")
+    tags: Items[Name] | None = Field(default=None, description="Words by which lists choose; as you like.")
     leave_out: Flag | None = Field(default=None, description="Do not import it.")
 
 
