@@ -13,13 +13,14 @@ unexport PYTHONDONTWRITEBYTECODE
 
 REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins/weiss/tests)
 
-.PHONY: help demo test tests realtime lint types layers check firmware docs campaign bench bench-torch clean
+.PHONY: help demo test tests realtime lint types layers check firmware docs wheel campaign bench bench-torch clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
 	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
 	@echo "make docs      the documentation as a site, in build/docs"
+	@echo "make wheel     sdist and wheels in dist/, compiled and pure, as an index takes them"
 	@echo "make campaign  the tests with all their cases and the long seeded benchmarks, with their tables"
 	@echo "make bench     palpate beside its peers and how cost grows: writes the tables of docs/performance.md"
 	@echo "make bench-torch  installs the peers that need PyTorch (7 GB) for make bench"
@@ -80,6 +81,17 @@ realtime: $(DEV) firmware
 docs: $(DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 	@echo "build/docs/index.html"
+
+# the compiled wheel holds for this and newer Pythons, and for systems at least as old as auditwheel says
+wheel: $(DEV)
+	rm -rf dist build/lib* build/temp* build/bdist* src/palpate.egg-info
+	$(BIN)/python -m build --no-isolation --sdist
+	PALPATE_WHEEL=stable $(BIN)/python -m build --no-isolation --wheel --outdir build/bdist
+	$(BIN)/auditwheel show build/bdist/*.whl
+	PATH=$(BIN):$$PATH $(BIN)/auditwheel repair --wheel-dir dist build/bdist/*.whl
+	rm -rf build/lib* build/bdist*
+	PALPATE_WHEEL=pure $(BIN)/python -m build --no-isolation --wheel
+	$(BIN)/twine check --strict dist/*
 
 campaign: $(DEV)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "campaign and not realtime"

@@ -19,7 +19,7 @@ import pytest
 
 from support.benches.rigs import small, small_parts
 from support.commands.command import PATIENCE_S
-from support.commands.repository import EXAMPLES, ROOT
+from support.commands.repository import EXAMPLES, PACKAGE, ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -39,9 +39,10 @@ json.dump(failed, sys.stdout)
 """
 
 
-def run(*command: str | Path, cwd: Path, stdin: str | None = None) -> str:
+def run(*command: str | Path, cwd: Path, stdin: str | None = None, **settings: str) -> str:
     """Run a program outside the repository, with an environment in which nothing points back to it."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "COV_", "PYTEST"))}
+    own = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "COV_", "PYTEST"))}
+    environment = own | settings
     done = subprocess.run(
         [str(word) for word in command],
         cwd=cwd,
@@ -83,14 +84,19 @@ def packaged(suffixes: tuple[str, ...]) -> set[str]:
     }
 
 
+def clean_copy(copy: Path) -> Path:
+    """Copy the files of the project into a folder; returns it."""
+    for path in source_files():
+        (copy / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, copy / path)
+    return copy
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A wheel built from an sdist of a clean copy."""
     work = tmp_path_factory.mktemp("build")
-    copy = work / "copy"
-    for path in source_files():
-        (copy / path).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / path, copy / path)
+    copy = clean_copy(work / "copy")
     # without --sdist and --wheel, build makes the wheel from the sdist
     run(sys.executable, "-m", "build", "--no-isolation", "--outdir", work / "dist", copy, cwd=work)
     (built,) = (work / "dist").glob("*.whl")
@@ -122,6 +128,35 @@ def test_wheel_holds_every_module_and_every_data_file(wheel: Path) -> None:
     for example in ("config/rigs/bench.toml", "config/objects/memo.json", "config/schemas/rig.schema.json"):
         assert example in held
     assert "py.typed" in held
+
+
+RECOGNIZE = """
+import sys
+sys.path.insert(0, "unpacked")
+from palpate.cli import main
+assert "unpacked" in main.__file__
+main.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "tags", "kernels"),
+    [("pure", "py3-none-any", []), ("stable", "cp311-abi3-", ["palpate/recognizer/_kernel.abi3.so"])],
+)
+def test_wheels_for_an_index_hold_for_many_pythons(
+    tmp_path: Path, kind: str, tags: str, kernels: list[str]
+) -> None:
+    copy = clean_copy(tmp_path / "copy")
+    build = (sys.executable, "-m", "build", "--no-isolation", "--wheel", "--outdir", tmp_path, copy)
+    run(*build, cwd=tmp_path, PALPATE_WHEEL=kind)
+    (built,) = tmp_path.glob(f"palpate-*-{tags}*.whl")
+    with zipfile.ZipFile(built) as archive:
+        archive.extractall(tmp_path / "unpacked")
+        assert [name for name in archive.namelist() if "_kernel" in name] == kernels
+    objects = PACKAGE / "config" / "objects" / "memo.json"
+    asked = ("recognize", "--objects", objects, "--contacts", EXAMPLES / "contacts.json", "--json")
+    found = json.loads(run(sys.executable, "-c", RECOGNIZE, *asked, cwd=tmp_path))
+    assert found["hypotheses"]
 
 
 def test_nothing_lands_at_top_level_but_the_one_root(wheel: Path) -> None:

@@ -102,8 +102,8 @@ int take_pairings(buffers *all, PyObject *in, pairings *taken)
     memset(taken, 0, sizeof(pairings));
     if (!PyArg_ParseTuple(in, "O!O!OOn", &PyTuple_Type, &sets, &PyTuple_Type, &tips, &edges, &states, &taken->nodes))
         return 0;
-    const Py_ssize_t contacts = taken->contacts = PyTuple_GET_SIZE(sets), row = taken->nodes * 8;
-    if (contacts < 1 || PyTuple_GET_SIZE(tips) != contacts) {
+    const Py_ssize_t contacts = taken->contacts = PyTuple_Size(sets), row = taken->nodes * 8;
+    if (contacts < 1 || PyTuple_Size(tips) != contacts) {
         PyErr_SetString(PyExc_ValueError, "a set of edges is needed for every contact");
         return 0;
     }
@@ -140,7 +140,7 @@ PyObject *padded(const list *cells, const list *points, int64_t most)
     PyObject *found = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells->size * (size_t)most * sizeof(point)));
     if (!found)
         return NULL;
-    point *to = (point *)PyByteArray_AS_STRING(found);
+    point *to = (point *)PyByteArray_AsString(found);
     for (size_t k = 0; k < cells->size; k++) {
         const cell *one = (const cell *)cells->data + k;
         const point *from = (const point *)points->data + one->first;
@@ -175,7 +175,7 @@ static PyObject *cells_found(buffers *all, list *cells, list *points, int64_t mo
     PyObject *rows = NULL, *polygons = fine ? padded(cells, points, most) : NULL;
     if (polygons && (rows = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells->size * sizeof(int64_t)))))
         for (size_t k = 0; k < cells->size; k++)
-            ((int64_t *)PyByteArray_AS_STRING(rows))[k] = ((const cell *)cells->data)[k].row;
+            ((int64_t *)PyByteArray_AsString(rows))[k] = ((const cell *)cells->data)[k].row;
     release(all);
     free_list(cells);
     free_list(points);

@@ -154,16 +154,16 @@ const edge_set *edges_of(PyObject *capsule)
 
 int take_sets(PyObject *tuple, const edge_set **sets)
 {
-    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++)
-        if (!(sets[k] = edges_of(PyTuple_GET_ITEM(tuple, k))))
+    for (Py_ssize_t k = 0; k < PyTuple_Size(tuple); k++)
+        if (!(sets[k] = edges_of(PyTuple_GetItem(tuple, k))))
             return 0;
     return 1;
 }
 
 int take_tips(PyObject *tuple, tip *tips)
 {
-    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++)
-        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(tuple, k), "ddd", &tips[k].x, &tips[k].y, &tips[k].bound))
+    for (Py_ssize_t k = 0; k < PyTuple_Size(tuple); k++)
+        if (!PyArg_ParseTuple(PyTuple_GetItem(tuple, k), "ddd", &tips[k].x, &tips[k].y, &tips[k].bound))
             return 0;
     return 1;
 }

@@ -152,7 +152,7 @@ PyObject *groups(PyObject *self, PyObject *arguments)
     }
     out = fine ? PyByteArray_FromStringAndSize(NULL, row) : NULL;
     if (out)
-        numbered(parent, count, (int64_t *)PyByteArray_AS_STRING(out));
+        numbered(parent, count, (int64_t *)PyByteArray_AsString(out));
     release(&all);
     free(boxes);
     free(parent);

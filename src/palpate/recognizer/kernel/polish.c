@@ -210,9 +210,9 @@ PyObject *polish(PyObject *self, PyObject *arguments)
         pose at = {states[i], theta[i], positions[i]};
         const char *without = skipped ? skipped + i * by.count : NULL;
         int holds = polish_pose(&by, &cells, region[i], cell[i], without, rows, &at);
-        ((double *)PyByteArray_AS_STRING(theta_out))[i] = at.theta;
-        ((vector *)PyByteArray_AS_STRING(positions_out))[i] = at.position;
-        PyByteArray_AS_STRING(holds_out)[i] = (char)holds;
+        ((double *)PyByteArray_AsString(theta_out))[i] = at.theta;
+        ((vector *)PyByteArray_AsString(positions_out))[i] = at.position;
+        PyByteArray_AsString(holds_out)[i] = (char)holds;
     }
     free(rows);
     end_evidence(&by);

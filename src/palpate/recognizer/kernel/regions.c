@@ -478,7 +478,7 @@ static int find_regions(const asked *of, round_room *r, polishing *job)
     return choose_doubtful(of, r);
 }
 
-#define AS(type, array) ((type *)PyByteArray_AS_STRING(array))
+#define AS(type, array) ((type *)PyByteArray_AsString(array))
 
 /* What Python gets: of the regions that are done, and have cells left: rows, lo, hi, polygons of their cells, where
    they begin, θ, positions, whether verified, interpretations; and rows of the cells to be cut finer. */

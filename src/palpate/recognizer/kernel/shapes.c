@@ -65,7 +65,7 @@ void furthest_of(const point *polygon, Py_ssize_t vertices, point origin, double
 static double *filled(Py_ssize_t count, PyObject **bytes)
 {
     *bytes = PyByteArray_FromStringAndSize(NULL, count * (Py_ssize_t)sizeof(double));
-    return *bytes ? (double *)PyByteArray_AS_STRING(*bytes) : NULL;
+    return *bytes ? (double *)PyByteArray_AsString(*bytes) : NULL;
 }
 
 /* furthest(polygons, k, v, origins (k × 2), lo, hi): how far R(θ)(s − origin) gets along +x, +y, −x and −y (k × 4)

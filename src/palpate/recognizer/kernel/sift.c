@@ -129,11 +129,11 @@ static PyObject *sifted_arrays(buffers *all, sifted *from, int fine)
         fine = (out[k] = PyByteArray_FromStringAndSize(NULL, count * width[k])) != NULL;
     for (Py_ssize_t k = 0; fine && k < count; k++) {
         const candidate *one = (const candidate *)from->found.data + k;
-        ((int64_t *)PyByteArray_AS_STRING(out[0]))[k] = ((const cell *)from->cells.data)[k].row;
-        ((double *)PyByteArray_AS_STRING(out[1]))[k] = one->lo;
-        ((double *)PyByteArray_AS_STRING(out[2]))[k] = one->hi;
-        ((point *)PyByteArray_AS_STRING(out[3]))[k] = one->spot;
-        PyByteArray_AS_STRING(out[4])[k] = (char)one->holds;
+        ((int64_t *)PyByteArray_AsString(out[0]))[k] = ((const cell *)from->cells.data)[k].row;
+        ((double *)PyByteArray_AsString(out[1]))[k] = one->lo;
+        ((double *)PyByteArray_AsString(out[2]))[k] = one->hi;
+        ((point *)PyByteArray_AsString(out[3]))[k] = one->spot;
+        PyByteArray_AsString(out[4])[k] = (char)one->holds;
     }
     release(all);
     free_list(&from->cells);

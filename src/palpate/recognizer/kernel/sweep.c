@@ -183,7 +183,7 @@ static ray ray_of(const edge_set *edges, int64_t state, const body *part, const 
 int take_paths(buffers *all, PyObject *sets_in, PyObject *paths_in, paths *taken)
 {
     memset(taken, 0, sizeof(paths));
-    taken->count = PyTuple_GET_SIZE(sets_in);
+    taken->count = PyTuple_Size(sets_in);
     if (!(taken->sets = malloc((size_t)(taken->count + 1) * sizeof(edge_set *)))) {
         PyErr_NoMemory();
         return 0;
@@ -273,7 +273,7 @@ PyObject *free_paths(PyObject *self, PyObject *arguments)
     if (take_sweeping(&all, &job, arguments))
         found = PyByteArray_FromStringAndSize(NULL, job.cells);
     for (Py_ssize_t cell = 0; found && cell < job.cells; cell++)
-        PyByteArray_AS_STRING(found)[cell] =
+        PyByteArray_AsString(found)[cell] =
             (char)paths_are_free(&job.of, job.state[cell], job.lo[cell], job.hi[cell], polygon_of(&job, cell),
                                  job.vertices, skipped_of(&job, cell));
     end_sweeping(&all, &job);
@@ -372,7 +372,7 @@ PyObject *enclose_stops(PyObject *self, PyObject *arguments)
             PyErr_NoMemory();
     }
     for (Py_ssize_t row = 0; found && row < of.count; row++)
-        enclose(&of, row, room, near, (double *)PyByteArray_AS_STRING(found));
+        enclose(&of, row, room, near, (double *)PyByteArray_AsString(found));
     free(room);
     free(near);
     release(&all);

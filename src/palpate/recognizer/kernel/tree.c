@@ -298,7 +298,7 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
                           &job.tips[2].x, &job.tips[2].y, &job.tips[2].bound, &normals[2][0], &normals[2][1],
                           &states_in, &edges_in, &lo_in, &hi_in, &count, &most, &job.modelled))
         return NULL;
-    if (PyTuple_GET_SIZE(sets_in) != 3) {
+    if (PyTuple_Size(sets_in) != 3) {
         PyErr_SetString(PyExc_ValueError, "three contacts are needed");
         return NULL;
     }
@@ -399,8 +399,8 @@ PyObject *narrow(PyObject *self, PyObject *arguments)
     if (!PyArg_ParseTuple(arguments, "O!O!OOOn", &PyTuple_Type, &sets_in, &PyTuple_Type, &tips_in, &edges_in, &lo_in,
                           &hi_in, &count))
         return NULL;
-    Py_ssize_t many = PyTuple_GET_SIZE(sets_in), row = count * (Py_ssize_t)sizeof(double);
-    if (many < 2 || many > 3 || PyTuple_GET_SIZE(tips_in) != many) {
+    Py_ssize_t many = PyTuple_Size(sets_in), row = count * (Py_ssize_t)sizeof(double);
+    if (many < 2 || many > 3 || PyTuple_Size(tips_in) != many) {
         PyErr_SetString(PyExc_ValueError, "two or three contacts are needed");
         return NULL;
     }
@@ -425,8 +425,8 @@ PyObject *narrow(PyObject *self, PyObject *arguments)
             const tip *const places[3] = {&tips[0], &tips[1], &tips[2]};
             at = three_contacts(sets, edge, places, at);
         }
-        ((double *)PyByteArray_AS_STRING(lo_out))[k] = at.lo;
-        ((double *)PyByteArray_AS_STRING(hi_out))[k] = at.hi;
+        ((double *)PyByteArray_AsString(lo_out))[k] = at.lo;
+        ((double *)PyByteArray_AsString(hi_out))[k] = at.hi;
     }
     release(&all);
     if (!fine) {

@@ -15,7 +15,7 @@ int take_evidence(buffers *all, PyObject *tuple, evidence *taken)
     memset(taken, 0, sizeof(evidence));
     if (!PyArg_ParseTuple(tuple, "O!O", &PyTuple_Type, &boundaries, &rows))
         return 0;
-    Py_ssize_t count = PyTuple_GET_SIZE(boundaries), sides = 1;
+    Py_ssize_t count = PyTuple_Size(boundaries), sides = 1;
     taken->count = count;
     if (!(taken->contacts = borrow(all, rows, count * (Py_ssize_t)sizeof(contact))))
         return 0;
@@ -23,7 +23,7 @@ int take_evidence(buffers *all, PyObject *tuple, evidence *taken)
     taken->places = calloc((size_t)count + 1, sizeof(place));
     taken->fits = calloc((size_t)count + 1, 1);
     for (Py_ssize_t k = 0; taken->on && k < count; k++) {
-        if (!(taken->on[k] = boundary_of(PyTuple_GET_ITEM(boundaries, k))))
+        if (!(taken->on[k] = boundary_of(PyTuple_GetItem(boundaries, k))))
             return 0;
         if (taken->on[k]->most_sides > sides)
             sides = taken->on[k]->most_sides;
@@ -111,7 +111,7 @@ static PyObject *array_of(Py_ssize_t count, size_t width)
     return PyByteArray_FromStringAndSize(NULL, count * (Py_ssize_t)width);
 }
 
-#define AS(type, array) ((type *)PyByteArray_AS_STRING(array))
+#define AS(type, array) ((type *)PyByteArray_AsString(array))
 
 /* verify(evidence, states, θ, positions, n, skipped (n × m) or None): fits, holds, gap, offset, normal, limited. */
 PyObject *verify(PyObject *self, PyObject *arguments)
