@@ -387,3 +387,11 @@ def test_a_refused_part_costs_no_other_and_is_named_again(parts: Path, tmp_path:
     assert {"both", "block-1"} <= written(tmp_path).keys()
     (parts / "both.step").unlink()
     assert ask(parts, *OPTIONS).code == 0
+
+
+def test_files_that_are_refused_later_take_no_object_away(parts: Path, tmp_path: Path, ask: Here) -> None:
+    ask(parts, *OPTIONS)
+    again = ask(parts, "--states", "as-is", "--out", "all.json")
+    assert again.code == 2
+    assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+    assert "nothing was written" not in again.out

@@ -16,6 +16,7 @@ import trimesh
 from palpate.base.confined_reading import UnfinishedReadingError, read_confined
 from palpate.base.errors import InputError
 from palpate.base.file_io import READING_BYTES, READING_S, read_bytes
+from palpate.base.optional_imports import MissingPackageError, import_extra
 from palpate.cad.readers import read_drawings, read_solids
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.calibration_file import load_calibration
@@ -187,6 +188,11 @@ def test_values_come_back() -> None:
 def test_a_refusal_comes_back_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"b\.svg: there is no such file$"):
         read_confined(FILE, "try another", read_bytes, tmp_path / "b.svg", 10, "")
+
+
+def test_a_package_that_is_missing_says_nothing_of_the_file() -> None:
+    with pytest.raises(MissingPackageError, match="reading STEP files needs no_such_module"):
+        read_confined(FILE, "", import_extra, "no_such_module", "step", "reading STEP files")
 
 
 @pytest.mark.slow

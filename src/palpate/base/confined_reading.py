@@ -18,6 +18,7 @@ from typing import ParamSpec, TypeVar
 
 from palpate.base.errors import InputError
 from palpate.base.file_io import READING_BYTES, READING_S, READING_WALL_S, size_in_words
+from palpate.base.optional_imports import MissingPackageError
 
 try:
     import resource
@@ -60,7 +61,7 @@ def read_confined(
 
     `path`: what is read. Raises InputError, with `advice`, also where the process exceeds `READING_S` of
     processor time or `READING_BYTES`, crashes, or fails unforeseen; UnfinishedReadingError where it does not
-    get that time. Its temporary files are removed.
+    get that time, and MissingPackageError as `read` does. Its temporary files are removed.
     """
     if _INSIDE in os.environ:
         return read(*args, **kwargs)
@@ -94,8 +95,8 @@ def read_confined(
     kind, value = pickle.loads(ended.stdout)
     if kind == "value":
         return value  # type: ignore[no-any-return]
-    text, *notes = value if kind == "refused" else [f"{name}: {value}; {advice}"]
-    error = InputError(text)
+    text, *notes = [f"{name}: {value}; {advice}"] if kind == "failed" else value
+    error = MissingPackageError(text) if kind == "missing" else InputError(text)
     for note in notes:
         error.add_note(note)
     raise error
@@ -125,7 +126,8 @@ def _answer(call: bytes) -> tuple[str, object]:
         read, args, kwargs = pickle.loads(call)
         return "value", read(*args, **kwargs)
     except InputError as error:
-        return "refused", tuple(map(_shorten, (str(error), *getattr(error, "__notes__", ()))))
+        kind = "missing" if isinstance(error, MissingPackageError) else "refused"
+        return kind, tuple(map(_shorten, (str(error), *getattr(error, "__notes__", ()))))
     except MemoryError:
         return "failed", _TOO_LARGE
     except Exception as error:

@@ -23,8 +23,8 @@ TOML_BYTES = 1 * MB
 """A rig, calibration or references file; those of 16 fingers take 0.1 MB."""
 JSON_BYTES = 32 * MB
 """An objects, contacts or scene file, or the record of a calibration; a leaning state takes 0.1 to 1 MB."""
-LOG_BYTES = 320 * MB
-"""A session's log, also unpacked; a minute takes 15 to 30 MB."""
+LOG_BYTES = 640 * MB
+"""A session's log, also unpacked; a minute takes 15 to 70 MB."""
 RUNS_BYTES = 128 * MB
 """A file of a study's runs; 360,000 take that, and 700 MB of memory."""
 CAD_BYTES = 64 * MB
@@ -38,12 +38,12 @@ MOST_TABLE_KEYS = 1_000
 """Keys in one table of a TOML or JSON file."""
 MOST_NESTING = 64
 """Parts of a dotted key in TOML, blocks within blocks in DXF, elements within elements in SVG."""
-MOST_LOG_LINES = 600_000
-"""Lines in a log; 320 MB of a real one have 480,000."""
-MOST_LOG_VALUES = 6_000_000
-"""The same as `VALUES` in a log, lines of bytes left out; 320 MB of a real one have 4,800,000."""
-LOG_LINE_BYTES = 4 * MB
-"""A line of a log; the longest, with all interpretations of a grip, take 0.4 MB."""
+MOST_LOG_LINES = 1_000_000
+"""Lines in a log; 480 MB of a real one, seven minutes, have 700,000."""
+MOST_LOG_VALUES = 24_000_000
+"""The same as `VALUES` in a log, lines of bytes left out; 480 MB of a real one have up to 18,000,000."""
+LOG_LINE_BYTES = 16 * MB
+"""A line of a log; the longest, with the traces of three fingers that crept for half a minute, take 7 MB."""
 
 MOST_FACETS = 500_000
 """Triangles in a mesh or STEP file."""

@@ -223,7 +223,7 @@ def test_a_log_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
     packed += b"".join(packer.compress(blank) for _ in range(LOG_BYTES // len(blank)))
     packed += packer.compress(blank) + packer.flush()
     (tmp_path / "session.jsonl.zst").write_bytes(packed)
-    with pytest.raises(InputError, match=r"session.jsonl.zst: holds more than 320 MB: record shorter runs"):
+    with pytest.raises(InputError, match=r"session.jsonl.zst: holds more than 640 MB: record shorter runs"):
         read_session(tmp_path)
 
 
@@ -231,7 +231,7 @@ def test_a_line_that_does_not_end_is_refused(tmp_path: Path) -> None:
     packed = zstandard.ZstdCompressor().compress(bytes(LOG_BYTES))
     (tmp_path / "session.jsonl.zst").write_bytes(packed)
     with pytest.raises(
-        InputError, match=r"session.jsonl.zst: line 1: has more than 4 MB; at most that is read"
+        InputError, match=r"session.jsonl.zst: line 1: has more than 16 MB; at most that is read"
     ):
         read_session(tmp_path)
 
