@@ -381,8 +381,9 @@ def _truth_line(out: IdentificationOut) -> str:
     if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
         return f"{line}; not among the answers"
     turned = math.degrees(truth.orientation_error_rad)
+    whose = "" if (truth.object, truth.state) == (out.object, out.state) else "that hypothesis is "
     return (
-        f"{line}; off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
+        f"{line}; {whose}off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
         f"{'inside' if truth.inside_bounds else 'OUTSIDE'} the bounds"
     )
 

@@ -70,8 +70,8 @@ def show_files(out: ImportOut, console: Console) -> None:
         console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({size}), {out.seconds:.1f} s")
         console.print(f"see them: palpate objects show {escape(_quote(out.objects_file))}", soft_wrap=True)
     else:
-        left = f"{escape(out.objects_file)} keeps its objects" if out.bytes else "nothing was written"
-        console.print(f"{count} could be read; {left}", soft_wrap=True)
+        kept_words = f"{escape(out.objects_file)} keeps its objects" if out.bytes else "nothing was written"
+        console.print(f"{count} could be read; {kept_words}", soft_wrap=True)
 
 
 def _show_refused(out: ImportOut, console: Console) -> None:

@@ -20,7 +20,7 @@ from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.recognizer import Catalogue
-from palpate.rig.catalogue.finger_model import FingerAtHeight, check_known
+from palpate.rig.catalogue.finger_model import FingerAtHeight, KnownObjects, check_known
 from palpate.rig.catalogue.reachability import (
     HOPELESS,
     Finding,
@@ -95,6 +95,18 @@ def test_a_height_that_would_do_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\(1 more state is not known where fingers are\)") as caught:
         check_known([*low, *high], [FingerAtHeight("f1", 10.0)])
     assert "set the finger" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("beside", "again"), [([[9.5, 9.8], [10.1, 10.5]], False), ([[4.5, 5.5]], True)])
+def test_importing_again_is_advised_only_where_it_helps(
+    tmp_path: Path, beside: list[list[float]], again: bool
+) -> None:
+    """The import for a height leaves out what is too nearly level just there, and would do so again."""
+    low = load_objects(write(tmp_path, beside, name="low.json")).objects
+    whole = load_objects(write(tmp_path, None, name="whole.json")).objects
+    notice = KnownObjects.of([*low, *whole], [FingerAtHeight("f1", 10.0)]).notice
+    assert notice is not None
+    assert ("import them again for heights 10" in notice) is again
 
 
 def test_all_along_a_tip_the_state_must_be_known(tmp_path: Path) -> None:

@@ -195,6 +195,8 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
 
 
 _MAX_STATES_SHOWN = 5
+_BESIDE_MM = 0.5
+"""An import for a height gives sections within so much of it, where walls are not too nearly level."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +215,7 @@ class KnownObjects:
         """Raises InputError as `check_known` does if no state is left."""
         kept: list[ObjectModel] = []
         lost: list[UnknownStateOut] = []
+        is_known_beside = True
         for model in objects:
             known = [all(state.known_within(item.span_mm) for item in fingers) for state in model.states]
             pairs = list(zip(model.states, known, strict=True))
@@ -221,6 +224,7 @@ class KnownObjects:
                 for state, is_known in pairs
                 if not is_known
             ]
+            is_known_beside &= all(is_known or _is_known_beside(state, fingers) for state, is_known in pairs)
             if all(known):
                 kept.append(model)
             elif any(known):
@@ -233,12 +237,28 @@ class KnownObjects:
         more = len(lost) - len(words)
         rest = f" and {quantity(more, 'more state', 'more states')}" if more > 0 else ""
         wanted = ",".join(map(_span_text, sorted({item.span_mm for item in fingers})))
+        advice = (
+            "their walls are too nearly level just there: have fingers higher or lower"
+            if is_known_beside
+            else f"import them again for heights {wanted}"
+        )
         return cls(
             tuple(kept),
             tuple(lost),
             f"left out, as they are not known where fingers are: {'; '.join(words)}{rest}; parts that rest "
-            f"so are not recognised; import them again for heights {wanted} to have them",
+            f"so are not recognised; {advice} to have them",
         )
+
+
+def _is_known_beside(state: State, fingers: Sequence[HasHeight]) -> bool:
+    """True of a state that is known next to every finger: it was imported for these heights."""
+    return all(
+        any(
+            low - _BESIDE_MM <= finger.span_mm[0] and finger.span_mm[1] <= high + _BESIDE_MM
+            for low, high in state.heights_mm or ()
+        )
+        for finger in fingers
+    )
 
 
 def _share_text(state: UnknownStateOut) -> str:
