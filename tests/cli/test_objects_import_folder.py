@@ -12,8 +12,7 @@ import pytest
 import trimesh
 
 from palpate.base.confined_reading import UnfinishedReadingError
-from palpate.base.errors import InputError
-from palpate.base.optional_imports import MissingPackageError
+from palpate.base.errors import InputError, MissingPackageError
 from palpate.cad.parts import Solid
 from palpate.config import load_objects
 from palpate.config.import_settings import load_import_settings

@@ -14,9 +14,9 @@ import pytest
 import trimesh
 
 from palpate.base.confined_reading import UnfinishedReadingError, read_confined
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, MissingPackageError
 from palpate.base.file_io import READING_BYTES, READING_S, read_bytes
-from palpate.base.optional_imports import MissingPackageError, import_extra
+from palpate.base.optional_imports import import_extra
 from palpate.cad.readers import read_drawings, read_solids
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.calibration_file import load_calibration

@@ -16,9 +16,8 @@ from contextlib import suppress
 from tempfile import TemporaryDirectory
 from typing import ParamSpec, TypeVar
 
-from palpate.base.errors import InputError
+from palpate.base.errors import InputError, MissingPackageError
 from palpate.base.file_io import READING_BYTES, READING_S, READING_WALL_S, size_in_words
-from palpate.base.optional_imports import MissingPackageError
 
 try:
     import resource

@@ -18,6 +18,10 @@ class InputError(PalpateError):
     """A file, option or value from outside is not usable. Exit code 2."""
 
 
+class MissingPackageError(InputError):
+    """A package of an extra is not installed: nothing is said of a file."""
+
+
 class OutputError(PalpateError):
     """Failure of something beside the devices: a log, a disk, standard output, an observer. Exit code 5."""
 

@@ -12,11 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from palpate.base.errors import InputError
-
-
-class MissingPackageError(InputError):
-    """A package of an extra is not installed: nothing is said of the file."""
+from palpate.base.errors import InputError, MissingPackageError
 
 
 def import_extra(module: str, extra: str, purpose: str) -> Any:

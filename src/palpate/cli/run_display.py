@@ -15,8 +15,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from palpate.base.errors import InputError, quantity
-from palpate.base.optional_imports import MissingPackageError, install_command
+from palpate.base.errors import InputError, MissingPackageError, quantity
+from palpate.base.optional_imports import install_command
 from palpate.cli.terminal import StatusLine
 from palpate.jobs.recognition import Answer
 from palpate.recognizer import Recognition

@@ -14,10 +14,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from palpate.base.confined_reading import UnfinishedReadingError
-from palpate.base.errors import InputError, PalpateError
+from palpate.base.errors import InputError, MissingPackageError, PalpateError
 from palpate.base.file_access import relative_path
 from palpate.base.file_io import CAD_BYTES, read_bytes
-from palpate.base.optional_imports import MissingPackageError
 from palpate.cad.parts import GIVE_NO_UNITS
 from palpate.cad.readers import CAD_SUFFIXES, is_drawing
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, RefusedText, SourceText
