@@ -4,7 +4,17 @@ import sys
 
 import pytest
 
-_HOW = ("-p", "palpate.testing.hardware.plugin", "--import-mode=importlib", "--tb=short", "-ra")
+_IMPORTED = "ignore:Module already imported:pytest.PytestAssertRewriteWarning"
+"""This module is of the package whose plug-in pytest would rewrite."""
+_HOW = (
+    "-p",
+    "palpate.testing.hardware.plugin",
+    "--import-mode=importlib",
+    "--tb=short",
+    "-ra",
+    "-W",
+    _IMPORTED,
+)
 
 if __name__ == "__main__":
     sys.exit(pytest.main([*_HOW, "--pyargs", "palpate.testing.hardware", *sys.argv[1:]]))
