@@ -388,6 +388,19 @@ def test_a_refused_part_costs_no_other_and_is_named_again(parts: Path, tmp_path:
     assert ask(parts, *OPTIONS).code == 0
 
 
+def test_a_catalogue_that_could_not_be_read_again_is_not_written(
+    parts: Path, tmp_path: Path, ask: Here, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ask(parts, *OPTIONS)
+    before = (tmp_path / "all.json").read_bytes()
+    trimesh.creation.box((15, 15, 15)).export(parts / "more.stl")
+    monkeypatch.setattr("palpate.config.loading.JSON_BYTES", len(before) + 10)
+    ended = ask(parts, *OPTIONS)
+    assert (ended.code, ended.out) == (2, "")
+    assert "put some of it into another file" in ended.err
+    assert (tmp_path / "all.json").read_bytes() == before
+
+
 def test_files_that_are_refused_later_take_no_object_away(parts: Path, tmp_path: Path, ask: Here) -> None:
     ask(parts, *OPTIONS)
     again = ask(parts, "--states", "as-is", "--out", "all.json")

@@ -3,12 +3,14 @@
 import math
 import time
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from palpate.base.errors import InputError
 from palpate.base.file_io import write_text
+from palpate.config.loading import check_readable
 from palpate.config.objects_file import load_objects, load_objects_text, objects_from_text
 from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.jobs.files import load_rig
@@ -117,8 +119,15 @@ def load_for_edit(file: Path) -> ObjectsFileText:
 
 def write_edited(file: Path, text: ObjectsFileText) -> None:
     """Write an edited text, if it can be read again. Raises InputError."""
+    write_text(file, _readable_json(text, file))
+
+
+def _readable_json(text: ObjectsFileText, file: Path) -> str:
+    """A text as it is written. Raises InputError if it could not be read again."""
     objects_from_text(text, str(file))
-    write_text(file, objects_json(text))
+    json = objects_json(text)
+    check_readable(str(file), json)
+    return json
 
 
 class ObjectsTarget:
@@ -142,8 +151,7 @@ class ObjectsTarget:
     def write(self, text: ObjectsFileText) -> int:
         """Write a text that can be read again, unless the file holds it already; its number of bytes."""
         if text != self._written:
-            objects_from_text(text, str(self._path))
-            write_text(self._path, objects_json(text))
+            write_text(self._path, _readable_json(text, self._path))
             self._written = text
         return self._path.stat().st_size
 
@@ -155,5 +163,6 @@ class ObjectsTarget:
     ) -> None:
         if error is None or self._kept is None:
             return
-        self.write(self._kept)
-        error.add_note(f"what was done is in {self._path}; the same command goes on with the rest")
+        with suppress(InputError):  # it is too large: what was written before stays
+            self.write(self._kept)
+            error.add_note(f"what was done is in {self._path}; the same command goes on with the rest")

@@ -28,6 +28,7 @@ from palpate.base.file_io import (
     MOST_VALUES,
     TOML_BYTES,
     read_bytes,
+    size_in_words,
 )
 from palpate.config.problems import Problem, excerpt, place_in_words, problems_of, refuse
 
@@ -152,8 +153,22 @@ def _read_text(source: Source, most_bytes: int, advice: str, wanted: str) -> str
         raise InputError(f"{name}: {_describe_other_format(name, '', wanted) or fault}") from None
 
 
+def check_readable(name: str, text: str) -> None:
+    """Raise InputError for a JSON text that is too large to be read again once it is written."""
+    size, values = len(text.encode()), _count_values(text)
+    if size > JSON_BYTES or values > MOST_VALUES:
+        raise InputError(
+            f"{name}: would have {size_in_words(size)} and {values} values; at most "
+            f"{size_in_words(JSON_BYTES)} and {MOST_VALUES} are read: put some of it into another file"
+        )
+
+
+def _count_values(text: str) -> int:
+    return sum(text.count(mark) for mark in ",[{")
+
+
 def _decode_json(text: str) -> object:
-    values = sum(text.count(mark) for mark in ",[{")
+    values = _count_values(text)
     if values > MOST_VALUES:
         raise _Refused(
             f"holds about {values} values; at most {MOST_VALUES} are read: divide it into several files"
