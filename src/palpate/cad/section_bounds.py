@@ -369,7 +369,7 @@ def material_bound_mm(
 
     `exact`: gives the section at one of its heights; `off_mm`: how far edges are from the model's at most.
     """
-    whole = _polygons(model)
+    whole = valid_region(model)
     deep = whole.buffer(
         -off_mm / math.cos(math.pi / 4 / _QUARTER_CHORDS) * (1 + 1e-9), quad_segs=_QUARTER_CHORDS
     )
@@ -390,7 +390,7 @@ def material_bound_mm(
     coarse = _COARSE_SHARE * allowed_mm
     grid = coarse / 8
     touched = shapely.union_all(swept, grid_size=grid)
-    near = _areas(shapely.intersection(_polygons(exact()), window, grid_size=grid))
+    near = _areas(shapely.intersection(valid_region(exact()), window, grid_size=grid))
     always = shapely.difference(near, touched, grid_size=grid)
     solid = always.simplify(coarse / 2)
     far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER_CHORDS))
@@ -405,7 +405,8 @@ def _meets_box(points: Floats, bounds: Floats) -> Bools:
     return result
 
 
-def _polygons(regions: Sequence[Polygon]) -> shapely.Geometry:
+def valid_region(regions: Sequence[Polygon]) -> shapely.Geometry:
+    """Region of disjoint polygons from a section, whose rings may touch themselves."""
     polygons = [shapely.Polygon(region.outer, region.holes) for region in regions]
     return _areas(shapely.make_valid(shapely.MultiPolygon(polygons)))
 

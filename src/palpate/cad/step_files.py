@@ -24,8 +24,8 @@ STEP_SUFFIXES = (".step", ".stp")
 _CHORD_TURN_RAD = math.radians(10.0)
 """Most that neighbouring chords of a curve turn by."""
 
-_FINER, _FINE_FACETS = (9.0, 3.0, 2.0), 75_000
-"""Curves are cut so many times as finely as they have to be, if that takes no more facets: many take long.
+_FINER, _FINE_FACETS = (9.0, 7.0, 5.0, 3.0, 2.0), 90_000
+"""Curves are cut so many times as finely as they must be, as far as so many facets in all do: many take long.
 
 Where walls lean, sections are the wider for what a surface is off by. Where faces cross as they are cut, by
 chance, they may not with other chords.
@@ -83,11 +83,13 @@ _UNCUT = UnsoundSurfaceError("", "")
 
 def _cuts(path: Path, shapes: Sequence[StepShape], curve_mm: float) -> Iterator[_Cut]:
     """Cuts of the same shapes, from the finest one of few enough facets to the one that there is."""
+    left = _FINE_FACETS
     for factor in _FINER:
         # Cylinders take so many times more facets, what is curved both ways takes more.
-        if math.sqrt(factor) * _facet_count(shapes) <= _FINE_FACETS:
+        if math.sqrt(factor) * _facet_count(shapes) <= left:
             for cut in _other_cut(path, shapes, curve_mm / factor, _CHORD_TURN_RAD):
-                if _facet_count(cut[1]) <= _FINE_FACETS:
+                left -= _facet_count(cut[1])
+                if left >= 0:
                     yield cut
     yield curve_mm, shapes
 

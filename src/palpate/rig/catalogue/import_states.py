@@ -15,7 +15,6 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, Polygon
-from palpate.base.geometry.outlines import region_of
 from palpate.cad.parts import CrossSection, Solid, StableState
 from palpate.cad.resting_surface import (
     RestingSurface,
@@ -24,6 +23,7 @@ from palpate.cad.resting_surface import (
     silhouette,
     slice_surface,
 )
+from palpate.cad.section_bounds import valid_region
 from palpate.cad.sections import SectionsError, sections_of
 from palpate.cad.stable_states import LeftOut, stable_states, state_as_drawn
 from palpate.cad.state_merging import MergedState, merge_states
@@ -279,7 +279,7 @@ class _Slices:
 
 
 def _region(surface: RestingSurface, height_mm: float) -> shapely.Geometry:
-    return region_of(regions_of([ring.points for ring in slice_surface(surface, height_mm)]))
+    return valid_region(regions_of([ring.points for ring in slice_surface(surface, height_mm)]))
 
 
 def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
