@@ -66,7 +66,12 @@ def test_grips_are_values_that_may_be_taken_again_and_again(bench: tuple[Path, P
         assert nothing.grips == ()
         assert [h.bounds for h in once.hypotheses] == [h.bounds for h in again.hypotheses]
         finest = palpate.Goals(position_mm=1e-6, orientation_rad=1e-9)
-        assert rig.plan(once, finest) != ()
+        fast = max(rig.plan(once, finest), key=lambda item: item.fast_mm)
+        assert fast.fast_mm > 1
+        assert not rig.touch(fast.up_to(fast.fast_mm / 2))[0].touched
+        rig.plan(nothing)
+        with pytest.raises(palpate.InputError, match="of its way are known to be free"):
+            rig.touch(fast)
         assert not once.goal_met
         with pytest.raises(palpate.InputError, match=r"rig\.grip or rig\.touch"):
             once.extend(list(grip))  # type: ignore[arg-type]
@@ -86,6 +91,7 @@ def test_grips_are_values_that_may_be_taken_again_and_again(bench: tuple[Path, P
         (lambda ways: [replace(ways[0], travel_mm=1e3)], "goes 1000 mm; it must be"),
         (lambda ways: [replace(ways[0], touch_mm_s=1e3)], "touches at 1000 mm/s"),
         (lambda ways: [replace(ways[0], fast_mm=1e3)], "fast for 1000 mm"),
+        (lambda ways: [replace(ways[0], fast_mm=ways[0].travel_mm)], "of its way are known to be free"),
         (lambda ways: [replace(ways[0], finger_index=9)], "of no finger"),
         (lambda ways: [ways], "one approach or several"),
     ],

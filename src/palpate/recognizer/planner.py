@@ -57,7 +57,8 @@ class FingerApproach(ShortRepr, Approach):
 
     def up_to(self, travel_mm: float) -> Self:
         """The same approach, for `travel_mm` at most."""
-        return replace(self, travel_mm=min(travel_mm, self.travel_mm))
+        shorter = min(travel_mm, self.travel_mm)
+        return replace(self, travel_mm=shorter, fast_mm=min(self.fast_mm, shorter))
 
 
 class Reachable(Protocol):

@@ -13,6 +13,7 @@ from palpate.base.errors import InputError, quantity
 from palpate.base.vocabulary import OWN_STRATEGY, IdentificationVerdict, Strategy
 from palpate.config import RigFile
 from palpate.recognizer import Catalogue, Contact, FingerApproach, Goals, Hypothesis, Recognition
+from palpate.rig.identification.exploration import fast_to_workspace
 from palpate.rig.identification.identify import begin_search, with_goals
 from palpate.rig.identification.loop import OwnChoice, Search
 from palpate.rig.motion.touch import Touch
@@ -130,6 +131,7 @@ class GripPlanner:
         """`reach`: the rig's, if it is known already."""
         self.file = rig
         self._known_reach = reach
+        self._free_mm: dict[object, float] = {}  # by line: what the last plan has proven free
 
     @property
     def approaches(self) -> tuple[FingerApproach, ...]:
@@ -161,7 +163,9 @@ class GripPlanner:
                 f"plan: recognition is {type(recognition).__name__}; it must be what this rig's recognise, "
                 "or extend of that, has returned"
             )
-        return recognition._plan(goal)
+        planned = recognition._plan(goal)
+        self._free_mm = {_line_of(item): item.fast_mm for item in planned}
+        return planned
 
     def check(self, approaches: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
         """The approaches of one grip; InputError for such as the fingers cannot make, or not together."""
@@ -187,8 +191,13 @@ class GripPlanner:
                 f"an approach {name} goes {item.travel_mm:g} mm; it must be more than 0, and {longest:g} mm "
                 "at most"
             )
-        if not 0 <= item.fast_mm <= item.travel_mm:
-            raise InputError(f"an approach {name} is fast for {item.fast_mm:g} mm of {item.travel_mm:g} mm")
+        outside = fast_to_workspace(item, self.file.workspace.radius_mm).fast_mm
+        free = min(max(outside, self._free_mm.get(_line_of(item), 0.0)), item.travel_mm)
+        if not 0 <= item.fast_mm <= free:
+            raise InputError(
+                f"an approach {name} is fast for {item.fast_mm:g} mm; {free:g} mm of its way are known to be "
+                "free: outside of the workspace, or by the last plan"
+            )
         fastest = self.file.closing.search_mm_s
         if item.touch_mm_s is not None and not 0 < item.touch_mm_s <= fastest:
             raise InputError(
