@@ -118,6 +118,13 @@ def test_show_lists_draws_and_names_twins(ask: Here) -> None:
     assert "may feel like wider, s" in picture
 
 
+def test_show_of_named_objects_alone(ask: Here) -> None:
+    ended = ask("show", PARTS, "block", "angle", "--json")
+    assert [item["object"] for item in ended.json["states"]] == ["angle", "block"]
+    ended = ask("show", PARTS, "blok")
+    assert (ended.code, 'no object "blok"; did you mean "block"?' in ended.err) == (2, True)
+
+
 def test_show_as_json_with_a_place_for_the_picture(ask: Here) -> None:
     ended = ask("show", PARTS, "--json", "--picture", "elsewhere.svg")
     assert ended.code == 0

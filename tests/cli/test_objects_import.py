@@ -458,6 +458,13 @@ def test_a_part_is_taken_by_its_number_or_its_name(plate: Path, tmp_path: Path, 
     assert areas_mm2(tmp_path) == pytest.approx([300.0])
 
 
+def test_a_part_that_is_chosen_has_the_name_that_is_given(plate: Path, tmp_path: Path, ask: Here) -> None:
+    told = ask(plate, *DRAWING, "--parts", "plate-2", "--name", "front", "--out", "one.json", "--json").json
+    assert [item["name"] for item in told["objects"]] == ["front"]
+    told = ask(plate, *DRAWING, "--name", "front", "--out", "all.json", "--json").json
+    assert [item["name"] for item in told["objects"]] == ["front-1", "front-2"]
+
+
 @pytest.mark.parametrize("part", ["3", "0", "block"])
 def test_a_part_that_is_not_there_is_refused_with_those_that_are(plate: Path, ask: Here, part: str) -> None:
     refused_drawing(ask(plate, *DRAWING, "--parts", part), "plate.dxf", f'no part "{part}"', "plate-1")

@@ -99,7 +99,8 @@ def test_an_object_whose_file_is_gone_is_kept_and_named(parts: Path, tmp_path: P
     ask(parts, *OPTIONS)
     (parts / "block-3.stl").unlink()
     ended = ask(parts, *OPTIONS)
-    assert ended.json["warnings"] == ['object "block-3" is kept, though its file parts/block-3.stl is gone']
+    (line,) = ended.json["warnings"]
+    assert not missing(line, "block-3", "parts/block-3.stl is gone", "objects remove")
     assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
 
 
@@ -286,6 +287,13 @@ def test_settings_say_of_each_file_what_it_is(parts: Path, tmp_path: Path, ask: 
     ended = ask(parts, *OPTIONS, "--settings", other)
     assert ended.code == 2
     assert not missing(ended.err, "other.toml", "leave_it_out")
+
+
+def test_a_name_with_brackets_is_written_out_in_settings(parts: Path, ask: Here) -> None:
+    (parts / "block-1.stl").rename(parts / "[a]_block.stl")
+    text = 'format = "palpate/import-settings@1"\n[files."[a]_block.stl"]\nname = "arm"\n'
+    (parts / "palpate-import.toml").write_text(text)
+    assert "arm" in [item["name"] for item in ask(parts, *OPTIONS).json["objects"]]
 
 
 def test_settings_to_be_filled_in_are_written_once(parts: Path, ask: Here) -> None:

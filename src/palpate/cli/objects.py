@@ -212,7 +212,11 @@ def import_objects(
         warnings=(
             *found.left_out,
             *(text for outcome in made.files for text in outcome.warnings),
-            *(f'object "{name}" is kept, though its file {file} is gone' for name, file in made.gone),
+            *(
+                f'object "{name}" is kept, though its file {file} is gone; '
+                f"palpate objects remove takes it out of {target}"
+                for name, file in made.gone
+            ),
         ),
         files=files_out(made),
         seconds=time.perf_counter() - begin,
@@ -263,6 +267,9 @@ def list_objects(
 @note_on_interruption("no picture was written")
 def show_objects(
     file: ObjectsArgument,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="NAME…", help="Only these.", show_default=False)
+    ] = None,
     rig: RigOption = None,
     picture: Annotated[
         Path | None,
@@ -288,6 +295,7 @@ def show_objects(
     from palpate.views.catalogue.listing import print_listing
 
     bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(file)
+    models = models.select(names, str(file)) if names else models
     # In the current folder, and named so that no drawing beside the file is written over.
     place = picture or Path(f"{file.stem.removesuffix('.objects')}.objects.svg")
     read = {**rig_files(rig), "FILE": file}

@@ -83,18 +83,19 @@ class ImportSettings(FileSettings):
         """Settings of a file, by its path from the folder; only what is said."""
         said = self.model_dump(exclude={"format", "files"}, exclude_none=True)
         for pattern, settings in self.files.items():
-            if fnmatchcase(str(path), pattern) or fnmatchcase(path.name, pattern):
+            if _matches(path, pattern):
                 said |= settings.model_dump(exclude_none=True)
         return said
 
     def unused(self, paths: Iterable[PurePosixPath]) -> tuple[str, ...]:
         """Patterns that no file matches."""
         there = list(paths)
-        return tuple(
-            pattern
-            for pattern in self.files
-            if not any(fnmatchcase(str(path), pattern) or fnmatchcase(path.name, pattern) for path in there)
-        )
+        return tuple(pattern for pattern in self.files if not any(_matches(path, pattern) for path in there))
+
+
+def _matches(path: PurePosixPath, pattern: str) -> bool:
+    """Whether a pattern is that of a file; a name that is written out matches, whatever brackets it has."""
+    return any(text == pattern or fnmatchcase(text, pattern) for text in (str(path), path.name))
 
 
 def load_import_settings(source: Source) -> ImportSettings:

@@ -11,10 +11,10 @@ the last edge back to point 0. Edges of a section are counted polygon by polygon
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeGuard
+from typing import Any, Self, TypeGuard
 
 import numpy as np
 import pydantic
@@ -32,6 +32,7 @@ from palpate.config.objects_tables import (
     PolygonText,
     SectionText,
     StateText,
+    check_objects_there,
     curve_of,
     facets_for,
     flat_curve,
@@ -162,6 +163,11 @@ class ObjectsFile:
 
     objects: tuple[ObjectModel, ...]
     notices: tuple[str, ...] = field(default=(), compare=False)
+
+    def select(self, names: Sequence[str], file: str) -> Self:
+        """Keep some objects only. Raises InputError for a name that no object of `file` has."""
+        check_objects_there([model.name for model in self.objects], names, file)
+        return replace(self, objects=tuple(model for model in self.objects if model.name in names))
 
     def __repr__(self) -> str:
         names = ", ".join(model.name for model in self.objects[:_MAX_NAMES_IN_REPR])

@@ -304,8 +304,7 @@ _MAX_NAMES = 12
 
 def select_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:
     """Keep some objects only. Raises InputError for a name that no object has."""
-    for name in names:
-        _check_there(text, name, file)
+    check_objects_there([item.name for item in text.objects], names, file)
     return text.model_copy(update={"objects": [item for item in text.objects if item.name in names]})
 
 
@@ -321,8 +320,7 @@ def select_tagged(text: ObjectsFileText, tags: Sequence[str], file: str) -> Obje
 
 def remove_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> ObjectsFileText:
     """Leave out objects. Raises InputError for a name that no object has, and if no object would be left."""
-    for name in names:
-        _check_there(text, name, file)
+    check_objects_there([item.name for item in text.objects], names, file)
     left = [item for item in text.objects if item.name not in names]
     if not left:
         raise InputError(f"{file} would hold no object any more; delete the file instead")
@@ -331,7 +329,7 @@ def remove_objects(text: ObjectsFileText, names: Sequence[str], file: str) -> Ob
 
 def rename_object(text: ObjectsFileText, old: str, new: str, file: str) -> ObjectsFileText:
     """Give an object another name. Raises InputError for a name that none has, or that another one has."""
-    _check_there(text, old, file)
+    check_objects_there([item.name for item in text.objects], [old], file)
     if new != old and any(item.name == new for item in text.objects):
         raise InputError(f'{file}: another object is named "{new}" already')
     objects = [item.model_copy(update={"name": new}) if item.name == old else item for item in text.objects]
@@ -371,11 +369,12 @@ def _relative_source(source: SourceText, path: Path, target: Path) -> SourceText
     return source.model_copy(update={"file": file})
 
 
-def _check_there(text: ObjectsFileText, name: str, file: str) -> None:
-    names = [item.name for item in text.objects]
-    if name in names:
-        return
-    near = nearest(name, names)
-    hint = f"it has {', '.join(names[:_MAX_NAMES])}{', …' if len(names) > _MAX_NAMES else ''}"
-    hint = hint if near is None else f'did you mean "{near}"?'
-    raise InputError(f'{file}: has no object "{name}"; {hint}')
+def check_objects_there(there: Sequence[str], names: Iterable[str], file: str) -> None:
+    """Raise InputError for the first of some names that no object in `file` has; `there`: those of all."""
+    for name in names:
+        if name in there:
+            continue
+        near = nearest(name, there)
+        hint = f"it has {', '.join(there[:_MAX_NAMES])}{', …' if len(there) > _MAX_NAMES else ''}"
+        hint = hint if near is None else f'did you mean "{near}"?'
+        raise InputError(f'{file}: has no object "{name}"; {hint}')

@@ -63,6 +63,10 @@ def show_files(out: ImportOut, console: Console) -> None:
     failed = [item for item in out.files if item.failure is not None]
     for file in failed:
         console.print(f"[red]✗[/] {escape(file.failure or '')}", soft_wrap=True)
+    if failed:
+        console.print(
+            "what a file does not say, such as its units, palpate-import.toml can: --write-settings"
+        )
     good = len(out.files) - len(failed)
     count = f"{good} of {quantity(len(out.files), 'file', 'files')}"
     if good:

@@ -168,7 +168,7 @@ def _solids(path: Path, options: ImportOptions, report: Report) -> Imported:
     curve = _CURVE_SHARE * options.tolerance_mm
     found = read_confined(path, simpler_file_advice(path), read_solids, path, options.units, curve)
     warnings = [f"{path}: left out: {', '.join(found.left_out)}"] if found.left_out else []
-    names = _part_names([solid.name for solid in found.solids], options)
+    names = _part_names([solid.name for solid in found.solids])
     made, refused = list[_Made](), [] if options.parts else [*found.refused]
     problem: InputError | None = None
     _check_asked(path, found.refused, names, options)
@@ -237,10 +237,8 @@ def _shares(solid: Solid, options: ImportOptions) -> Shares:
     )
 
 
-def _part_names(found: Sequence[str], options: ImportOptions) -> list[str]:
-    """A name for each part, all different: those in the file, or the one asked for with numbers."""
-    if options.name is not None:
-        found = [options.name] if len(found) == 1 else [f"{options.name}-{k + 1}" for k in range(len(found))]
+def _part_names(found: Sequence[str]) -> list[str]:
+    """A name for each part, all different: those in the file, with numbers where they are equal."""
     names: list[str] = []
     for name in found:
         plain, number, taken = _printable(name), 1, name in names
@@ -254,15 +252,20 @@ def _part_names(found: Sequence[str], options: ImportOptions) -> list[str]:
 def _select_parts(
     path: Path, parts: Sequence[_Part], names: Sequence[str], options: ImportOptions
 ) -> list[tuple[_Part, str]]:
-    """Parts and their names: all, or those that are asked for. Raises InputError for one that is missing."""
+    """Parts, all or those asked for, and what to call them. Raises InputError for one that is missing.
+
+    They are called as in the file, or as the options say, with numbers if there are several.
+    """
     numbers = {str(k): name for k, name in enumerate(names, 1)}
     asked = [name if name in names else numbers.get(name) for name in options.parts]
     if None in asked:
         there = ", ".join(f'{number} "{name}"' for number, name in [*numbers.items()][:_MAX_NAMES_SHOWN])
         more = f" and {len(names) - _MAX_NAMES_SHOWN} more" if len(names) > _MAX_NAMES_SHOWN else ""
         raise InputError(f'{path}: has no part "{options.parts[asked.index(None)]}"; it has {there}{more}')
-    pairs = zip(parts, names, strict=True)
-    return [(part, name) for part, name in pairs if not asked or name in asked]
+    pairs = [(part, name) for part, name in zip(parts, names, strict=True) if not asked or name in asked]
+    if options.name is None or len(pairs) == 1:
+        return [(part, options.name or name) for part, name in pairs]
+    return [(part, f"{options.name}-{number}") for number, (part, _) in enumerate(pairs, 1)]
 
 
 def _check_asked(path: Path, refused: Sequence[str], names: Sequence[str], options: ImportOptions) -> None:
@@ -320,7 +323,7 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
             f"{path} is a drawing, which says nothing of heights: give the thickness of the part"
         )
     found = _read_drawings(path, options, options.tolerance_mm)
-    names = _part_names([drawing.name for drawing in found.drawings], options)
+    names = _part_names([drawing.name for drawing in found.drawings])
     pairs = _select_parts(path, found.drawings, names, options)
     rest = (f"{path}: left out of the drawing: {', '.join(found.left_out)}",) if found.left_out else ()
     circles = _circles(path, pairs, options)

@@ -118,9 +118,9 @@ def _inside(folder: Path, *, recursive: bool) -> tuple[list[Path], list[str]]:
         hidden += [str(here / name) for name in secret]
         folders[:] = [name for name in folders if name not in secret]
         if not recursive:
-            passed += [str(here / name) for name in folders if _holdssome_of(here / name)]
+            passed += [str(here / name) for name in folders if _holds_cad_files(here / name)]
             break
-    lines = [f"folders that were not entered: {some_of(passed)}"] if passed else []
+    lines = [f"folders that were not entered, as it is not recursive: {some_of(passed)}"] if passed else []
     return sorted(files), [*lines, *([f"hidden: {some_of(hidden)}"] if hidden and recursive else [])]
 
 
@@ -130,7 +130,7 @@ def _preference(path: Path) -> int:
     return _BY_PREFERENCE.index(suffix) if suffix in _BY_PREFERENCE else -1
 
 
-def _holdssome_of(folder: Path) -> bool:
+def _holds_cad_files(folder: Path) -> bool:
     return any(Path(name).suffix.lower() in CAD_SUFFIXES for _, _, names in os.walk(folder) for name in names)
 
 
