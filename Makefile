@@ -19,7 +19,7 @@ help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
 	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
-	@echo "make docs      the documentation as a site, in build/docs"
+	@echo "make docs      the documentation of this version, in build/docs, beside that of others"
 	@echo "make wheel     sdist and wheels in dist/, compiled and pure, as an index takes them"
 	@echo "make campaign  the tests with all their cases and the long seeded benchmarks, with their tables"
 	@echo "make bench     palpate beside its peers and how cost grows: writes the tables of docs/performance.md"
@@ -79,7 +79,8 @@ realtime: $(DEV) firmware
 
 # the site, where every warning is an error
 docs: $(DEV)
-	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs \
+		build/docs/$$($(BIN)/python -c "from importlib.metadata import version; print(version('palpate'))")
 	@echo "build/docs/index.html"
 
 # the compiled wheel holds for this and newer Pythons, and for systems at least as old as auditwheel says

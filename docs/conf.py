@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from packaging.version import Version
+
 import palpate
 
 _DOCS = Path(__file__).parent
@@ -19,6 +21,18 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns: list[str] = []
 html_theme = "furo"
 html_title = f"palpate {release}"
+templates_path = ["_templates"]
+html_sidebars = {
+    "**": [
+        *(
+            "sidebar/brand.html",
+            "sidebar/search.html",
+            "sidebar/scroll-start.html",
+            "sidebar/navigation.html",
+        ),
+        *("versions.html", "sidebar/scroll-end.html"),
+    ]
+}
 myst_heading_anchors = 4
 default_role = "code"
 autodoc_member_order = "bysource"
@@ -63,7 +77,26 @@ def _reference() -> str:
     return "\n".join(parts)
 
 
+def _list_versions(app: Any, problem: Exception | None) -> None:
+    """Begin the site with the newest of the versions whose folders lie there, and a list of all."""
+    site = Path(app.outdir).parent
+    found = sorted((page.parent.name for page in site.glob("[0-9]*/index.html")), key=Version, reverse=True)
+    if problem is not None or not found:
+        return
+    # A version that is being made is not where readers should begin, unless there is no other.
+    newest = next((name for name in found if not Version(name).is_prerelease), found[0])
+    links = "".join(f'<li><a href="{name}/index.html">palpate {name}</a></li>' for name in found)
+    style = (
+        "<style>:root{color-scheme:light dark}"
+        "body{font:1rem/1.6 sans-serif;max-width:40em;margin:4em auto}</style>"
+    )
+    head = f'<meta charset="utf-8"><title>palpate</title>{style}<h1>palpate {newest}</h1>'
+    text = f'<p><a href="{newest}/index.html">Read its documentation</a>, or that of another version:</p>'
+    (site / "index.html").write_text(f"<!doctype html>{head}{text}<ul>{links}</ul>", encoding="utf-8")
+
+
 def setup(app: Any) -> None:
     """Sphinx calls this."""
     (_DOCS / "reference.md").write_text(_reference(), encoding="utf-8")
     app.connect("source-read", _plain_links)
+    app.connect("build-finished", _list_versions)
