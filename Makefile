@@ -46,7 +46,7 @@ $(DEV): pyproject.toml plugins/weiss/pyproject.toml
 	@touch $(STAMP) $@
 
 demo: $(STAMP)
-	$(BIN)/palpate identify --seed 7 --picture demo.svg
+	$(BIN)/palpate identify --seed 19 --picture demo.svg
 
 lint: $(DEV)
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
@@ -21,8 +22,12 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.servo_state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSample, open_samples
+from palpate.views.numerals import at_least, at_most
+from palpate.views.svg import TIP_FILL
 from support.benches.rigs import RUNS
 from support.commands.command import Here, log_events, violations
+
+SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
@@ -208,9 +213,35 @@ def test_nothing_is_overwritten_and_something_must_be_asked_for(
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "note.txt").write_text("")
     assert "full is there already" in here("export", session, "--csv", "full").err
-    assert "--mcap FILE, --csv FOLDER or --rosbag FOLDER" in here("export", session).err
+    assert "--mcap, --csv, --rosbag or --animation" in here("export", session).err
     assert (tmp_path / "there.mcap").read_text() == "of somebody"
 
 
 def test_the_schema_of_the_result_is_published() -> None:
     assert json.loads(schema_text("export"))["properties"]["format"]["const"] == "palpate/export@1"
+
+
+def test_a_moving_picture_tells_the_run(
+    session: Path, tmp_path: Path, here: Here, events: list[dict[str, Any]]
+) -> None:
+    """Every touch and hypothesis is drawn from its event on, and so are the fingers and the bounds."""
+    ended = here("export", session, "--animation", "run.svg")
+    assert (ended.code, ended.out.strip()) == (0, "run.svg")
+    drawn = ET.parse(tmp_path / "run.svg").getroot()
+    moving = [item for item in drawn.iter() if item.tag.endswith("animate")]
+    assert {item.get("repeatCount") for item in moving} == {"indefinite"}
+    for item in moving:
+        times = [float(share) for share in item.get("keyTimes", "").split(";")]
+        assert times[0] == 0
+        assert times[-1] == 1
+        assert times == sorted(times)
+        assert len(times) == len(item.get("values", "").split(";"))
+    touched = [touch for event in events for touch in event.get("touches", ())]
+    contacts = [item for item in drawn.iter(f"{SVG}circle") if item.get("fill") == TIP_FILL]
+    assert len(contacts) == sum(touch["contact"]["touched"] for touch in touched)
+    (result,) = [event["result"] for event in events if event["event"] == "result"]
+    words = " ".join("".join(item.itertext()) for item in drawn.iter(f"{SVG}text"))
+    for lo, hi in (result["bounds"]["x"], result["bounds"]["y"]):
+        assert f"[{at_least(lo)}, {at_most(hi)}]" in words
+    tips = [item for item in drawn.iter(f"{SVG}circle") if item.find(f"{SVG}animate") is not None]
+    assert len(tips) == len(load_rig(session / "rig.toml").fingers)

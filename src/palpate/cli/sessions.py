@@ -165,14 +165,17 @@ def export(
     rosbag: Annotated[
         Path | None, typer.Option("--rosbag", metavar="FOLDER", help="A ROS 2 bag of standard messages.")
     ] = None,
+    animation: Annotated[
+        Path | None, typer.Option("--animation", metavar="FILE", help="A moving picture (SVG) of the run.")
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Write a recorded session as MCAP, CSV or a ROS 2 bag: servos, tips, taxels, contacts, hypotheses.
 
-    MCAP and bags need the extra `export`.
+    Or as a moving picture for a page. MCAP and bags need the extra `export`.
     """
     from palpate.base.errors import InputError, quantity
-    from palpate.base.file_io import check_different
+    from palpate.base.file_io import check_different, check_places, write_text
     from palpate.cli.terminal import Terminal, session_files
     from palpate.config.fields import to_json
     from palpate.config.session_results import ExportedOut, ExportOut
@@ -182,11 +185,14 @@ def export(
     from palpate.views.exports.csv_files import write_csv
     from palpate.views.exports.mcap import write_mcap
     from palpate.views.exports.rosbag import write_rosbag
+    from palpate.views.table_picture.animation import draw_animation
 
-    if mcap is None and csv is None and rosbag is None:
-        raise InputError("say what to write: --mcap FILE, --csv FOLDER or --rosbag FOLDER, or several")
+    folders = {"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}
+    if animation is None and not any(folders.values()):
+        raise InputError("say what to write: --mcap, --csv, --rosbag or --animation, or several")
     folder = session_of(session)
-    check_different({"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}, session_files(folder))
+    check_different({**folders, "--animation": animation}, session_files(folder))
+    check_places({"--animation": animation}, {})
     samples = open_samples(read_session(folder), folder)
     terminal, written = Terminal(stderr=True, highlight=False, markup=False), []
     for target, write in ((csv, write_csv), (mcap, write_mcap), (rosbag, write_rosbag)):
@@ -195,10 +201,14 @@ def export(
         with terminal.status(f"writing {target}"):
             counts = write(samples, target)
         written.append(ExportedOut(path=str(target), messages=dict(sorted(counts.items()))))
+    if animation is not None:
+        write_text(animation, draw_animation(samples))
+        written.append(ExportedOut(path=str(animation), messages={}))
     if json:
         typer.echo(to_json(ExportOut(session=str(folder), written=tuple(written))))
         return 0
     for item in written:
         total = quantity(sum(item.messages.values()), "message", "messages")
-        typer.echo(f"{item.path}: {total} on {quantity(len(item.messages), 'topic', 'topics')}")
+        topics = f": {total} on {quantity(len(item.messages), 'topic', 'topics')}" if item.messages else ""
+        typer.echo(f"{item.path}{topics}")
     return 0

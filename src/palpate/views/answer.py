@@ -48,6 +48,24 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     return lines
 
 
+def headline(out: IdentificationOut) -> str:
+    """The verdict, and the object only if it is the answer; else what there is instead of one."""
+    name = f"{out.object}, {out.state}"
+    match out.verdict:
+        case IdentificationVerdict.IDENTIFIED:
+            words = name
+        case IdentificationVerdict.INDISTINGUISHABLE:
+            count = len(out.alternatives)
+            words = f"{name}, or {quantity(count, 'other', 'others')}" if count else f"{name}, or its like"
+        case IdentificationVerdict.UNRESOLVED if out.object is not None:
+            words = f"{quantity(1 + len(out.alternatives), 'hypothesis', 'hypotheses')} left"
+        case IdentificationVerdict.UNKNOWN:
+            words = "nothing in the catalogue agrees"
+        case _:
+            words = "no object can be named"
+    return f"{out.verdict.value.capitalize()}: {words}"
+
+
 def _confirmation_lines(out: IdentificationOut) -> list[str]:
     """Say how well an answer is confirmed: against what else, and against a shift."""
     lines = [f"{quantity(out.predicted, 'touch', 'touches')} matched the prediction"]

@@ -132,12 +132,17 @@ class ServoSample:
 
 @dataclass(frozen=True, slots=True)
 class TipSample:
-    """Centre of a finger's tip in W, computed from both of its servos."""
+    """Centre of a finger's tip in W, computed from both of its servos, and of the joints behind it.
+
+    `joints_mm`: the base, and an arm's elbow; `link_width_mm`: of what joins them and the tip.
+    """
 
     t_s: float
     finger: str
     x_mm: float
     y_mm: float
+    joints_mm: tuple[tuple[float, float], ...]
+    link_width_mm: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -285,11 +290,11 @@ class _Tips:
         self._stage_ids = {servo.dxl_id for servo in rig.servos if servo.finger is None}
         self._turn = Turn()
         self._angles: dict[int, float] = {}
-        self._fingers: dict[int, tuple[str, FingerKinematics, tuple[int, ...]]] = {}
+        self._fingers: dict[int, tuple[FingerConfig, FingerKinematics, tuple[int, ...]]] = {}
         for finger in rig.fingers:
             ids = tuple(servo.dxl_id for servo in finger.servos.values())
             for dxl_id in ids:
-                self._fingers[dxl_id] = finger.name, kinematics_of(finger), ids
+                self._fingers[dxl_id] = finger, kinematics_of(finger), ids
 
     def after(self, t_s: float, dxl_id: int, position_rad: float) -> Iterator[TipSample]:
         """The tip that a servo's new angle places; none while the other angle is not known."""
@@ -298,7 +303,10 @@ class _Tips:
             self._turn = self._stage.turn(position_rad)
         if dxl_id not in self._fingers:
             return
-        name, kinematics, (near, far) = self._fingers[dxl_id]
+        finger, kinematics, (near, far) = self._fingers[dxl_id]
         if dxl_id == far and near in self._angles:
-            x, y = self._turn.point_mm(kinematics.centre_mm((self._angles[near], self._angles[far])))
-            yield TipSample(t_s, name, x, y)
+            servos = self._angles[near], self._angles[far]
+            body, tip = kinematics.body(servos, finger.tip.half_width_mm), kinematics.centre_mm(servos)
+            joints = tuple(self._turn.point_mm((x, y)) for x, y in body.start.tolist() if (x, y) != tip)
+            x, y = self._turn.point_mm(tip)
+            yield TipSample(t_s, finger.name, x, y, joints, 2 * float(body.half_width[0]))
