@@ -152,6 +152,7 @@ class FrameSample:
     t_s: float
     finger: str
     frame: TactileFrame
+    counts_per_n: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -249,7 +250,7 @@ class _Array:
         self._clock.advance_to(piece.t_s)
         try:
             for frame in array.frames():
-                yield FrameSample(frame.host_time_s, self._finger.name, frame)
+                yield FrameSample(frame.host_time_s, self._finger.name, frame, array.description.counts_per_n)
         except DeviceError:  # as the run's own driver may have raised
             self._driver, self._before = None, [piece]
 

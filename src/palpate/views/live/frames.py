@@ -29,7 +29,7 @@ from palpate.views.run_scene import RunScene
 
 _PERIOD_S = 0.05
 _REST_FRAMES = 20  # frames of an array, at its start, that show it untouched
-_MIN_SCALE_COUNTS = 150.0  # counts over rest that are drawn at full strength, at least
+_MIN_SCALE_N = 0.02  # force on a taxel that is drawn at full strength, at least
 _MAX_HYPOTHESES = 40  # hypotheses, the heaviest
 _MAX_FRAMES = 40_000  # frames kept: half an hour of rig time
 
@@ -44,6 +44,7 @@ class FrameStore:
         """Frames that are not kept any more, the oldest ones."""
         self.is_ended = False
         self._taxels: dict[str, _Taxels] = {}
+        self._scale_n = _MIN_SCALE_N
         self._run = RunScene()
         self._state: dict[str, Any] = {
             "t": 0.0,
@@ -52,6 +53,7 @@ class FrameStore:
             "doing": None,
             "verdict": None,
             "tips": {},
+            "bodies": {},
             "torque": {},
             "contacts": [],
             "hypotheses": [],
@@ -71,11 +73,15 @@ class FrameStore:
             match sample:
                 case TipSample():
                     self._state["tips"][sample.finger] = [round(sample.x_mm, 3), round(sample.y_mm, 3)]
+                    joints = [[round(x, 2), round(y, 2)] for x, y in sample.joints_mm]
+                    self._state["bodies"][sample.finger] = {"joints": joints, "width": sample.link_width_mm}
                 case ServoSample():
                     self._state["torque"][sample.joint] = sample.torque_on
                 case FrameSample():
                     self._state["frames"] += 1
-                    self._taxels.setdefault(sample.finger, _Taxels()).take(sample.frame.counts)
+                    taxels = self._taxels.setdefault(sample.finger, _Taxels())
+                    taxels.take(sample.frame.counts / sample.counts_per_n)
+                    self._scale_n = max(self._scale_n, float(taxels.newest_n.max()))
                 case EventSample():
                     self._event(sample.kind, sample.values)
                     self._keep()
@@ -90,9 +96,10 @@ class FrameStore:
         return self.dropped + len(self.texts)
 
     def _keep(self) -> None:
-        arrays = {name: taxels.shown() for name, taxels in self._taxels.items()}
+        arrays = {name: taxels.shown(self._scale_n) for name, taxels in self._taxels.items()}
+        shown = self._state | {"arrays": arrays, "scale_n": round(self._scale_n, 4)}
         # Texts first: another thread looks up times.
-        self.texts.append(json.dumps(self._state | {"arrays": arrays}, separators=(",", ":")))
+        self.texts.append(json.dumps(shown, separators=(",", ":")))
         self.times_s.append(self._state["t"])
         if len(self.texts) > _MAX_FRAMES:
             self.dropped += 1
@@ -127,29 +134,27 @@ class FrameStore:
 
 
 class _Taxels:
-    """Counts of an array over what it read at the start."""
+    """Forces on an array's taxels (N) over what they were at the start."""
 
     def __init__(self) -> None:
         self._at_rest: list[Floats] = []
-        self._newest: Floats = np.zeros((1, 1))
-        self._scale = _MIN_SCALE_COUNTS
+        self.newest_n: Floats = np.zeros((1, 1))
 
-    def take(self, counts: Any) -> None:
-        values: Floats = np.asarray(counts, dtype=float)
+    def take(self, forces_n: Floats) -> None:
         if len(self._at_rest) < _REST_FRAMES:
-            self._at_rest.append(values)
-        self._newest = values - np.mean(self._at_rest, axis=0)
-        self._scale = max(self._scale, float(self._newest.max()))
+            self._at_rest.append(forces_n)
+        self.newest_n = forces_n - np.mean(self._at_rest, axis=0)
 
-    def shown(self) -> dict[str, object]:
-        """Shape, and strength of each taxel from 0 to 255, lowest row first."""
-        strength = np.clip(255 * self._newest / self._scale, 0, 255).astype(np.uint8)
+    def shown(self, scale_n: float) -> dict[str, object]:
+        """Shape, strength of each taxel from 0 to 255 at `scale_n`, lowest row first, and the whole force."""
+        strength = np.clip(255 * self.newest_n / scale_n, 0, 255).astype(np.uint8)
         rows, columns = strength.shape
         return {
             "rows": rows,
             "columns": columns,
             "heat": base64.b64encode(strength.tobytes()).decode(),
-            "most": round(float(self._newest.max()), 1),
+            "most": round(float(self.newest_n.max()), 4),
+            "force": round(max(float(self.newest_n.sum()), 0.0), 3),
         }
 
 
@@ -227,6 +232,7 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
         "rig": rig.name,
         "fingers": fingers,
         "workspace": rig.workspace.radius_mm,
+        "goal": [rig.search.goal_position_mm, rig.search.goal_orientation_deg],
         "outlines": outlines,
     }
 

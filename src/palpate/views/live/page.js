@@ -3,8 +3,9 @@
 
 const NS = "http://www.w3.org/2000/svg";
 const NORMAL_MM = 14;
-const HYPOTHESES_LISTED = 8;
+const HYPOTHESES_LISTED = 4;
 const PLACES_LISTED = 9;
+const HUES = 5;
 const POINT_MM = 0.8;
 const token = document.querySelector('meta[name="palpate-token"]').content;
 const isRun = document.querySelector('meta[name="palpate-kind"]').content === "run";
@@ -14,7 +15,6 @@ let setting = null;
 let following = true;   // shows the newest frame, not the slider's
 let playing = null;
 let newest = 0;
-let skipped = 0;
 
 function make(name, attributes, parent) {
   const item = document.createElementNS(NS, name);
@@ -54,32 +54,60 @@ function face(kind, from, middle, half, parent) {
   make("line", { class: `${kind} face`, x1, y1, x2, y2 }, parent);
 }
 
-function drawTable(frame) {
-  const svg = byId("table");
-  const reach = setting.workspace * 1.25;
-  svg.setAttribute("viewBox", `${-reach} ${-reach} ${2 * reach} ${2 * reach}`);
-  svg.replaceChildren();
-  make("circle", { class: "workspace", cx: 0, cy: 0, r: setting.workspace }, svg);
-  frame.hypotheses.slice().reverse().forEach((item, k, all) => {
-    make("path", { class: k === all.length - 1 ? "found" : "rival", d: outline(item),
-      opacity: Math.max(0.25, Math.min(1, item.weight)) }, svg);
-  });
-  if (frame.truth) make("path", { class: "truth", d: outline(frame.truth) }, svg);
-  for (const item of frame.contacts) {
-    const [x1, y1] = at(item.start), [x2, y2] = at(item.end);
-    if (item.grip === frame.grip && !frame.end) make("line", { class: "way", x1, y1, x2, y2 }, svg);
-    if (!item.touched) continue;
-    if (item.pad) {
-      face("contact", item.start, item.end, item.radius, svg);
-      for (const place of item.places) {
-        const [cx, cy] = at(place.at);
-        make("circle", { class: "point", cx, cy, r: POINT_MM }, svg);
-      }
-      continue;
-    }
-    make("circle", { class: "contact", cx: x2, cy: y2, r: item.radius }, svg);
-    if (item.normal) make("path", { class: "normal", d: sector(item.end, NORMAL_MM / 2 + item.radius, ...item.normal) }, svg);
+function label(words, x, y, size, kind, parent) {
+  const item = make("text", { class: kind, x, y, "font-size": size, dy: "0.35em" }, parent);
+  item.textContent = words;
+}
+
+// Class of a hypothesis's outline: the only one, or one of several, none of which is the answer.
+function hue(frame, k) {
+  return frame.left === 1 ? "only" : k < HUES ? `h${k}` : "";
+}
+
+// Coordinates below and right of the square that shows the workspace; `px`: mm of a pixel.
+function drawAxes(reach, px, svg) {
+  const power = 10 ** Math.floor(Math.log10(reach / 2)), step = [5, 2, 1].find((n) => n * power <= reach / 2) * power;
+  for (let v = -Math.floor(reach / step) * step; v <= reach; v += step) {
+    make("path", { class: "grid", d: `M${v} ${-reach}V${reach}M${-reach} ${-v}H${reach}` }, svg);
+    label(v, v, reach + 10 * px, 12 * px, "tick", svg);
+    label(v, reach + 16 * px, -v, 12 * px, "tick", svg);
   }
+  const far = reach / 6, head = 5 * px;
+  make("path", { class: "axis", d: `M0 ${-far}V0H${far}m${-head} ${-head}l${head} ${head}l${-head} ${head}` +
+    `M${-head} ${head - far}L0 ${-far}l${head} ${head}` }, svg);
+  label("x", far + 9 * px, 0, 12 * px, "tick", svg);
+  label("y", 0, -far - 9 * px, 12 * px, "tick", svg);
+  label("mm", reach + 16 * px, reach + 10 * px, 12 * px, "tick", svg);
+}
+
+function drawContact(item, frame, px, svg) {
+  const [x1, y1] = at(item.start), [x2, y2] = at(item.end);
+  if (!item.touched) { make("line", { class: "miss", x1, y1, x2, y2 }, svg); return; }
+  if (item.grip === frame.grip && !frame.end) make("line", { class: "way", x1, y1, x2, y2 }, svg);
+  if (item.normal) make("path", { class: "normal", d: sector(item.end, NORMAL_MM / 2 + item.radius, ...item.normal) }, svg);
+  if (item.pad) {
+    face("contact", item.start, item.end, item.radius, svg);
+    for (const place of item.places) {
+      const [cx, cy] = at(place.at);
+      make("circle", { class: "point", cx, cy, r: POINT_MM }, svg);
+    }
+  } else {
+    make("circle", { class: "contact", cx: x2, cy: y2, r: Math.max(item.radius, 8 * px) }, svg);
+  }
+  label(item.grip, x2, y2, 12 * px, "number", svg);
+}
+
+function drawTable(frame) {
+  const svg = byId("table"), box = svg.getBoundingClientRect();
+  const reach = setting.workspace * 1.12, px = 2 * reach / (Math.min(box.width, box.height) - 60 || 600);
+  const [w, h] = [box.width * px / 2, box.height * px / 2];
+  svg.setAttribute("viewBox", `${14 * px - w} ${10 * px - h} ${2 * w} ${2 * h}`);
+  svg.replaceChildren();
+  drawAxes(reach, px, svg);
+  make("circle", { class: "workspace", cx: 0, cy: 0, r: setting.workspace }, svg);
+  frame.hypotheses.forEach((item, k) => make("path", { class: `outline ${hue(frame, k)}`, d: outline(item) }, svg));
+  if (frame.truth) make("path", { class: "truth", d: outline(frame.truth) }, svg);
+  for (const item of frame.contacts) drawContact(item, frame, px, svg);
   for (const item of frame.plan) {
     const way = (travel) => at([item.start[0] + travel * Math.cos(item.direction),
       item.start[1] + travel * Math.sin(item.direction)]);
@@ -92,26 +120,50 @@ function drawTable(frame) {
     }
   }
   for (const finger of setting.fingers) {
-    const place = frame.tips[finger.name];
+    const place = frame.tips[finger.name], body = frame.bodies[finger.name];
     if (!place) continue;
-    const [cx, cy] = at(place);
-    if (finger.pad) face("tip", finger.base, place, finger.radius, svg);
+    make("path", { class: "body", d: "M" + [...body.joints, place].map((p) => at(p).join(" ")).join("L"),
+      "stroke-width": body.width }, svg);
+    const [bx, by] = at(body.joints[0]);
+    make("circle", { class: "base", cx: bx, cy: by, r: 0.7 * body.width }, svg);
+    const [cx, cy] = at(place), last = at(body.joints.at(-1)), far = Math.hypot(last[0] - cx, last[1] - cy) || 1;
+    if (finger.pad) face("tip", body.joints.at(-1), place, finger.radius, svg);
     else make("circle", { class: "tip", cx, cy, r: finger.radius }, svg);
-    const label = make("text", { class: "finger", x: cx, y: cy - finger.radius - 2, "font-size": reach / 24 }, svg);
-    label.textContent = finger.name;
+    const back = finger.radius + 22 * px;
+    label(finger.name, cx + back * (last[0] - cx) / far, cy + back * (last[1] - cy) / far, 13 * px, "finger", svg);
+  }
+}
+
+function drawLegend() {
+  const keys = [["tip", "finger’s tip", "M15 10m-5 0a5 5 0 1 0 10 0a5 5 0 1 0-10 0"],
+    ["contact", "contact, by grip", "M15 10m-6 0a6 6 0 1 0 12 0a6 6 0 1 0-12 0"],
+    ["normal", "range of its normal", "M4 10L27 4V16Z"], ["outline h0", "hypothesis", "M4 5H26V15H4Z"],
+    ["outline only", "the only one left", "M4 5H26V15H4Z"], ["plan", "planned approach", "M2 10H28"],
+    ["stops", "where it may stop", "M8 10H22"], ["truth", "true pose (emulated)", "M2 10H28"]];
+  for (const [kind, words, d] of keys) {
+    const item = element("li", "", byId("legend"));
+    make("path", { class: kind, d }, make("svg", { viewBox: "0 0 30 20", "aria-hidden": "true" }, item));
+    element("span", words, item);
   }
 }
 
 function drawHypotheses(frame) {
-  const list = byId("hypotheses");
+  const list = byId("hypotheses"), [goalMm, goalDeg] = setting.goal;
   list.replaceChildren();
-  for (const item of frame.hypotheses.slice(0, HYPOTHESES_LISTED)) {
+  byId("goal").textContent = `goal: within ± ${goalMm} mm, ± ${goalDeg}°`;
+  frame.hypotheses.slice(0, HYPOTHESES_LISTED).forEach((item, k) => {
     const row = element("li", "", list);
-    element("span", `${item.object}, ${item.state}`, row);
-    element("b", `${(100 * item.weight).toFixed(1)} %`, row);
-    const theta = item.round ? "any" : `${(item.theta * 180 / Math.PI).toFixed(1)}°`;
-    element("small", `x ${item.x.toFixed(2)} mm, y ${item.y.toFixed(2)} mm, θ ${theta}`, row);
-  }
+    element("span", `${item.object}, ${item.state}`, row).className = hue(frame, k);
+    element("b", `${(100 * item.weight).toFixed(0)} %`, row);
+    const bounds = element("small", "", row), turn = item.bounds.theta_rad.map((v) => v * 180 / Math.PI);
+    const values = [["x", item.bounds.x_mm, goalMm, ""], ["y", item.bounds.y_mm, goalMm, ""]];
+    if (!item.round) values.push(["θ", turn, goalDeg, "°"]);
+    for (const [name, [lo, hi], goal, unit] of values) {
+      const middle = ((lo + hi) / 2).toFixed(2), half = Math.max(hi - middle, middle - lo), met = (hi - lo) / 2 <= goal;
+      const words = `${name} ${middle} ± ${(Math.ceil(half * 100 - 1e-6) / 100).toFixed(2)}${unit}`;
+      element("i", words + (met ? " ✓" : ""), bounds).className = met ? "met" : "";
+    }
+  });
   const more = frame.left - HYPOTHESES_LISTED;
   if (more > 0) element("li", `and ${more} more`, list);
   if (!frame.hypotheses.length) element("li", frame.verdict ? "none" : "nothing touched yet", list);
@@ -130,8 +182,10 @@ function drawArrays(frame) {
       make("rect", { x: k % array.columns, y: array.rows - 1 - row, width: 1, height: 1,
         fill: "var(--touch)", opacity: value / 255 }, svg);
     });
-    element("figcaption", `${name}: ${array.most > 0 ? array.most.toFixed(0) : 0} counts over rest`, figure);
+    element("figcaption", `${name} ${array.force.toFixed(2)} N`, figure);
   }
+  byId("scale").hidden = !Object.keys(frame.arrays).length;
+  byId("full").textContent = `${frame.scale_n.toPrecision(2)} N on a taxel`;
 }
 
 function drawContacts(frame) {
@@ -152,21 +206,14 @@ function drawContacts(frame) {
   if (earlier > 0) element("td", `and ${earlier} earlier`, element("tr", "", body)).colSpan = 6;
 }
 
-function drawPlan(frame) {
-  const list = byId("plan");
-  list.replaceChildren();
-  for (const item of frame.plan) {
-    const hits = item.stops.filter(([lo]) => lo !== null).length;
-    element("li", `${setting.fingers[item.finger].name}: ${hits} of ${item.stops.length} hypotheses stop it`, list);
-  }
-  if (!frame.plan.length) element("li", "–", list);
-}
-
 function title(frame) {
   const first = frame.hypotheses[0];
   if (frame.end && frame.end.how !== "done") return `ended: ${frame.end.how}`;
   if (!frame.verdict) return frame.doing ? setting.rig : "looking";
-  return first ? `${frame.verdict}: ${first.object}, ${first.state}` : frame.verdict;
+  if (!first) return frame.verdict;
+  if (["identified", "indistinguishable"].includes(frame.verdict)) return `${frame.verdict}: ${first.object}, ${first.state}`;
+  const left = frame.left === 1 ? `only ${first.object}, ${first.state} is left` : `${frame.left} hypotheses`;
+  return frame.end ? `${frame.verdict}: ${left}` : left;
 }
 
 function draw(frame) {
@@ -176,10 +223,9 @@ function draw(frame) {
   const doing = frame.end ? "the run has ended" : frame.stage ? `grip ${frame.grip}: ${frame.stage}` : frame.doing || "connecting";
   byId("doing").textContent = frame.end ? frame.end.message || doing : `${doing}, ${torque}`;
   byId("clock").textContent = `${frame.t.toFixed(2)} s`;
-  byId("counts").textContent = `${frame.frames} array frames` + (isRun && skipped ? `, ${skipped} pictures skipped` : "");
   const button = byId("stop");
   if (frame.end && !button.disabled) button.hidden = true;  // once pressed, it says what came of it
-  drawTable(frame); drawHypotheses(frame); drawArrays(frame); drawContacts(frame); drawPlan(frame);
+  drawTable(frame); drawHypotheses(frame); drawArrays(frame); drawContacts(frame);
 }
 
 async function ask(path, options) {
@@ -243,8 +289,7 @@ function listen() {
     if (following) draw(frame);
     slide({ first: Number(byId("time").min), last: newest, ended: Boolean(frame.end) });
   };
-  source.addEventListener("end", async (message) => {
-    skipped = JSON.parse(message.data).skipped;
+  source.addEventListener("end", async () => {
     source.close();
     slide(await ask("extent"));
     if (following) await show(newest);
@@ -254,6 +299,7 @@ function listen() {
 
 async function begin() {
   setting = await ask("setting");
+  drawLegend();
   byId("stop").hidden = !isRun;
   document.body.classList.toggle("bare", !Object.keys(setting.outlines).length);
   byId("stop").addEventListener("click", stop);
