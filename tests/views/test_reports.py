@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 
 from palpate.base.errors import InputError
 from palpate.config.calibration_file import CalibrationFile
-from palpate.views.numerals import at_most
+from palpate.config.recognition_results import IdentificationOut
+from palpate.views.answer import headline
+from palpate.views.numerals import at_most, decimal
 from palpate.views.report.calibration import (
     finger_tables,
     never_pressed,
@@ -49,12 +51,12 @@ def report_of(here: Here, session: Path) -> tuple[str, Page]:
 def says_what_the_log_says(session: Path, text: str, page: Page) -> None:
     events = log_events(session / "session.jsonl.zst")
     (result,) = [event["result"] for event in events if event["event"] == "result"]
-    assert page.headings[0].startswith(f"{result['verdict'].capitalize()}: {result['object']}")
+    assert page.headings[0].startswith(headline(IdentificationOut.model_validate(result)))
     grips = [event["grip"] for event in events if event["event"] == "touches"]
     assert [name for name in page.headings if name.startswith("Grip")] == [f"Grip {n}" for n in grips]
     words = "\n".join(page.words)
     for name, value in result["configuration"].items():
-        assert name == "theta" or f"{value:.3f} mm" in words
+        assert name == "theta" or decimal(value, 3) in words
     for event in events:
         for touch in event.get("touches", ()):
             assert f"{touch['contact']['end_mm'][0]:.2f}" in words
@@ -260,7 +262,10 @@ def test_the_map_names_fingers_placings_and_residuals_too_long_to_draw(example: 
 
 def test_histograms_show_every_finger_and_its_bound(example: CalibrationFile) -> None:
     shown = words(svg(residual_histograms, example))
-    for name in [*(finger.name for finger in example.fingers), "fitted", "held out", "residual, mm"]:
+    for finger in example.fingers:
+        assert finger.bounds is not None
+        assert any(finger.name in text and at_most(finger.bounds.position_mm, 3) in text for text in shown)
+    for name in ["fitted", "held out", "residual, mm"]:
         assert name in shown
 
 

@@ -31,7 +31,7 @@ from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.identification.grip_choice import GripPlan, grip_plan
 from palpate.rig.identification.result import IdentificationRun
 from palpate.rig.motion.touch import Touch
-from palpate.views.answer import answer_lines, picture_facts
+from palpate.views.answer import answer_lines
 from palpate.views.plan import grip_out, plan_picture
 from palpate.views.recognition import (
     ContactRecord,
@@ -133,7 +133,7 @@ class Answer:
         """SVG: the object found, contacts, approaches, and which grip eliminated what."""
         run = self.run
         placement = None if run.truth is None else run.truth.placement
-        return identification_picture(run.result, placement, run.job.rig, picture_facts(self.result))
+        return identification_picture(run.result, placement, run.job.rig, self.result)
 
     def _repr_svg_(self) -> str:
         return self.picture()

@@ -14,6 +14,7 @@ from palpate.config.recognition_results import (
     Relation,
     SetUpDoubtOut,
 )
+from palpate.views.numerals import ceil_to, floor_to
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12
@@ -27,7 +28,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     `advice`: what to check if hardly anything was touched (`untouched_lines`).
     """
     lines = [*_verdict_lines(out), *(f"  {_doubt_words(item)}" for item in out.setup_doubts)]
-    lines += [*_place_lines(out), *_goal_lines(out)]
+    lines += [*place_lines(out), *_goal_lines(out)]
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
         lines += [f"  {line}" for line in advice]
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_MAX_ALTERNATIVES]]
@@ -58,7 +59,8 @@ def headline(out: IdentificationOut) -> str:
             count = len(out.alternatives)
             words = f"{name}, or {quantity(count, 'other', 'others')}" if count else f"{name}, or its like"
         case IdentificationVerdict.UNRESOLVED if out.object is not None:
-            words = f"{quantity(1 + len(out.alternatives), 'hypothesis', 'hypotheses')} left"
+            count = 1 + len(out.alternatives)
+            words = f"only {name} is left" if count == 1 else f"{count} hypotheses left"
         case IdentificationVerdict.UNKNOWN:
             words = "nothing in the catalogue agrees"
         case _:
@@ -142,15 +144,19 @@ def _unconfirmed_words(out: IdentificationOut) -> str:
     return f"not confirmed: {matched}, but {_stranger_words(out.stranger_probability)}"
 
 
-def _place_lines(out: IdentificationOut) -> list[str]:
+def place_lines(out: IdentificationOut) -> list[str]:
+    """Configuration with its bounds, rounded outward, a line for each coordinate."""
     if out.configuration is None or out.bounds is None:
         return []
     at, bounds = out.configuration, out.bounds
-    lo, hi = (math.degrees(value) for value in bounds.theta)
+    degrees = [math.degrees(value) for value in bounds.theta]
+    x, y, theta = (
+        f"in [{floor_to(lo, 3):.3f}, {ceil_to(hi, 3):.3f}]" for lo, hi in (bounds.x, bounds.y, degrees)
+    )
     lines = [
-        f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]",
-        f"  y  {at.y:9.3f} mm   in [{bounds.y[0]:.3f}, {bounds.y[1]:.3f}]",
-        f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]"
+        f"  x  {at.x:9.3f} mm   {x}",
+        f"  y  {at.y:9.3f} mm   {y}",
+        f"  θ  {math.degrees(at.theta):9.3f} °    {theta}"
         if out.symmetry_order
         else "  θ        any      (round)",
     ]

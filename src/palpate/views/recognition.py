@@ -9,6 +9,7 @@ from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
 from palpate.base.short_repr import ShortRepr
 from palpate.base.tips import TipShape
+from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.config.problems import excerpt, nearest
 from palpate.config.recognition_results import (
@@ -16,6 +17,7 @@ from palpate.config.recognition_results import (
     EliminationStepOut,
     ExplanationOut,
     HypothesisOut,
+    IdentificationOut,
     InterpretationOut,
     ObjectExplanationOut,
     RecognitionOut,
@@ -37,6 +39,7 @@ from palpate.recognizer import (
 from palpate.rig.emulated.scene import Placement, shape_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of, state_names, unfinished_out
+from palpate.views.answer import headline, picture_facts
 from palpate.views.run_scene import placed_rings
 from palpate.views.table_picture import picture, values
 
@@ -70,13 +73,14 @@ def contacts_json(grips: Sequence[Sequence[Contact]]) -> dict[str, object]:
 def recognition_picture(recognition: Recognition, title: str) -> str:
     """SVG of a recognition without a rig."""
     hypotheses = recognition.hypotheses
+    only = hypotheses[0] if len(hypotheses) == 1 else None
     return picture.draw(
         values.Picture(
             title=title,
             subtitle=(_verdict_line(recognition),),
-            found=rings_at(hypotheses[0]) if hypotheses else (),
-            pose=bounded_pose(hypotheses[0].configuration, hypotheses[0].bounds) if hypotheses else None,
-            others=tuple(_other_hypothesis(item) for item in hypotheses[1:]),
+            found=() if only is None else rings_at(only),
+            pose=None if only is None else bounded_pose(only.configuration, only.bounds),
+            others=tuple(_other_hypothesis(item) for item in hypotheses if item is not only),
             touches=tuple(touch_mark(1, contact) for contact in recognition.contacts),
         )
     )
@@ -172,30 +176,27 @@ def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> v
 
 
 def identification_picture(
-    result: Identification, placement: Placement | None, rig: RigFile, facts: Sequence[tuple[str, str]]
+    result: Identification, placement: Placement | None, rig: RigFile, out: IdentificationOut
 ) -> str:
-    """SVG of a run: the object found, contacts, approaches, and what was ruled out when."""
+    """SVG of a run: the object found, if one was, contacts, approaches, and what was ruled out when."""
     hypotheses = hypotheses_of(result)
-    others = [_other_hypothesis(item) for item in hypotheses[1:]]
+    is_answered = out.verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+    found = hypotheses[0] if hypotheses and is_answered else None
+    placed = hypotheses[0] if len(hypotheses) == 1 else found
+    others = [_other_hypothesis(item) for item in hypotheses if item is not found]
     others += [
         values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
         for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
     ]
-    first = hypotheses[0] if hypotheses else None
-    name = (
-        "nothing in the catalogue"
-        if first is None
-        else f"{first.state.object_name}, {first.state.state.name}"
-    )
     truth: tuple[Floats, ...] = ()
     if placement is not None:
         truth = tuple(rings_of(shape_of(placement, placement.state.sections[0])))
     return picture.draw(
         values.Picture(
-            title=f"{result.outcome.value.capitalize()}: {name}",
+            title=headline(out),
             subtitle=(f"rig {rig.name}",),
-            found=() if first is None else rings_at(first),
-            pose=None if first is None else bounded_pose(first.configuration, first.bounds),
+            found=() if found is None else rings_at(found),
+            pose=None if placed is None else bounded_pose(placed.configuration, placed.bounds),
             truth=truth,
             others=tuple(others),
             touches=tuple(
@@ -205,7 +206,7 @@ def identification_picture(
             ),
             bases=tuple(values.FingerBase(item.name, item.base_mm) for item in rig.fingers),
             workspace_radius_mm=rig.workspace.radius_mm,
-            facts=tuple(facts),
+            facts=tuple(picture_facts(out)),
         )
     )
 

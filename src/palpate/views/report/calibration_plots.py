@@ -17,7 +17,7 @@ from matplotlib.patches import Patch, Rectangle
 from palpate.base.geometry import Floats
 from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
-from palpate.views.numerals import signed
+from palpate.views.numerals import at_most, signed
 from palpate.views.report.calibration import never_pressed, residuals_mm
 from palpate.views.svg import AXIS, CARD, FAINT, FOUND, FOUND_FILL, HUES, INK, MUTED, RULE, TRUTH
 from palpate.views.table_picture.frame import nice_step
@@ -149,19 +149,12 @@ def _bench(panel: Axes, file: CalibrationFile, places: Floats, axes: Axes) -> No
 
 
 def residual_histograms(file: CalibrationFile) -> Figure:
-    """Residuals (mm) of each finger's fitted and held-out touches, stacked, against its position bound."""
+    """Residuals (mm) of each finger's fitted and held-out touches, stacked; scaled to them, not to bounds."""
     fingers = file.fingers
     figure = Figure((_WIDTH_INCHES, 0.6 + 1.3 * len(fingers)), layout="constrained")
     rows = figure.subplots(len(fingers), 1, sharex=True, squeeze=False)[:, 0]
     both = [residuals_mm(file, finger.name) for finger in fingers]
-    bounds = [finger.bounds.position_mm for finger in fingers if finger.bounds is not None]
-    reach = max(
-        [
-            1e-3,
-            *(1.15 * bound for bound in bounds),
-            *(1.05 * abs(x) for pair in both for x in pair[0] + pair[1]),
-        ]
-    )
+    reach = max([1e-3, *(1.05 * abs(x) for pair in both for x in pair[0] + pair[1])])
     step = nice_step(2 * reach, _BINS)
     count = math.ceil(reach / step)
     edges = np.arange(-count, count + 1) * step
@@ -174,18 +167,19 @@ def residual_histograms(file: CalibrationFile) -> Figure:
             color=(FOUND_FILL, _HELD_OUT),
             edgecolor=FOUND,
         )
-        axes.set_title(finger.name)
+        bound = None if finger.bounds is None else finger.bounds.position_mm
+        words = f" – bound on the tip's position ± {at_most(bound, 3)} mm" if bound is not None else ""
+        axes.set_title(f"{finger.name}{words}")
         axes.yaxis.set_major_locator(mpl.ticker.MaxNLocator(3, integer=True))
-        if finger.bounds is not None:
+        if bound is not None and bound < edges[-1]:
             for sign in (-1, 1):
-                bound = sign * finger.bounds.position_mm
-                axes.axvline(bound, color=INK, linestyle="dashed")
-                axes.axvspan(bound, sign * edges[-1], color=FAINT, zorder=0)
+                axes.axvline(sign * bound, color=INK, linestyle="dashed")
+                axes.axvspan(sign * bound, sign * edges[-1], color=FAINT, zorder=0)
     rows[-1].set(xlabel="residual, mm", xlim=(edges[0], edges[-1]))
     key = [
         Patch(facecolor=FOUND_FILL, edgecolor=FOUND, label="fitted"),
         Patch(facecolor=_HELD_OUT, edgecolor=FOUND, label="held out"),
-        Line2D([], [], color=INK, linestyle="dashed", label="bound on the tip's position"),
+        Line2D([], [], color=INK, linestyle="dashed", label="bound, where within the scale"),
     ]
     figure.legend(handles=key, loc="outside upper left", ncols=3)
     return figure

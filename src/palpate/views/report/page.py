@@ -16,7 +16,7 @@ body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(
 h1 { font-size: 1.7rem; line-height: 1.25; margin: 0 0 .3rem; }
 h2 { font-size: 1.2rem; margin: 2.2rem 0 .6rem; border-bottom: 1px solid var(--line); padding-bottom: .2rem; }
 h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-p { margin: .4rem 0; } .muted { color: var(--muted); }
+p { margin: .4rem 0; } ul { padding-left: 1.2rem; } .muted { color: var(--muted); }
 table { border-collapse: collapse; width: 100%; font-size: .92rem; margin: .5rem 0; }
 th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; overflow-wrap: break-word; }
@@ -80,6 +80,11 @@ def paragraph(text: str) -> str:
 def lines(text: str) -> str:
     """Text as it stands."""
     return f"<pre>{escape(text)}</pre>"
+
+
+def bullets(items: Iterable[str]) -> str:
+    """A list of sentences."""
+    return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>"
 
 
 def picture(svg: str) -> str:

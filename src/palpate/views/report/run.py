@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from palpate.base.errors import InputError, quantity
@@ -14,16 +15,25 @@ from palpate.recognizer import Catalogue, NormalRange, explain_object
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.logged_values import (
     GripRecord,
-    LoggedHypothesis,
     LoggedPlacement,
     grip_records,
     placement_in,
 )
 from palpate.rig.session.recorded_session import SessionSamples
-from palpate.views.answer import answer_lines
-from palpate.views.numerals import at_most
+from palpate.views.answer import answer_lines, headline, place_lines
+from palpate.views.numerals import at_least, at_most, decimal
 from palpate.views.recognition import ContactRecord, bounded_pose, touch_mark, why_lines
-from palpate.views.report.page import columns, heading, lines, page, paragraph, picture, section, table
+from palpate.views.report.page import (
+    bullets,
+    columns,
+    heading,
+    lines,
+    page,
+    paragraph,
+    picture,
+    section,
+    table,
+)
 from palpate.views.run_scene import outlines_in_w
 from palpate.views.sessions_text import info_lines, instant_words
 from palpate.views.table_picture.picture import draw
@@ -38,9 +48,13 @@ _POINT_ROWS = (
 
 
 def _grip_sections(
-    grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: LoggedPlacement | None
+    grips: Sequence[GripRecord],
+    rig: RigFile,
+    objects: Sequence[ObjectModel],
+    truth: LoggedPlacement | None,
+    has_legend: bool,
 ) -> list[str]:
-    """A section for each grip."""
+    """A section for each grip; `has_legend`: no picture before has one."""
     models = {model.name: model for model in objects}
     found, before = [], None
     for at, grip in enumerate(grips):
@@ -49,7 +63,9 @@ def _grip_sections(
             for item in grips[: at + 1]
             for touch in item.touches
         )
-        parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
+        drawn = replace(_picture(grip, marks, rig, models, truth), has_legend=has_legend)
+        parts = [picture(draw(drawn))] if grip.touches else []
+        has_legend = has_legend and not parts
         parts.append(columns(_touches(grip), _hypotheses(grip)))
         has_face = any(touch.contact.finger.tip.has_face for touch in grip.touches)
         parts += [paragraph(_POINT_ROWS)] if has_face else []
@@ -86,11 +102,13 @@ def _kind(grip: GripRecord, before: GripRecord | None) -> str:
     return "A planned grip: what it is expected to find rules out most."
 
 
-def _title(grip: GripRecord, first: LoggedHypothesis | None) -> str:
+def _title(grip: GripRecord) -> str:
     """Return what the contacts say."""
     if grip.verdict is None:
         return "not interpreted"
-    return "nothing agrees" if first is None else first.name
+    if len(grip.hypotheses) == 1:
+        return f"only {grip.hypotheses[0].name} is left"
+    return f"{len(grip.hypotheses)} hypotheses" if grip.hypotheses else "nothing agrees"
 
 
 def _touches(grip: GripRecord) -> str:
@@ -140,24 +158,22 @@ def _picture(
     rig: RigFile,
     models: Mapping[str, ObjectModel],
     truth: LoggedPlacement | None,
-) -> str:
-    first = grip.hypotheses[0] if grip.hypotheses else None
+) -> Picture:
+    only = grip.hypotheses[0] if len(grip.hypotheses) == 1 else None
     others = [
         OtherHypothesis(item.object, f"still possible, {100 * item.weight:.0f} %", rings)
-        for item in grip.hypotheses[1:_MAX_DRAWN]
-        if (rings := outlines_in_w(item, models))
+        for item in grip.hypotheses[:_MAX_DRAWN]
+        if item is not only and (rings := outlines_in_w(item, models))
     ]
-    return draw(
-        Picture(
-            title=f"After grip {grip.number}: {_title(grip, first)}",
-            found=() if first is None else outlines_in_w(first, models),
-            pose=None if first is None else bounded_pose(first.configuration, first.bounds),
-            truth=() if truth is None else outlines_in_w(truth, models),
-            others=tuple(others),
-            touches=marks,
-            bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
-            workspace_radius_mm=rig.workspace.radius_mm,
-        )
+    return Picture(
+        title=f"After grip {grip.number}: {_title(grip)}",
+        found=() if only is None else outlines_in_w(only, models),
+        pose=None if only is None else bounded_pose(only.configuration, only.bounds),
+        truth=() if truth is None else outlines_in_w(truth, models),
+        others=tuple(others),
+        touches=marks,
+        bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
+        workspace_radius_mm=rig.workspace.radius_mm,
     )
 
 
@@ -170,14 +186,15 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     truths = file.told("truth")
     truth = placement_in(truths[0]) if truths else None
     answer = _answer(file)
-    title = f"{answer.verdict.value.capitalize()}: {answer.object or 'no object'}" if answer else "No answer"
+    title = headline(answer) if answer else "No answer"
+    has_picture = answer is not None and (folder / "picture.svg").is_file()
     parts = [
         heading(
             f"{title} – rig {summary.rig or '?'}",
             f"{Path(summary.path).name}, {instant_words(summary.began)}",
         ),
         section("Answer", *_answer_parts(answer, summary, folder)),
-        *_grip_sections(grips, samples.rig, samples.objects, truth),
+        *_grip_sections(grips, samples.rig, samples.objects, truth, not has_picture),
         section("Why each rival fell", _rivals(grips, samples.objects)),
         section("Timing", _timing(grips, summary)),
         section("Devices", _devices(samples.rig, file)),
@@ -198,10 +215,32 @@ def _answer_parts(answer: IdentificationOut | None, summary: SessionOut, folder:
         yield paragraph("The run ended before there was an answer.")
         yield lines("\n".join(info_lines(summary)))
         return
-    yield lines("\n".join(answer_lines(answer)))
+    placed = place_lines(answer)
+    if placed:
+        yield _place_table(answer)
+    said = [line.strip() for line in answer_lines(answer) if line not in placed]
+    yield bullets(line for line in said if line != headline(answer).lower())
     drawn = folder / "picture.svg"
     if drawn.is_file():
         yield picture(_read(drawn))
+
+
+def _place_table(answer: IdentificationOut) -> str:
+    """The configuration with its bounds, and the truth of an emulated table."""
+    at, bounds, truth = answer.configuration, answer.bounds, answer.truth
+    assert at is not None, "only called with a place"
+    assert bounds is not None, "only called with a place"
+    real = truth.configuration if truth is not None and truth.named else None
+    rows = []
+    for name, unit, factor in (("x", "mm", 1.0), ("y", "mm", 1.0), ("theta", "°", math.degrees(1.0))):
+        value, (lo, hi) = factor * getattr(at, name), (factor * end for end in getattr(bounds, name))
+        row = [f"{'θ' if name == 'theta' else name}, {unit}"]
+        row += [decimal(value, 3), at_least(lo, 3), at_most(hi, 3)]
+        if name == "theta" and not answer.symmetry_order:
+            row = [row[0], "any", "", ""]
+        rows.append((*row, *([] if real is None else [decimal(factor * getattr(real, name), 3)])))
+    names = ("", answer.object or "", "at least", "at most", *([] if real is None else ["truth"]))
+    return table(names, rows, names[1:])
 
 
 def _rivals(grips: Sequence[GripRecord], objects: Sequence[ObjectModel]) -> str:

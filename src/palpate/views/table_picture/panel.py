@@ -356,7 +356,8 @@ def draw_panel(picture: Picture, view: View, column: svg.Column, top: float) -> 
     """The panel, and the y at which it ends; SVG units."""
     y = top
     shown = []
-    for part in (_pose, _facts, _others, _prediction_table, legend, _whole_table):
+    parts = [_pose, _facts, _others, _prediction_table, *([legend, _whole_table] * picture.has_legend)]
+    for part in parts:
         drawn, end = part(picture, view, column, y)
         shown.append(drawn)
         y = end + (16.0 if end > y else 0.0)

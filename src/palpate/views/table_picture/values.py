@@ -102,6 +102,7 @@ class Picture:
     `found`, `truth`: rings (n, 2) mm in W, holes among them, in either direction. `workspace_radius_mm`:
     circle about W's origin. `facts`: rows of name and value for the panel, such as ("touches", "5").
     `approaches`: the next grip; then `others` are the hypotheses that it is to tell apart.
+    `has_legend`: False beside a picture that has one, with the whole table.
     """
 
     title: str
@@ -115,6 +116,7 @@ class Picture:
     workspace_radius_mm: float | None = None
     facts: tuple[tuple[str, str], ...] = ()
     approaches: tuple[ApproachArrow, ...] = ()
+    has_legend: bool = True
 
     @property
     def colours(self) -> tuple[str, ...]:
