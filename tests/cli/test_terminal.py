@@ -157,6 +157,18 @@ def test_tables_are_filled_up_on_a_terminal_only() -> None:
     assert shown(rows, terminal=True).splitlines()[0].endswith("is\x1b[0m")
 
 
+@given(st.integers(1, 70), st.integers(40, 140))
+def test_a_narrow_terminal_keeps_marks_and_names(length: int, width: int) -> None:
+    columns = ("", "name", "frames a second", "supply", "torque")
+    rows = plain_table(*columns, numbers=("supply",))
+    rows.add_row("✗", "Ω" * length, "500 of 500", "12.0 V", "off")
+    file = io.StringIO()
+    Terminal(file=file, width=width).print(rows)
+    assert "\n✗" in file.getvalue()
+    assert file.getvalue().count("Ω") == length
+    assert max(map(len, file.getvalue().splitlines())) <= width
+
+
 def test_markup_in_names_is_shown_as_it_is() -> None:
     file = io.StringIO()
     with IdentificationProgress(Terminal(file=file, markup=False, highlight=False)) as progress:

@@ -371,6 +371,13 @@ def test_what_says_nothing_is_left_out_and_said(points: Points, words: str) -> N
     assert words in line
 
 
+def test_of_several_objects_a_single_line_is_said() -> None:
+    one = text_of([*SQUARE_POINTS, (0, 0)])
+    text, (line,) = drop_redundant_points(one.model_copy(update={"objects": one.objects * 3}))
+    assert len(text.objects) == 3
+    assert line.startswith("3 objects: left out 3 points")
+
+
 @pytest.mark.parametrize(
     "points",
     [

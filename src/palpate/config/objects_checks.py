@@ -191,11 +191,12 @@ _MAX_COORDINATE_MM = 1e9
 
 
 def drop_redundant_points(text: ObjectsFileText) -> tuple[ObjectsFileText, tuple[str, ...]]:
-    """The file's text without such points, and a line for every object that had some."""
-    objects, lines = [], []
+    """The file's text without such points, and a line that says so."""
+    objects, lines, dropped = [], [], 0
     for item in text.objects:
         made, repeated, straight = _reduce_object(item)
         objects.append(made)
+        dropped += repeated + straight
         words = [
             *(
                 [f"{quantity(repeated, 'point that repeats', 'points that repeat')} the one before"]
@@ -206,6 +207,9 @@ def drop_redundant_points(text: ObjectsFileText) -> tuple[ObjectsFileText, tuple
         ]
         if words:
             lines.append(f'object "{item.name}": left out {" and ".join(words)}; edges are counted without')
+    if len(lines) > 1:  # one by one they would bury everything else
+        what = "points that repeat others or lie on straight lines"
+        lines = [f"{len(lines)} objects: left out {dropped} {what}; edges are counted without"]
     return (text.model_copy(update={"objects": objects}) if lines else text), tuple(lines)
 
 

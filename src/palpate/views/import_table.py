@@ -68,7 +68,9 @@ def show_files(out: ImportOut, console: Console) -> None:
             "what a file does not say, such as its units, palpate-import.toml can: --write-settings"
         )
     good = len(out.files) - len(failed)
+    refused = sum(len(item.refused) for item in out.files if item.failure is None)
     count = f"{good} of {quantity(len(out.files), 'file', 'files')}"
+    count += f", without {quantity(refused, 'refused part', 'refused parts')}" if refused else ""
     if good:
         size = _size(out.bytes)
         console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({size}), {out.seconds:.1f} s")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
 from palpate.base.errors import quantity
@@ -22,7 +22,7 @@ from palpate.views.plan import (
     remaining_confusion,
     stop_words,
 )
-from palpate.views.tables import table
+from palpate.views.tables import folding_column, table
 
 _NAME_COLUMNS = 22  # columns for a hypothesis
 _LEAD_COLUMNS = _NAME_COLUMNS + 5  # and its letter, with the gaps between
@@ -68,7 +68,7 @@ def print_plan(planned: GripPlan, console: Console) -> None:
 
 def _approaches(planned: GripPlan, grip: Grip) -> Table:
     numbers = "from x, y", "direction", "at most"
-    lines = table(Column("finger", no_wrap=True, max_width=_NAME_COLUMNS), *numbers, numbers=numbers)
+    lines = table("finger", *numbers, numbers=numbers)
     for row in planned.rows:
         candidate, travel = grip.approaches[row], grip.travels_mm[row]
         x, y = (decimal(value, 1) for value in candidate.start_mm)
@@ -83,7 +83,7 @@ def _approaches(planned: GripPlan, grip: Grip) -> Table:
 
 def _outcomes(planned: GripPlan, grip: Grip | None, rows: Sequence[int], width: int) -> Table:
     """A row for each hypothesis shown, a column for each of some fingers."""
-    lines = table("", Column("hypothesis", no_wrap=True, width=_NAME_COLUMNS))
+    lines = table("", folding_column("hypothesis", _NAME_COLUMNS))
     long = _LEAD_COLUMNS + _LONG_OUTCOME_COLUMNS * len(rows) <= width
     for row in rows:
         assert grip is not None, "no approaches without a grip"
@@ -99,9 +99,10 @@ def _outcomes(planned: GripPlan, grip: Grip | None, rows: Sequence[int], width: 
 def _hypothesis(item: Hypothesis) -> Text:
     name = f"{item.state.object_name}, {item.state.state.name}"
     share = f"{100 * item.weight:.0f} %"
-    name = name if len(name) <= _NAME_COLUMNS - 6 else f"{name[: _NAME_COLUMNS - 7]}…"
     at = item.configuration
     place = f"{decimal(at.x_mm, 1)}, {decimal(at.y_mm, 1)} mm, {decimal(math.degrees(at.theta_rad), 0)}°"
+    if len(name) > _NAME_COLUMNS - 6:
+        name = f"{name}\n"
     return Text.assemble(f"{name:<{_NAME_COLUMNS - 6}}{share:>6}", "\n", (place, "dim"))
 
 

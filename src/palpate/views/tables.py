@@ -16,8 +16,8 @@ from palpate.rig.diagnostics.host_ports import Computer, is_timer_long, usb_id
 
 
 def table(*columns: str | Column, numbers: Collection[str] = ()) -> Table:
-    """A table without rows. Columns given by name stay on one line, those in `numbers` aligned right."""
-    made = [_single_line(item, numbers) if isinstance(item, str) else item for item in columns]
+    """A table without rows; columns in `numbers` are aligned right. On a narrow terminal cells are broken."""
+    made = [_column(item, numbers) if isinstance(item, str) else item for item in columns]
     return Table(*made, box=None, pad_edge=False, header_style="bold")
 
 
@@ -26,8 +26,9 @@ def folding_column(name: str, width: int | None = None) -> Column:
     return Column(name, overflow="fold", width=width)
 
 
-def _single_line(name: str, numbers: Collection[str]) -> Column:
-    return Column(name, justify="right" if name in numbers else "left", no_wrap=True)
+def _column(name: str, numbers: Collection[str]) -> Column:
+    # Not no_wrap: for such columns rich takes the room of others, of marks and names first.
+    return Column(name, justify="right" if name in numbers else "left", overflow="fold")
 
 
 def show_scan(out: ScanOut, console: Console, warn: Console) -> None:

@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
 
 from palpate.base.errors import quantity
 from palpate.config.catalogue_results import InventoryObjectOut, InventoryOut, InventoryStateOut
@@ -17,7 +17,6 @@ from palpate.views.tables import folding_column, table
 _UNKNOWN = "–"
 _MAX_SHARES = 3  # states whose probability is listed
 _FILE_WIDTH = 110  # columns of a terminal that has room for files' names
-_NAME_COLUMNS = 22
 _ALONG_AXIS = math.cos(math.radians(0.5))
 _Range = tuple[float, float]
 
@@ -69,7 +68,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
     has_tags = any(item.tags for item in out.objects)
     has_source = with_files and any(item.source is not None for item in out.objects)
     rows = table(
-        _names(out),
+        "object",
         "size mm",
         *(["mass"] if has_mass else []),
         "states",
@@ -95,7 +94,7 @@ def _table(out: InventoryOut, *, with_files: bool) -> Table:
 def print_states(out: InventoryOut, console: Console) -> None:
     """Print the states of each object: which side is down, how often, how high, and where they are known."""
     numbers = "probability", "height mm", "tips"
-    rows = table(_names(out), "down", *numbers, "known at mm", numbers=numbers)
+    rows = table("object", "down", *numbers, "known at mm", numbers=numbers)
     for item in out.objects:
         rows.add_row(f"[bold]{escape(item.name)}[/]")
         for state in item.states:
@@ -117,12 +116,6 @@ def direction_words(direction: Sequence[float]) -> str:
         if abs(value) >= _ALONG_AXIS:
             return f"{'−' if value < 0 else '+'}{axis}"
     return f"({', '.join(f'{value:.2g}' for value in direction)})"
-
-
-def _names(out: InventoryOut) -> Column:
-    names = [item.name for item in out.objects]
-    names += [f"  {state.name}" for item in out.objects for state in item.states]
-    return folding_column("object", min(_NAME_COLUMNS, max(map(len, names))))
 
 
 def _size(item: InventoryObjectOut) -> str:

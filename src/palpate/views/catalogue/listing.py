@@ -6,9 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from rich.cells import cell_len, set_cell_size
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
 from palpate.base.errors import quantity
@@ -93,7 +92,7 @@ def _relation(pair: PairOut) -> _Relation:
 _MAX_ROWS = 20  # twins, and states of an object
 _MAX_RANGES = 3
 _MAX_PUSHED = 6
-_NAME_COLUMNS = 20  # columns for a name
+_FULL_WIDTH, _LEAST = 76, ("sections", "edges")  # columns of a terminal, and what narrower ones leave out
 _MET = {"all": "all", "some": "some", "none": "none", "unknown": "?*"}
 _SIGNS = {"same": "=", "doubtful": "≈", "unknown": "?"}
 
@@ -108,7 +107,10 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
         f"{out.objects}: {quantity(objects, 'object', 'objects')}, "
         f"{quantity(len(out.states), 'state', 'states')}\n"
     )
-    console.print(_table(out, every=every))
+    rows = _table(out, every=every)
+    if console.width < _FULL_WIDTH:  # names need the room; the JSON has it all
+        rows.columns = [column for column in rows.columns if column.header not in _LEAST]
+    console.print(rows)
     console.print()
     for line in rig_words(out.rig):
         console.print(line)
@@ -127,12 +129,12 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
 
 def _table(out: ObjectsListingOut, *, every: bool) -> Table:
     numbers = "sections", "edges", "top mm", "symmetry", "prob.", "tips", "met by"
-    rows = table(Column("object", width=_NAME_COLUMNS, no_wrap=True), *numbers, numbers=numbers)
+    rows = table("object", *numbers, numbers=numbers)
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
         first = listed[0]
         tolerance = f" ±{ceil_to(first.tolerance_mm, 3):g} mm" if first.tolerance_mm else ""
-        rows.add_row(Text(f"{_shorten(name, _NAME_COLUMNS - len(tolerance))}{tolerance}", style="bold"))
+        rows.add_row(Text(f"{name}{tolerance}", style="bold"))
         shown = len(listed) if every or len(listed) <= _MAX_ROWS + 1 else _MAX_ROWS
         for state in listed[:shown]:
             rows.add_row(*_cells(state))
@@ -141,11 +143,11 @@ def _table(out: ObjectsListingOut, *, every: bool) -> Table:
     return rows
 
 
-def _cells(state: StateListedOut) -> list[str]:
+def _cells(state: StateListedOut) -> list[Text | str]:
     low, high = state.edges
     tips = state.tipping_angle_rad
     return [
-        f"  {_shorten(state.state, _NAME_COLUMNS - 2)}",
+        Text(f"  {state.state}"),
         str(state.sections),
         str(low) if low == high else f"{low}–{high}",
         f"{state.top_mm:.4g}",
@@ -234,7 +236,3 @@ def _wrap(words: str, begin: str, width: int) -> list[str]:
     return textwrap.wrap(
         words, width, initial_indent=begin, subsequent_indent=" " * (len(begin) + 2), break_long_words=False
     )
-
-
-def _shorten(name: str, room: int) -> str:
-    return name if cell_len(name) <= room else f"{set_cell_size(name, room - 1).rstrip()}…"
