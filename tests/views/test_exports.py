@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
@@ -114,7 +115,7 @@ def test_an_mcap_file_holds_what_the_log_holds(
     topics: Counter[str] = Counter()
     times: dict[str, list[int]] = {}
     kinds: Counter[str] = Counter()
-    scenes = []
+    decoded_by_topic: dict[str, list[Any]] = {}
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         summary = reader.get_summary()
@@ -125,28 +126,87 @@ def test_an_mcap_file_holds_what_the_log_holds(
                 kinds[json.loads(message.data).get("event")] += 1
             else:
                 assert schema is not None
-                assert schema.name == "foxglove.SceneUpdate"
-        for _, _, _, decoded in reader.iter_decoded_messages(topics=["/scene"]):
-            scenes.append(decoded)
+                assert schema.name == f"foxglove.{OWN_SCHEMAS[channel.topic]}"
+        for _, channel, _, decoded in reader.iter_decoded_messages(topics=["/scene", "/tf", "/pose"]):
+            decoded_by_topic.setdefault(channel.topic, []).append(decoded)
     assert topics == said["messages"]
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == sum(topics.values())
     assert {topic.split("/")[1] for topic in topics} == {
-        *("scene", "arrays", "tips", "servos", "contacts", "verdicts", "events")
+        *("scene", "tf", "pose", "arrays", "tips", "servos", "contacts", "verdicts", "events")
     }
     logged = Counter(event["event"] for event in events)
     assert {kind: kinds[kind] for kind in logged} == logged
     for instants in times.values():
         assert instants == sorted(instants)
     assert all(abs(lists[0] - lists[-1]) < 300e9 for lists in times.values())
-    last = scenes[-1]
+    last = decoded_by_topic["/scene"][-1]
     names = {entity.id for entity in last.entities}
     assert {"workspace", "truth-0-0", "hypothesis-0-0", "tip-f1", "tip-f2", "tip-f3"} <= names
     (truth,) = [entity for entity in last.entities if entity.id == "truth-0-0"]
     (found,) = [entity for entity in last.entities if entity.id == "hypothesis-0-0"]
     middles = [np.mean([(p.x, p.y) for p in item.lines[0].points], axis=0) for item in (truth, found)]
     assert np.hypot(*(middles[0] - middles[1])) < 1e-3, "in m"
+    (result,) = [event["result"] for event in events if event["event"] == "result"]
+    at, pose = result["configuration"], decoded_by_topic["/pose"][-1].pose
+    found_theta = 2 * np.arctan2(pose.orientation.z, pose.orientation.w)
+    assert (pose.position.x * 1e3, pose.position.y * 1e3) == pytest.approx((at["x"], at["y"]))
+    assert np.cos(found_theta - at["theta"]) == pytest.approx(1.0)
+    frames = {item.child_frame_id: item.parent_frame_id for item in decoded_by_topic["/tf"][-1].transforms}
+    assert frames == dict.fromkeys(["tip-f1", "tip-f2", "tip-f3", "part"], "W")
+
+
+OWN_SCHEMAS = {"/scene": "SceneUpdate", "/tf": "FrameTransforms", "/pose": "PoseInFrame"}
+
+
+def check_viewable(schema: dict[str, Any], place: str) -> None:
+    """Foxglove's and Lichtblick's parser refuses all other schemas, and then shows nothing of a channel."""
+    match schema["type"]:
+        case "object":
+            for name, part in schema["properties"].items():
+                check_viewable(part, f"{place}.{name}")
+        case "array":
+            assert schema["items"]["type"] != "array", place
+            check_viewable(schema["items"], f"{place}[]")
+        case kind:
+            assert kind in ("boolean", "string", "number", "integer"), place
+
+
+def undescribed(schema: dict[str, Any], value: object, place: str) -> set[str]:
+    """Keys that the schema does not have."""
+    if isinstance(value, list):
+        return {name for item in value for name in undescribed(schema["items"], item, f"{place}[]")}
+    if not isinstance(value, dict):
+        return set()
+    known = schema["properties"]
+    found = {f"{place}.{name}" for name in value if name not in known}
+    return found.union(
+        *(undescribed(known[name], value[name], f"{place}.{name}") for name in value if name in known)
+    )
+
+
+@pytest.mark.parametrize("run", ["two grips", "two grips with pads"])
+def test_every_json_message_is_what_its_schema_says(
+    run: str, request: pytest.FixtureRequest, tmp_path: Path, here: Here
+) -> None:
+    kept = request.getfixturevalue("session") if run == "two grips" else RUNS[run](tmp_path)
+    assert here("export", kept, "--mcap", "run.mcap").code == 0
+    validators: dict[str, Draft202012Validator] = {}
+    with (tmp_path / "run.mcap").open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if channel.message_encoding != "json":
+                continue
+            if channel.topic not in validators:
+                text = json.loads(schema.data)
+                Draft202012Validator.check_schema(text)
+                check_viewable(text, channel.topic)
+                validators[channel.topic] = Draft202012Validator(text)
+            judge, value = validators[channel.topic], json.loads(message.data)
+            assert [error.message for error in judge.iter_errors(value)] == []
+            assert undescribed(judge.schema, value, channel.topic) == set()
+    assert {"/contacts", "/verdicts", "/events/result", "/arrays/f1", "/servos/f1_aim"} <= validators.keys()
 
 
 def test_a_bag_is_read_back_by_rosbags(

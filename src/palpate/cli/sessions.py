@@ -183,7 +183,7 @@ def export(
     from palpate.rig.session.log_reader import read_session
     from palpate.rig.session.recorded_session import open_samples
     from palpate.views.exports.csv_files import write_csv
-    from palpate.views.exports.mcap import write_mcap
+    from palpate.views.exports.foxglove import write_mcap
     from palpate.views.exports.rosbag import write_rosbag
     from palpate.views.table_picture.animation import draw_animation
 

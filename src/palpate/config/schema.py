@@ -75,19 +75,19 @@ def schema_text(name: str) -> str:
     mode: Any = "serialization" if issubclass(model, Out) else "validation"
     schema = model.model_json_schema(mode=mode)
     definitions = schema.pop("$defs", {})
-    full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _inline_references(
+    full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | inline_references(
         schema, definitions
     )
     return json.dumps(full, indent=2, ensure_ascii=False) + "\n"
 
 
-def _inline_references(node: Any, definitions: Mapping[str, Any]) -> Any:
+def inline_references(node: Any, definitions: Mapping[str, Any]) -> Any:
     """Replace every reference by what it refers to; the formats are trees, so this ends."""
     if isinstance(node, list):
-        return [_inline_references(item, definitions) for item in node]
+        return [inline_references(item, definitions) for item in node]
     if not isinstance(node, dict):
         return node
-    rest = {key: _inline_references(value, definitions) for key, value in node.items() if key != "$ref"}
+    rest = {key: inline_references(value, definitions) for key, value in node.items() if key != "$ref"}
     if "$ref" not in node:
         return rest
-    return _inline_references(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest
+    return inline_references(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest

@@ -25,6 +25,7 @@ from palpate.recognizer.explanation import (
 )
 from palpate.recognizer.fewest_touches import fewest_touches
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypotheses, Hypothesis, Slide
+from palpate.recognizer.interpretations import LevelCount
 from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
 from palpate.recognizer.pad_face import face_offsets_mm, point_to_left
 from palpate.recognizer.planner import FREE_MARGIN_MM, FingerApproach, Grip, Reachable, plan_grip, twins
@@ -82,6 +83,7 @@ __all__ = [
     "HalfWidths",
     "Hypotheses",
     "Hypothesis",
+    "LevelCount",
     "MeasuredContact",
     "MemoCounts",
     "Motion",

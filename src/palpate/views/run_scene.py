@@ -1,7 +1,7 @@
 """Scene of a run at an instant, from its log: workspace, tips, contacts, hypotheses as shapes in W."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Self
@@ -127,34 +127,40 @@ class TipPosition:
 
 @dataclass(frozen=True, eq=False)
 class SceneSnapshot:
-    """Everything that is there from `t_s` on, until the next one."""
+    """Everything that is there from `t_s` on, until the next one; `part`: the heaviest hypothesis."""
 
     t_s: float
     outlines: tuple[Outline, ...]
     tips: tuple[TipPosition, ...]
+    part: LoggedHypothesis | None
+    touches: tuple[LoggedTouch, ...]
 
 
-def scene_changes(
-    samples: Iterable[Sample], rig: RigFile, objects: Sequence[ObjectModel]
-) -> Iterator[SceneSnapshot]:
-    """Scenes of a run, one for each event that changes it and for each 50 ms of motion."""
-    run, shapes = RunScene(), _SceneShapes(rig, objects)
-    tips: dict[str, TipPosition] = {}
-    outlines = shapes.of(run)
-    next_s = 0.0
-    for sample in samples:
+class SceneFeed:
+    """Makes scenes of a run, one for each event that changes it and for each 50 ms of motion."""
+
+    def __init__(self, rig: RigFile, objects: Sequence[ObjectModel]) -> None:
+        self._run, self._shapes = RunScene(), _SceneShapes(rig, objects)
+        self._tips: dict[str, TipPosition] = {}
+        self._outlines = self._shapes.of(self._run)
+        self._next_s = 0.0
+
+    def take(self, sample: Sample) -> SceneSnapshot | None:
+        """Take a sample; return the scene if it is a new one."""
         if isinstance(sample, TipSample):
-            tips[sample.finger] = shapes.tip(sample)
-            if sample.t_s < next_s:
-                continue
+            self._tips[sample.finger] = self._shapes.tip(sample)
+            if sample.t_s < self._next_s:
+                return None
         elif not isinstance(sample, EventSample):
-            continue
-        elif run.take(sample.kind, sample.values):
-            outlines = shapes.of(run)
+            return None
+        elif self._run.take(sample.kind, sample.values):
+            self._outlines = self._shapes.of(self._run)
         elif sample.kind != "session":
-            continue
-        next_s = sample.t_s + _PERIOD_S
-        yield SceneSnapshot(sample.t_s, outlines, tuple(tips.values()))
+            return None
+        self._next_s = sample.t_s + _PERIOD_S
+        part = next(iter(self._run.hypotheses), None)
+        tips, touches = tuple(self._tips.values()), tuple(self._run.touches)
+        return SceneSnapshot(sample.t_s, self._outlines, tips, part, touches)
 
 
 class _SceneShapes:

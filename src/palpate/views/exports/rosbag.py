@@ -24,7 +24,7 @@ from palpate.rig.session.recorded_session import (
     SessionSamples,
     TipSample,
 )
-from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneSnapshot, scene_changes
+from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneFeed, SceneSnapshot
 
 _FRAME = "W"
 _M_PER_MM = 1e-3
@@ -59,13 +59,11 @@ class _Writer:
 
     def write(self, samples: SessionSamples) -> dict[str, int]:
         with self._rosbag2.Writer(self._folder, version=_BAG_VERSION) as self._bag:
-            seen: list[Sample] = []
+            feed = SceneFeed(samples.rig, samples.objects)
             for sample in samples:
                 self._log(sample)
-                if isinstance(sample, EventSample):
-                    seen.append(sample)
-            for scene in scene_changes(seen, samples.rig, samples.objects):
-                self._markers(scene)
+                if isinstance(sample, EventSample) and (scene := feed.take(sample)) is not None:
+                    self._markers(scene)
         return dict(self._counts)
 
     def _put(self, topic: str, t_s: float, message: Any) -> None:
