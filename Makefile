@@ -11,7 +11,7 @@ TORCH  := $(VENV)/bench-torch
 # the tests start palpate some hundred times; each would compile all of it
 unexport PYTHONDONTWRITEBYTECODE
 
-REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins/weiss/tests)
+REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins)
 
 .PHONY: help demo test tests realtime lint types layers check firmware docs wheel campaign bench bench-torch clean
 
@@ -32,9 +32,10 @@ $(STAMP): pyproject.toml plugins/weiss/pyproject.toml
 	@touch $@
 
 # without bytecode of what no test imports
-$(DEV): pyproject.toml plugins/weiss/pyproject.toml
+$(DEV): pyproject.toml plugins/weiss/pyproject.toml plugins/gymnasium/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' --editable plugins/weiss
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' --editable plugins/weiss \
+		--editable plugins/gymnasium
 # the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
 		--target $(OTHER)/dynamixel-sdk-3.8.4 dynamixel-sdk==3.8.4
@@ -53,7 +54,7 @@ lint: $(DEV)
 	$(BIN)/ruff format --check .
 
 types: $(DEV)
-	$(BIN)/mypy -p palpate -p palpate_weiss
+	$(BIN)/mypy -p palpate -p palpate_weiss -p palpate_gymnasium -p lerobot_robot_palpate
 
 layers: $(DEV)
 	$(BIN)/lint-imports

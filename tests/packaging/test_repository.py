@@ -71,6 +71,16 @@ def test_imports_go_through_the_one_root() -> None:
     assert wrong == []
 
 
+def test_environment_and_robot_are_built_on_the_front_door() -> None:
+    folders = [ROOT / "plugins" / name for name in ("gymnasium", "lerobot")]
+    for path in [path for folder in folders for path in folder.glob("src/**/*.py")]:
+        nodes = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Import | ast.ImportFrom)]
+        names = [item.name for node in nodes for item in node.names] + [
+            getattr(node, "module", "") for node in nodes
+        ]
+        assert not [name for name in names if (name or "").startswith("palpate.")], name_of(path)
+
+
 def test_modules_say_what_they_are_for() -> None:
     assert [name_of(path) for path in MODULES if not ast.get_docstring(tree_of(path))] == []
 
