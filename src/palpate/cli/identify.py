@@ -16,13 +16,16 @@ from palpate.base.vocabulary import (
     Strategy,
 )
 from palpate.cli.terminal import (
+    FOXGLOVE_PORT,
     VIEW_PORT,
     ContactsOption,
+    FoxgloveOption,
     JsonOption,
     NoCalibrationOption,
     ObjectsOption,
     PictureOption,
     RigOption,
+    RosOption,
     SceneOption,
     SeedOption,
     StrategyOption,
@@ -49,16 +52,35 @@ def identify(
     ] = False,
     view: ViewOption = False,
     view_port: ViewPortOption = VIEW_PORT,
+    foxglove: FoxgloveOption = False,
+    foxglove_port: Annotated[
+        int, typer.Option("--foxglove-port", min=1, max=65535, help="With --foxglove: its port here.")
+    ] = FOXGLOVE_PORT,
+    ros: RosOption = None,
 ) -> int:
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.base.file_io import check_places, write_text
-    from palpate.cli.run_display import IdentificationProgress, closing_lines, view_starter
+    from palpate.cli.run_display import (
+        IdentificationProgress,
+        closing_lines,
+        foxglove_starter,
+        ros_starter,
+        view_starter,
+    )
     from palpate.cli.terminal import Terminal, print_notices, rig_files, scene_files, with_rig_given
     from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     read = {**rig_files(rig), "--objects": objects, **scene_files(scene)}
     check_places({"--picture": picture}, read)
+    starters = [view_starter(view_port)] if view else []
+    starters += [foxglove_starter(foxglove_port)] if foxglove else []
+    starters += [] if ros is None else [ros_starter(ros)]
+
+    def show(session: Path) -> None:
+        for start in starters:
+            start(session)
+
     terminal = Terminal(stderr=True, highlight=False, markup=False)
     with IdentificationProgress(terminal) as progress:
         answer = opened.identify(
@@ -68,7 +90,7 @@ def identify(
             unconfirmed=unconfirmed,
             sessions=sessions,
             on_event=progress,
-            on_session=view_starter(view_port) if view else lambda _: None,
+            on_session=show,
             notice=terminal.print,
             warn=lambda line: print_notices([line]),
             progress=progress.now,

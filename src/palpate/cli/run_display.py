@@ -9,7 +9,7 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -83,32 +83,70 @@ def closing_lines(answer: Answer, picture: Path) -> list[str]:
     ]
 
 
-def view_starter(port: int) -> Callable[[Path], None]:
-    """Return what shows the session in a folder, beside the run that records it.
+Starter = Callable[[Path], None]
+"""Shows the session in a folder, beside the run that records it."""
+
+
+def view_starter(port: int) -> Starter:
+    """Return what shows a session on a page.
 
     Raises InputError, before anything moves, if the extra `view` is not installed, the port is taken, or the
     system would neither end the view with the run nor let it interrupt the run.
     """
+    _check_follower("--view", "view", ("starlette", "uvicorn"))
+    _check_port("--view-port", port)
+    return partial(_start_follower, ["--port", str(port)])
+
+
+def foxglove_starter(port: int) -> Starter:
+    """Return what serves a session to Foxglove; errors as of `view_starter`."""
+    _check_follower("--foxglove", "export", ("foxglove",))
+    _check_port("--foxglove-port", port)
+    return partial(_start_follower, ["--foxglove", "--port", str(port)])
+
+
+def ros_starter(address: str) -> Starter:
+    """Return what publishes a session to a rosbridge; errors as of `view_starter`, and if none answers."""
+    _check_follower("--ros", "ros", ("rosbags", "websockets"))
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise InputError(f"--ros {address}: is no HOST:PORT, such as localhost:9090")
+    try:
+        socket.create_connection((host, int(port)), timeout=_ANSWER_S).close()
+    except OSError as error:
+        raise InputError(
+            f"--ros {address}: no rosbridge answers ({error.strerror or error}); start it with "
+            "ros2 launch rosbridge_server rosbridge_websocket_launch.xml"
+        ) from None
+    return partial(_start_follower, ["--ros", address])
+
+
+_ANSWER_S = 3.0
+
+
+def _check_follower(option: str, extra: str, modules: Sequence[str]) -> None:
     if os.name == "nt":
-        raise InputError("--view is not for Windows: in another terminal, palpate view SESSION follows a run")
-    if any(importlib.util.find_spec(name) is None for name in ("starlette", "uvicorn")):
-        raise MissingPackageError(f"--view needs starlette and uvicorn: {install_command('view')}")
+        raise InputError(f"{option} is not for Windows: palpate view SESSION, in another terminal, follows")
+    if any(importlib.util.find_spec(name) is None for name in modules):
+        raise MissingPackageError(f"{option} needs {' and '.join(modules)}: {install_command(extra)}")
+
+
+def _check_port(option: str, port: int) -> None:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", port))
         except OSError as error:
             reason = os.strerror(error.errno or 0)
-            raise InputError(f"--view-port {port} cannot be served: {reason}; choose another") from None
-    return partial(_start_view, port)
+            raise InputError(f"{option} {port} cannot be served: {reason}; choose another") from None
 
 
-def _start_view(port: int, session: Path) -> None:
-    """Start showing the session that this process records; the view says its address on stderr.
+def _start_follower(options: Sequence[str], session: Path) -> None:
+    """Start showing the session that this process records; it says its address on stderr.
 
     It ends by itself after this process, once the page has the last frame and a stop is confirmed.
     """
-    words = ["view", str(session), "--port", str(port), "--run", str(os.getpid())]
+    words = ["view", str(session), *options, "--run", str(os.getpid())]
     subprocess.Popen(  # it is not waited for
         [sys.executable, "-m", "palpate", *words],
         stdin=subprocess.DEVNULL,

@@ -168,15 +168,21 @@ def export(
     animation: Annotated[
         Path | None, typer.Option("--animation", metavar="FILE", help="A moving picture (SVG) of the run.")
     ] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option("--urdf", metavar="FILE", help="The rig's joints and tips as URDF; a rig file will do."),
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Write a recorded session as MCAP, CSV or a ROS 2 bag: servos, tips, taxels, contacts, hypotheses.
 
-    Or as a moving picture for a page. MCAP and bags need the extra `export`.
+    Or as a moving picture for a page. MCAP and bags need the extra `export`. With --urdf alone SESSION may be
+    a rig file.
     """
     from palpate.base.errors import InputError, quantity
     from palpate.base.file_io import check_different, check_places, write_text
-    from palpate.cli.terminal import Terminal, session_files
+    from palpate.cli.terminal import Terminal, rig_files, session_files
+    from palpate.config import load_calibrated
     from palpate.config.fields import to_json
     from palpate.config.session_results import ExportedOut, ExportOut
     from palpate.rig.session.log_file import session_of
@@ -185,14 +191,22 @@ def export(
     from palpate.views.exports.csv_files import write_csv
     from palpate.views.exports.foxglove import write_mcap
     from palpate.views.exports.rosbag import write_rosbag
+    from palpate.views.exports.urdf import rig_urdf
     from palpate.views.table_picture.animation import draw_animation
 
     folders = {"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}
-    if animation is None and not any(folders.values()):
-        raise InputError("say what to write: --mcap, --csv, --rosbag or --animation, or several")
-    folder = session_of(session)
-    check_different({**folders, "--animation": animation}, session_files(folder))
-    check_places({"--animation": animation}, {})
+    files = {"--animation": animation, "--urdf": urdf}
+    if not any([*folders.values(), *files.values()]):
+        raise InputError("say what to write: --mcap, --csv, --rosbag, --animation or --urdf, or several")
+    of_run = animation is not None or any(folders.values())
+    folder = session_of(session) if of_run or session.suffix != ".toml" else None
+    rig = session if folder is None else folder / "rig.toml"
+    check_different({**folders, **files}, rig_files(rig) if folder is None else session_files(folder))
+    check_places(files, {})
+    if urdf is not None:
+        write_text(urdf, rig_urdf(load_calibrated(rig).rig))
+    if folder is None or not of_run:
+        return 0
     samples = open_samples(read_session(folder), folder)
     terminal, written = Terminal(stderr=True, highlight=False, markup=False), []
     for target, write in ((csv, write_csv), (mcap, write_mcap), (rosbag, write_rosbag)):

@@ -64,6 +64,16 @@ ViewOption = Annotated[
 ViewPortOption = Annotated[
     int, typer.Option("--view-port", min=1, max=65535, help="With --view: its port on this computer.")
 ]
+FOXGLOVE_PORT = 8766
+"""Of Foxglove's websocket, if no other is given."""
+
+FoxgloveOption = Annotated[
+    bool, typer.Option("--foxglove", help="Serve the run to Foxglove and Lichtblick, over a websocket.")
+]
+RosOption = Annotated[
+    str | None,
+    typer.Option("--ros", metavar="HOST:PORT", help="Publish the run to ROS, by the rosbridge there."),
+]
 
 
 def rig_files(rig: Path | None) -> dict[str, Path | None]:

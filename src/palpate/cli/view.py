@@ -13,8 +13,10 @@ import typer
 from palpate.base.errors import InputError
 from palpate.cli.terminal import (
     VIEW_PORT,
+    FoxgloveOption,
     NoCalibrationOption,
     RigOption,
+    RosOption,
     SessionArgument,
     ViewOption,
     ViewPortOption,
@@ -30,12 +32,15 @@ _LAST_FRAMES_GRACE_S = 0.5
 def view(
     session: SessionArgument,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port on this computer.")] = VIEW_PORT,
+    foxglove: FoxgloveOption = False,
+    ros: RosOption = None,
     run: Annotated[int | None, typer.Option("--run", hidden=True)] = None,
 ) -> int:
     """Show a session on a page in the browser: the table from above, taxels, contacts, hypotheses, plan.
 
     A recorded session has a slider; one that is being recorded is followed. The page is served on this
-    computer only. Needs the extra `view`.
+    computer only, and so is Foxglove's websocket, which takes its place with --foxglove; --ros sends to a
+    rosbridge instead. The page needs the extra `view`, Foxglove `export`, ROS `ros`.
     """
     from palpate.base.errors import InputError
     from palpate.config import load_rig
@@ -44,13 +49,16 @@ def view(
     from palpate.views.live.server import LiveView, serve
 
     folder = session_of(session)
-    feed = SessionFeed(folder)
     lifetime = None if run is None else _Lifetime(run)
+    check: Callable[[], object] = (lambda: None) if lifetime is None else lifetime.check
+    if foxglove or ros is not None:
+        _publish(folder, port if ros is None else ros, check)
+        return 0
+    feed = SessionFeed(folder)
 
     def update() -> None:
         feed.update()
-        if lifetime is not None:
-            lifetime.check()
+        check()
 
     stop = None if lifetime is None else _stop_callback(lifetime, load_rig(folder / "rig.toml"))
     shown = LiveView(feed.store, feed.setting, update, stop)
@@ -61,6 +69,18 @@ def view(
             f"port {port} cannot be served: {os.strerror(error.errno or 0)}; choose another with --port"
         ) from None
     return 0
+
+
+def _publish(folder: Path, where: int | str, check: Callable[[], object]) -> None:
+    """Publish a running session on Foxglove's websocket, on a port, or to a rosbridge."""
+    from palpate.views.live.frames import SessionTail
+    from palpate.views.live.publishing import foxglove_publisher, publish, rosbridge_publisher
+
+    def ready(address: str) -> None:
+        typer.echo(f"{address} has {folder}; Ctrl-C ends", err=True)
+
+    make = foxglove_publisher(where, ready) if isinstance(where, int) else rosbridge_publisher(where, ready)
+    publish(SessionTail(folder), make, check)
 
 
 class _Lifetime:

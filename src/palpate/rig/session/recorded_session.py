@@ -109,6 +109,14 @@ def used_calibration(file: SessionFile) -> bool:
     return value
 
 
+def started_in(header: Mapping[str, Any]) -> datetime | None:
+    """Time when a run began, UTC, as a log's first line says; None if it does not."""
+    try:
+        return datetime.fromisoformat(str(header.get("started")))
+    except ValueError:
+        return None
+
+
 def _text(source: Path | Traversable) -> str:
     try:
         return source.read_bytes().decode("utf-8-sig")
@@ -178,10 +186,7 @@ class SessionSamples:
     @property
     def started(self) -> datetime | None:
         """Time when the run began, UTC; None if the log does not say."""
-        try:
-            return datetime.fromisoformat(str(self.file.header.get("started")))
-        except ValueError:
-            return None
+        return started_in(self.file.header)
 
     def __iter__(self) -> Iterator[Sample]:
         yield EventSample(0.0, "session", self.file.header)

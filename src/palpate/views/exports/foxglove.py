@@ -9,7 +9,7 @@ Log time is the start of the run (UTC) and the rig's clock.
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,7 @@ def write_mcap(samples: SessionSamples, path: Path) -> dict[str, int]:
     channels = FoxgloveChannels(samples.rig, samples.objects, LogClock.of(samples.started))
     try:
         with channels.foxglove.open_mcap(str(path), context=channels.context):
-            for sample in samples:
-                channels.take(sample)
+            channels.take_all(samples)
     except OSError as error:
         with suppress(OSError):
             path.unlink()
@@ -73,14 +72,18 @@ class FoxgloveChannels:
         self._shown: set[str] = set()
         self._part: object = None
 
-    def take(self, sample: Sample) -> None:
-        """Log a sample, and the scene if it changes that."""
-        topic, kind, values = json_message(sample)
+    def take_all(self, samples: Iterable[Sample]) -> None:
+        """Log samples, and the scene where they change it."""
+        for sample in samples:
+            self._take(sample)
+
+    def _take(self, sample: Sample) -> None:
+        topic, name, values = json_message(sample)
         if topic not in self._channels:
             schema = self.foxglove.Schema(
-                name=f"palpate.{kind.__name__.removeprefix('_').removesuffix('Sample')}",
+                name=f"palpate.{name}",
                 encoding="jsonschema",
-                data=json.dumps(json_schema(kind)).encode(),
+                data=json.dumps(json_schema(name)).encode(),
             )
             self._channels[topic] = self.foxglove.Channel(
                 topic, schema=schema, message_encoding="json", context=self.context

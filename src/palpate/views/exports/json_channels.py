@@ -8,7 +8,7 @@ and no list holds lists. So what the log has as null is left out, and lists of l
 from collections.abc import Mapping
 from functools import cache
 from itertools import chain
-from typing import Any, NotRequired
+from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 from typing_extensions import TypedDict
@@ -24,145 +24,89 @@ from palpate.rig.session.recorded_session import EventSample, FrameSample, Sampl
 _Values = Mapping[str, Any]
 
 
-class _Frame(TypedDict):
-    """Frame of an array; `counts`: raw, row by row, the lowest first."""
-
-    t_s: float
-    sequence: int
-    device_time_s: float
-    rows: int
-    columns: int
-    counts: list[int]
+def _typed(name: str, fields: _Values) -> Any:
+    return TypedDict(name, dict(fields))  # type: ignore[operator]
 
 
-class _Event(TypedDict):
-    """Event of the log, as docs/session-log.md describes it."""
-
-    t_s: float
-    event: str
-
-
-class _Session(_Event):
-    format: str
-    palpate: str
-    rig: str
-    seed: NotRequired[int]
-    strategy: NotRequired[str]
-    scene: NotRequired[bool]
-    calibration: NotRequired[bool]
-    emulated: NotRequired[bool]
-    started: NotRequired[str]
-    bus_latency_s: NotRequired[float]
-    proof: NotRequired[str]
-
-
-class _Stage(_Event):
-    grip: int
-    stage: str
-
-
-class _Touch(TypedDict):
-    """Touch without its load over time, which the log has."""
-
-    finger_index: int
-    contact: Contact
-    patch: ContactPatch | None
-    servos: list[float]
-    loads: NotRequired[list[ContactLoad]]
-    stage_rad: NotRequired[float]
-    points: NotRequired[list[Contact]]
-
-
-class _Touches(_Event):
-    grip: int
-    touches: list[_Touch]
-
-
-class _Recognised(_Event):
-    grip: int
-    verdict: str
-    levels: list[LevelCount]
-    hypotheses: list[LoggedHypothesis]
-
-
-class _PlannedApproach(TypedDict):
-    finger_index: int
-    approach: Approach
-    travel_mm: float
-    predictions: list[Prediction]
-
-
-class _Planned(_Event):
-    grip: int
-    decisive: bool
-    remaining: float
-    approaches: list[_PlannedApproach]
-
-
-class _Moved(_Event):
-    grip: int
-
-
-class _Part(TypedDict):
-    engine: str
-    mass_kg: float
-    friction: float
-    tip_friction: float
-    feet: int
-    seed: int
-    slip_n: float
-
-
-class _Truth(_Event):
-    object: str
-    state: str
-    configuration: Configuration
-    at_measurement: NotRequired[list[Configuration]]
-    part: NotRequired[_Part]
-
-
-class _Result(_Event):
-    result: IdentificationOut
-
-
-class _Said(_Event):
-    words: str
-
-
-class _End(_Event):
-    how: str
-    message: NotRequired[str]
-
-
-_EVENTS: Mapping[str, type] = {
-    "session": _Session,
-    "stage": _Stage,
-    "touches": _Touches,
-    "recognised": _Recognised,
-    "planned": _Planned,
-    "moved": _Moved,
-    "truth": _Truth,
-    "result": _Result,
-    "said": _Said,
-    "end": _End,
+_TOUCH = {
+    "finger_index": int,
+    "contact": Contact,
+    "patch": ContactPatch | None,
+    "servos": list[float],
+    "loads": list[ContactLoad] | None,
+    "stage_rad": float,
+    "points": list[Contact] | None,
 }
+_PLANNED = {
+    "finger_index": int,
+    "approach": Approach,
+    "travel_mm": float,
+    "predictions": list[Prediction],
+}
+_PART = {
+    "engine": str,
+    **dict.fromkeys(("mass_kg", "friction", "tip_friction", "slip_n"), float),
+    **dict.fromkeys(("feet", "seed"), int),
+}
+_HEADER = {
+    **dict.fromkeys(("format", "palpate", "rig"), str),
+    **dict.fromkeys(("strategy", "started", "proof"), str | None),
+    **dict.fromkeys(("scene", "calibration", "emulated"), bool | None),
+    "seed": int | None,
+    "bus_latency_s": float,
+}
+_FIELDS: Mapping[str, Mapping[str, Any]] = {
+    "Frame": {"sequence": int, "device_time_s": float, "rows": int, "columns": int, "counts": list[int]},
+    "Servo": get_type_hints(ServoSample),
+    "Tip": get_type_hints(TipSample),
+    "session": _HEADER,
+    "stage": {"grip": int, "stage": str},
+    "touches": {"grip": int, "touches": list[_typed("Touch", _TOUCH)]},  # type: ignore[misc]
+    "recognised": {
+        **{"grip": int, "verdict": str},
+        **{"levels": list[LevelCount], "hypotheses": list[LoggedHypothesis]},
+    },
+    "planned": {
+        **{"grip": int, "decisive": bool, "remaining": float},
+        "approaches": list[_typed("PlannedApproach", _PLANNED)],  # type: ignore[misc]
+    },
+    "moved": {"grip": int},
+    "truth": {
+        **{"object": str, "state": str, "configuration": Configuration},
+        **{"at_measurement": list[Configuration] | None, "part": _typed("Part", _PART) | None},
+    },
+    "result": {"result": IdentificationOut},
+    "said": {"words": str},
+    "end": {"how": str, "message": str | None},
+}
+"""Keys and types of each kind of sample and event, beside `t_s` and an event's `event`."""
+
 _TOPICS = {"touches": "/contacts", "recognised": "/verdicts"}
 
 
-def json_message(sample: Sample) -> tuple[str, type, _Values]:
-    """Topic of a sample, the type that its schema is made from, and its message."""
+def json_message(sample: Sample) -> tuple[str, str, _Values]:
+    """Topic of a sample, the name of its schema, and its message."""
     match sample:
         case FrameSample(t_s, finger, frame):
             rows, columns = frame.counts.shape
             values = {"t_s": t_s, "sequence": frame.sequence, "device_time_s": frame.device_time_s}
             counts = {"rows": rows, "columns": columns, "counts": frame.counts.ravel().tolist()}
-            return f"/arrays/{finger}", _Frame, values | counts
+            return f"/arrays/{finger}", "Frame", values | counts
         case EventSample(t_s, kind, values):
-            topic = _TOPICS.get(kind, f"/events/{kind}")
-            return topic, _EVENTS.get(kind, _Event), {"t_s": t_s, "event": kind} | _plain(values)
-        case TipSample() | ServoSample():
-            name = f"/tips/{sample.finger}" if isinstance(sample, TipSample) else f"/servos/{sample.joint}"
-            return name, type(sample), {key: getattr(sample, key) for key in sample.__slots__}
+            return _TOPICS.get(kind, f"/events/{kind}"), kind, {"t_s": t_s, "event": kind} | _plain(values)
+        case TipSample():
+            topic, name = f"/tips/{sample.finger}", "Tip"
+        case ServoSample():
+            topic, name = f"/servos/{sample.joint}", "Servo"
+    return topic, name, {key: getattr(sample, key) for key in sample.__slots__}
+
+
+@cache
+def json_schema(name: str) -> Mapping[str, Any]:
+    """JSON Schema of the messages of this name; an event of a kind that is not known has any keys."""
+    fields = {"t_s": float} | ({"event": str} if name.islower() else {}) | dict(_FIELDS.get(name, {}))
+    schema = TypeAdapter(_typed(name, fields)).json_schema(mode="serialization")
+    return _plain_schema(inline_references(schema, schema.pop("$defs", {})))
 
 
 def _plain(value: Any) -> Any:
@@ -173,13 +117,6 @@ def _plain(value: Any) -> Any:
         items = [_plain(item) for item in value if item is not None]
         return list(chain(*items)) if items and isinstance(items[0], list) else items
     return value
-
-
-@cache
-def json_schema(kind: type) -> Mapping[str, Any]:
-    """JSON Schema of the messages of a type."""
-    schema = TypeAdapter(kind).json_schema(mode="serialization")
-    return _plain_schema(inline_references(schema, schema.pop("$defs", {})))
 
 
 def _plain_schema(schema: Mapping[str, Any]) -> dict[str, Any]:

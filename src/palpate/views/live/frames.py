@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -237,39 +237,57 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
     }
 
 
+class SessionTail:
+    """Samples of a session, as far as it is recorded; `is_ended` when no more will come."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a folder without a log, or without the rig file of its run."""
+        check_session(folder)
+        self.is_ended = False
+        self._folder, self._log = folder, LogTail(folder)
+        self._decoder: SampleDecoder | None = None
+        path = folder / "objects.json"
+        self.objects = load_objects(path).objects if path.exists() else ()
+        self.rig = self._rig(calibration=False)
+
+    @property
+    def is_written(self) -> bool:
+        """True if a process is recording it now."""
+        return self._log.is_written
+
+    def read(self) -> Iterator[Sample]:
+        """Samples of what was written since. A log that cannot be read any further ends, and says why."""
+        was_written = self.is_written
+        try:
+            for entry in self._log.read():
+                what = entry.what
+                if isinstance(what, SessionEvent) and what.kind == "session":
+                    self.rig = self._rig(calibration=what.values.get("calibration") is True)
+                    self._decoder = SampleDecoder(self.rig)
+                    yield EventSample(0.0, what.kind, what.values)
+                elif self._decoder is not None:
+                    yield from self._decoder.feed(entry)
+        except InputError as error:
+            yield EventSample(0.0, "end", {"how": "unreadable", "message": str(error)})
+            self.is_ended = True
+        # What was written before it was given up has been read.
+        self.is_ended = self.is_ended or not was_written
+
+    def _rig(self, *, calibration: bool) -> RigFile:
+        return load_calibrated(self._folder / "rig.toml", calibration=calibration).rig
+
+
 class SessionFeed:
     """Brings a frame store up to date with a session, as far as it is recorded."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises InputError for a folder without a log, or without the rig file of its run."""
+        """Raises InputError as `SessionTail`."""
         self.store = FrameStore()
-        self._folder = folder
-        self._tail = LogTail(folder)
-        self._decoder: SampleDecoder | None = None
-        check_session(folder)
-        path = folder / "objects.json"
-        objects = load_objects(path).objects if path.exists() else ()
-        self.setting: Mapping[str, object] = setting_of(self._rig(calibration=False), objects)
+        self._tail = SessionTail(folder)
+        self.setting: Mapping[str, object] = setting_of(self._tail.rig, self._tail.objects)
 
     def update(self) -> None:
-        """Take what was written since. A log that cannot be read any further ends the frames and says why."""
-        if self.store.is_ended:
-            return
-        was_written = self._tail.is_written
-        try:
-            for entry in self._tail.read():
-                what = entry.what
-                if isinstance(what, SessionEvent) and what.kind == "session":
-                    self._decoder = SampleDecoder(
-                        self._rig(calibration=what.values.get("calibration") is True)
-                    )
-                    self.store.take([EventSample(0.0, what.kind, what.values)])
-                elif self._decoder is not None:
-                    self.store.take(self._decoder.feed(entry))
-        except InputError as error:
-            self.store.take([EventSample(0.0, "end", {"how": "unreadable", "message": str(error)})])
-        if not was_written:  # what was written before it was given up has been read
-            self.store.is_ended = True
-
-    def _rig(self, *, calibration: bool) -> RigFile:
-        return load_calibrated(self._folder / "rig.toml", calibration=calibration).rig
+        """Take what was written since."""
+        if not self.store.is_ended:
+            self.store.take(self._tail.read())
+            self.store.is_ended = self.store.is_ended or self._tail.is_ended
