@@ -226,14 +226,14 @@ def test_a_bag_is_read_back_by_rosbags(
             elif connection.topic.startswith("/arrays/"):
                 sizes = [item.size for item in message.layout.dim]
                 assert np.prod(sizes) == len(message.data)
-            elif connection.topic == "/answer":
-                turn = message.pose.orientation
+            elif connection.topic == "/pose":
+                turn = message.pose.pose.orientation
                 assert turn.z**2 + turn.w**2 == pytest.approx(1.0)
         assert {connection.msgtype.split("/")[0] for connection in reader.connections} == {
-            *("sensor_msgs", "geometry_msgs", "std_msgs", "visualization_msgs")
+            *("sensor_msgs", "geometry_msgs", "std_msgs", "tf2_msgs", "visualization_msgs")
         }
     assert counts == said["messages"]
-    assert counts["/answer"] == sum(bool(event.get("hypotheses") or event.get("result")) for event in events)
+    assert counts["/pose"] == sum(bool(event.get("hypotheses") or event.get("result")) for event in events)
     logged = Counter(event["event"] for event in events)
     assert {kind: kinds[kind] for kind in logged} == logged
 

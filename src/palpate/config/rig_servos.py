@@ -115,6 +115,11 @@ class RigServo:
     model: str
 
     @property
+    def name(self) -> str:
+        """Name in exports, such as "f1_slide"."""
+        return self.joint if self.finger is None else f"{self.finger}_{self.joint}"
+
+    @property
     def owner(self) -> str:
         """Name for people, such as "f1 slide"."""
         return self.joint if self.finger is None else f"{self.finger} {self.joint}"

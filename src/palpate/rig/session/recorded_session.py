@@ -279,13 +279,7 @@ def open_samples(file: SessionFile, folder: Path) -> SessionSamples:
 
 def _joints(rig: RigFile) -> dict[int, tuple[str, Model]]:
     """Name and model of each servo, by ID."""
-    return {
-        servo.dxl_id: (
-            servo.joint if servo.finger is None else f"{servo.finger}_{servo.joint}",
-            model_by_name(servo.model),
-        )
-        for servo in rig.servos
-    }
+    return {servo.dxl_id: (servo.name, model_by_name(servo.model)) for servo in rig.servos}
 
 
 class _Tips:

@@ -19,7 +19,7 @@ from palpate.base.geometry import ObjectModel
 from palpate.base.optional_imports import import_extra
 from palpate.config import RigFile
 from palpate.rig.session.recorded_session import Sample, SessionSamples
-from palpate.views.exports.json_channels import json_message, json_schema
+from palpate.views.exports.json_channels import json_message, json_schema, json_topics
 from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneFeed, SceneSnapshot, TipPosition
 
 _FRAME = "W"
@@ -69,8 +69,18 @@ class FoxgloveChannels:
             "/tf": own.FrameTransformsChannel("/tf", context=self.context),
             "/pose": own.PoseInFrameChannel("/pose", context=self.context),
         }
+        for topic, name in json_topics(rig).items():  # before messages, so that nobody misses the first
+            self._add_channel(topic, name)
         self._shown: set[str] = set()
         self._part: object = None
+
+    def _add_channel(self, topic: str, name: str) -> None:
+        schema = self.foxglove.Schema(
+            name=f"palpate.{name}", encoding="jsonschema", data=json.dumps(json_schema(name)).encode()
+        )
+        self._channels[topic] = self.foxglove.Channel(
+            topic, schema=schema, message_encoding="json", context=self.context
+        )
 
     def take_all(self, samples: Iterable[Sample]) -> None:
         """Log samples, and the scene where they change it."""
@@ -80,14 +90,7 @@ class FoxgloveChannels:
     def _take(self, sample: Sample) -> None:
         topic, name, values = json_message(sample)
         if topic not in self._channels:
-            schema = self.foxglove.Schema(
-                name=f"palpate.{name}",
-                encoding="jsonschema",
-                data=json.dumps(json_schema(name)).encode(),
-            )
-            self._channels[topic] = self.foxglove.Channel(
-                topic, schema=schema, message_encoding="json", context=self.context
-            )
+            self._add_channel(topic, name)
         self._log(topic, sample.t_s, json.dumps(values).encode())
         scene = self._feed.take(sample)
         if scene is not None:

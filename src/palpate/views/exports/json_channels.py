@@ -13,6 +13,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter
 from typing_extensions import TypedDict
 
+from palpate.config import RigFile
 from palpate.config.recognition_results import IdentificationOut
 from palpate.config.schema import inline_references
 from palpate.drivers.tactile import ContactPatch
@@ -84,6 +85,18 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
 _TOPICS = {"touches": "/contacts", "recognised": "/verdicts"}
 
 
+def json_topics(rig: RigFile) -> Mapping[str, str]:
+    """Topics that a run on a rig may have, and the names of their schemas."""
+    found = {_event_topic(kind): kind for kind in _FIELDS if kind.islower()}
+    for finger in rig.fingers:
+        found |= {f"/arrays/{finger.name}": "Frame", f"/tips/{finger.name}": "Tip"}
+    return found | {f"/servos/{servo.name}": "Servo" for servo in rig.servos}
+
+
+def _event_topic(kind: str) -> str:
+    return _TOPICS.get(kind, f"/events/{kind}")
+
+
 def json_message(sample: Sample) -> tuple[str, str, _Values]:
     """Topic of a sample, the name of its schema, and its message."""
     match sample:
@@ -93,7 +106,7 @@ def json_message(sample: Sample) -> tuple[str, str, _Values]:
             counts = {"rows": rows, "columns": columns, "counts": frame.counts.ravel().tolist()}
             return f"/arrays/{finger}", "Frame", values | counts
         case EventSample(t_s, kind, values):
-            return _TOPICS.get(kind, f"/events/{kind}"), kind, {"t_s": t_s, "event": kind} | _plain(values)
+            return _event_topic(kind), kind, {"t_s": t_s, "event": kind} | _plain(values)
         case TipSample():
             topic, name = f"/tips/{sample.finger}", "Tip"
         case ServoSample():

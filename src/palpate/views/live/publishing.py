@@ -148,8 +148,9 @@ class _Rosbridge:
 
 def ros_json(value: Any) -> Any:
     """A message of `rosbags` as rosbridge takes it."""
-    if dataclasses.is_dataclass(value):
-        return {field.name: ros_json(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if dataclasses.is_dataclass(value):  # constants of its type have defaults
+        names = [field.name for field in dataclasses.fields(value) if field.default is dataclasses.MISSING]
+        return {name: ros_json(getattr(value, name)) for name in names}
     if isinstance(value, np.ndarray):
         return value.tolist()
     return [ros_json(item) for item in value] if isinstance(value, list) else value
