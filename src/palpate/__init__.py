@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from palpate.base.errors import PalpateError as PalpateError
     from palpate.base.errors import RigWarning as RigWarning
     from palpate.base.errors import SafetyStop as SafetyStop
+    from palpate.base.tips import TipShape as TipShape
     from palpate.jobs.bus import scan as scan
     from palpate.jobs.bus import stop as stop
     from palpate.jobs.catalogue import check_objects as check_objects
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from palpate.rig.identification.rig_recognition import GripPlanner as GripPlanner
     from palpate.rig.identification.rig_recognition import MadeGrip as MadeGrip
     from palpate.rig.identification.rig_recognition import RigRecognition as RigRecognition
+    from palpate.rig.reach.carrier import Carrier as Carrier
 
     __version__: str
 
@@ -82,6 +84,8 @@ _HOMES = {
         "TouchEvent",
     ),
     "rig.identification.rig_recognition": ("GripPlanner", "MadeGrip", "RigRecognition"),
+    "rig.reach.carrier": ("Carrier",),
+    "base.tips": ("TipShape",),
     "base.errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "RigWarning", "SafetyStop"),
 }
 

@@ -45,7 +45,7 @@ from palpate.config.rig_fingers import (
     MountedArrayConfig,
 )
 from palpate.config.rig_servos import JointConfig, RigServo, StageConfig
-from palpate.config.rig_tables import ClosingConfig, EmulationConfig
+from palpate.config.rig_tables import ClosingConfig, EmulationConfig, SearchConfig
 from palpate.config.rig_tips import TipConfig
 from palpate.config.slide_finger import SlideFingerConfig
 from palpate.config.writers import calibration_toml
@@ -78,6 +78,7 @@ __all__ = [
     "RigServo",
     "RotaryCalibration",
     "Scene",
+    "SearchConfig",
     "SlideCalibration",
     "SlideFingerConfig",
     "StageConfig",

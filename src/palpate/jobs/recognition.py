@@ -18,19 +18,21 @@ from palpate.recognizer import (
     Catalogue,
     Contact,
     Finger,
+    FingerApproach,
     Hypothesis,
     MemoCounts,
     ObjectExplanation,
     Recognition,
     explain_object,
 )
-from palpate.rig.catalogue.finger_model import fingers_of
+from palpate.rig.catalogue.finger_model import FingerAtHeight, HasHeight, fingers_of
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import untouched_lines
-from palpate.rig.conversion import finger_of, grips_of
-from palpate.rig.identification.grip_choice import GripPlan, grip_plan
+from palpate.rig.conversion import grips_of
+from palpate.rig.identification.grip_choice import GripPlan, grip_plan, tips_of
 from palpate.rig.identification.result import IdentificationRun
 from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.carrier import Carrier
 from palpate.views.answer import answer_lines
 from palpate.views.plan import grip_out, plan_picture
 from palpate.views.recognition import (
@@ -164,6 +166,23 @@ class Plan:
         """True if no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
         return self.planned.is_dead_end
 
+    @property
+    def verdict(self) -> IdentificationVerdict | None:
+        """Verdict if no further grip is worth making; None: the grip comes first."""
+        if self.planned.recognition.verdict is RecognitionVerdict.NONE:
+            return IdentificationVerdict.UNKNOWN
+        return self.planned.verdict
+
+    @property
+    def approaches(self) -> tuple[FingerApproach, ...]:
+        """Approaches of the grip, each as far as it has to go; `fast_mm` of it are proven free."""
+        return () if self.planned.grip is None else self.planned.grip.limited_approaches
+
+    @property
+    def hypotheses(self) -> Sequence[Hypothesis]:
+        """Hypotheses that agree with the contacts, the largest weight first."""
+        return self.planned.recognition.hypotheses
+
     def to_json(self) -> str:
         """`palpate/grip@1`."""
         return to_json(self.result)
@@ -293,7 +312,7 @@ def recognise(
 
 @check_arguments
 def plan(
-    rig: RigFile,
+    rig: RigFile | Carrier,
     objects: ObjectsFile | PathLike | None,
     contacts: Contacts,
     *,
@@ -303,14 +322,15 @@ def plan(
 ) -> Plan:
     """Plan: the grip of a rig that follows on contacts (memo §3.2), and what each hypothesis predicts of it.
 
+    `rig`: a rig file, or what else moves a tip, a `Carrier`; its grips are single touches.
     `seed` draws the grip of the strategy `random`. `progress` is told of a large catalogue's preparation.
     States that are not known at the fingers' heights are left out, with a warning. Raises InputError for
     files that are wrong, if no state is left, and if no finger touched anything.
     """
     models, given = objects_from(objects), _contacts(contacts)
-    touching = [*rig.fingers, *fingers_of(given.contacts)]
+    touching = [*_tips_of(rig), *fingers_of(given.contacts)]
     models, left_out = select_known(models, touching, _name(objects, "objects"), warn_operator)
-    fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
+    fingers = tips_of(rig) | _fingers_in(given)
     catalogue = prepare_catalogue(models.objects, fingers, progress)
     planned = grip_plan(rig, catalogue, given.grips, parse_strategy(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}", left_out)
@@ -330,6 +350,12 @@ def _contacts(contacts: Contacts) -> ContactRecord:
         return ContactRecord(grips_of(contacts))
     alone = [item for item in contacts if isinstance(item, Contact)]
     return ContactRecord([alone] if alone else [item for item in contacts if not isinstance(item, Contact)])
+
+
+def _tips_of(rig: RigFile | Carrier) -> Sequence[HasHeight]:
+    if isinstance(rig, RigFile):
+        return rig.fingers
+    return [FingerAtHeight(rig.name, item.height_mm, item.half_height_mm) for item in sorted(tips_of(rig))]
 
 
 def _fingers_in(given: ContactRecord) -> set[Finger]:

@@ -44,13 +44,13 @@ PERCEPTIBLE_SIMILARITY = np.exp(-1.0)  # similarity of what the rig can just dis
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FingerApproach(ShortRepr, Approach):
-    """An approach that one of a rig's fingers can carry out, with its turning stage at `stage_rad`.
+    """An approach that one of a rig's fingers, or a carrier, can make, with the turning stage at `stage_rad`.
 
     `fast_mm`: travel through space that is proven free, so that the finger need not search on it.
     `touch_mm_s`: the finger meets the part at this speed at most; None: as the rig does.
     """
 
-    finger_index: int
+    finger_index: int = 0
     stage_rad: float = 0.0
     fast_mm: float = 0.0
     touch_mm_s: float | None = None

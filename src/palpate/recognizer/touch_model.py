@@ -27,7 +27,7 @@ from palpate.recognizer.tables import Table
 class Resolution:
     """Resolution of the rig: stops and normals that differ by less may be indistinguishable.
 
-    `normal_half_rad`: an ordinary touch measures the normal to within this, either way.
+    `normal_half_rad`: an ordinary touch measures the normal to within this, either way; π if not at all.
     """
 
     distance_mm: float
@@ -110,7 +110,9 @@ def similarity(
     sin, cos = np.sin(half), np.cos(half)
     chord = sin.take(first, axis=1) * cos.take(second, axis=1)
     chord -= cos.take(first, axis=1) * sin.take(second, axis=1)
-    turned = np.abs(chord) / np.sin(resolution.normal_half_rad)
+    # From a quarter turn on any two normals may be one.
+    within = np.sin(resolution.normal_half_rad) if resolution.normal_half_rad < np.pi / 2 else np.inf
+    turned = np.abs(chord) / within
     aside = np.abs(one.margin - two.margin) / (2 * resolution.distance_mm)
     off = np.where(one.hit & two.hit, np.maximum(along, turned), 0.0)
     off = np.where(one.hit != two.hit, aside, off)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from palpate.base.errors import join_words
 from palpate.base.vocabulary import RecognitionVerdict, Strategy
+from palpate.config import RigFile
 from palpate.config.recognition_results import (
     ApproachOut,
     AssumptionsOut,
@@ -57,7 +58,7 @@ def _approach_out(planned: GripPlan, grip: Grip, row: int) -> ApproachOut:
     candidate = grip.approaches[row]
     return ApproachOut.of(
         candidate,
-        finger=planned.rig.fingers[candidate.finger_index].name,
+        finger=planned.finger_name(candidate),
         travel=grip.travels_mm[row],
         predictions=tuple(
             _prediction_out(index, item) for index, item in enumerate(grip.predictions.of_approach(row))
@@ -114,7 +115,7 @@ def may_miss(item: Prediction) -> bool:
 def _certificate_bounds(planned: GripPlan, grip: Grip) -> str:
     """The bounds on contacts for which the grip is decisive."""
     ordered = [grip.approaches[row] for row in planned.rows]
-    names = [planned.rig.fingers[item.finger_index].name for item in ordered]
+    names = [planned.finger_name(item) for item in ordered]
     bounds = [at_least(item.position_bound_mm) for item in ordered]
     normal = f"{floor_to(math.degrees(planned.resolution.normal_half_rad), 1):g}"
     if len(set(bounds)) == 1:
@@ -189,8 +190,8 @@ def plan_picture(planned: GripPlan, record: ContactRecord, title: str) -> str:
                 for number, grip in enumerate(record.grips, start=1)
                 for contact in grip
             ),
-            bases=tuple(values.FingerBase(item.name, item.base_mm) for item in rig.fingers),
-            workspace_radius_mm=rig.workspace.radius_mm,
+            bases=tuple(values.FingerBase(item.name, item.base_mm) for item in getattr(rig, "fingers", ())),
+            workspace_radius_mm=rig.workspace.radius_mm if isinstance(rig, RigFile) else None,
             facts=tuple(_facts(planned)),
             approaches=()
             if planned.grip is None
@@ -203,7 +204,7 @@ def _title(planned: GripPlan) -> str:
     grip = planned.grip
     if grip is None:
         return "No next grip"
-    names = [planned.rig.fingers[grip.approaches[row].finger_index].name for row in planned.rows]
+    names = [planned.finger_name(grip.approaches[row]) for row in planned.rows]
     return f"Next grip: {', '.join(names)}"
 
 
@@ -234,7 +235,7 @@ def _approach_arrow(planned: GripPlan, grip: Grip, row: int) -> values.ApproachA
     candidate, travel = grip.approaches[row], grip.travels_mm[row]
     x, y = (decimal(value, 1) for value in candidate.start_mm)
     return values.ApproachArrow(
-        planned.rig.fingers[candidate.finger_index].name,
+        planned.finger_name(candidate),
         candidate.start_mm,
         candidate.direction_rad,
         travel,

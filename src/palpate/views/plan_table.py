@@ -73,7 +73,7 @@ def _approaches(planned: GripPlan, grip: Grip) -> Table:
         candidate, travel = grip.approaches[row], grip.travels_mm[row]
         x, y = (decimal(value, 1) for value in candidate.start_mm)
         lines.add_row(
-            Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
+            Text(planned.finger_name(candidate), style="bold"),
             f"{x}, {y} mm",
             direction_text(candidate.direction_rad),
             f"{travel:.1f} mm",
@@ -87,7 +87,7 @@ def _outcomes(planned: GripPlan, grip: Grip | None, rows: Sequence[int], width: 
     long = _LEAD_COLUMNS + _LONG_OUTCOME_COLUMNS * len(rows) <= width
     for row in rows:
         assert grip is not None, "no approaches without a grip"
-        name = planned.rig.fingers[grip.approaches[row].finger_index].name
+        name = planned.finger_name(grip.approaches[row])
         lines.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
     for index, item in enumerate(planned.recognition.hypotheses[:MAX_LETTERS]):
         outcomes = [] if grip is None else [grip.predictions.of(row, index) for row in rows]

@@ -23,8 +23,10 @@ from palpate.recognizer import (
     Confirmation,
     Contact,
     Finger,
+    FingerApproach,
     Grip,
     PushLimits,
+    Reachable,
     Recognition,
     Resolution,
     StrangerEvidence,
@@ -50,6 +52,7 @@ from palpate.rig.identification.pushing_mechanics import (
     stability_of,
 )
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.reach.carrier import Carrier
 
 
 @dataclass(frozen=True)
@@ -173,15 +176,15 @@ def strategy_rng(seed: int) -> np.random.Generator:
 
 
 @dataclass(frozen=True, eq=False)
-class GripChooser:
-    """Chooses grips for a rig; of good ones, such as do not tip or roll parts.
+class CarrierChooser:
+    """Chooses grips for a rig, or a carrier; of good ones, such as do not tip or roll parts.
 
-    `rng` is used by the strategy `random` alone. `feels`: what touches resolve, None: as the rig file says.
+    `rng` is used by the strategy `random` alone. `feels`: what touches resolve, None: as the rig says.
     `tables`: stabilities that have been worked out before, by catalogue.
     """
 
-    rig: RigFile
-    reach: Reach
+    rig: RigFile | Carrier
+    reach: Reachable
     strategy: Strategy
     rng: np.random.Generator
     feels: Resolution | None = None
@@ -190,7 +193,8 @@ class GripChooser:
     @cached_property
     def resolution(self) -> Resolution:
         """Resolution of touches."""
-        return self.feels or resolution_of(self.rig)
+        own = self.rig.resolution if isinstance(self.rig, Carrier) else resolution_of(self.rig)
+        return self.feels or own
 
     def choose(self, evidence: GripEvidence, recognition: Recognition) -> GripChoice:
         """The next grip, or the verdict; `recognition` must have hypotheses."""
@@ -303,10 +307,20 @@ class GripChooser:
 
     def _limits(self, recognition: Recognition) -> PushLimits:
         """Limits of what pushes may do to the parts of the recognition's catalogue."""
+        if isinstance(self.rig, Carrier):
+            return self.rig
         catalogue = recognition.catalogue
         if catalogue not in self.tables:
             self.tables[catalogue] = StabilityTable(self.rig, catalogue)
         return self.tables[catalogue]
+
+
+@dataclass(frozen=True, eq=False)
+class GripChooser(CarrierChooser):
+    """Chooses grips for a rig."""
+
+    rig: RigFile
+    reach: Reach
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -318,7 +332,7 @@ class GripPlan(ShortRepr):
     end with, None if it would carry out the grip.
     """
 
-    rig: RigFile
+    rig: RigFile | Carrier
     strategy: Strategy
     recognition: Recognition
     grip: Grip | None
@@ -335,6 +349,12 @@ class GripPlan(ShortRepr):
         fingers = [item.finger_index for item in self.grip.approaches]
         return tuple(sorted(range(len(fingers)), key=fingers.__getitem__))
 
+    def finger_name(self, approach: FingerApproach) -> str:
+        """Name of the finger that makes an approach; a carrier's own name."""
+        return (
+            self.rig.name if isinstance(self.rig, Carrier) else self.rig.fingers[approach.finger_index].name
+        )
+
     @property
     def hopeless(self) -> bool:
         """True if several hypotheses are left, and nothing within reach tells any of them apart."""
@@ -350,7 +370,11 @@ class GripPlan(ShortRepr):
 
 
 def grip_plan(
-    rig: RigFile, catalogue: Catalogue, grips: Sequence[Sequence[Contact]], strategy: Strategy, seed: int
+    rig: RigFile | Carrier,
+    catalogue: Catalogue,
+    grips: Sequence[Sequence[Contact]],
+    strategy: Strategy,
+    seed: int,
 ) -> GripPlan:
     """Recognise the contacts of `grips`, misses included, and choose what `identify` would do next.
 
@@ -358,19 +382,20 @@ def grip_plan(
     `seed` matters to `random` only. Raises InputError if no finger touched anything, one is not the rig's, or
     one has a pad.
     """
-    rig.require("plan")
+    if isinstance(rig, RigFile):
+        rig.require("plan")
     contacts = [contact for grip in grips for contact in grip]
     _check_fingers(rig, contacts)
-    resolution = resolution_of(rig)
-    budget = Budget(rig.search.budget)
-    evidence = GripEvidence(catalogue, resolution, budget)
+    reach = rig if isinstance(rig, Carrier) else reach_of(rig)
+    chooser = CarrierChooser(rig, reach, strategy, strategy_rng(seed))
+    resolution, budget = chooser.resolution, Budget(rig.search.budget)
+    evidence = GripEvidence(catalogue, resolution, budget, is_bounded=isinstance(rig, Carrier))
     for grip in grips:
         if evidence.recognition is None or evidence.recognition.hypotheses:
             evidence.add(grip)
     recognition = evidence.recognition or recognise(catalogue, contacts, budget=budget)
     if recognition.verdict is RecognitionVerdict.NONE:
         return GripPlan(rig, strategy, recognition, None, resolution, (), False)
-    chooser = GripChooser(rig, reach_of(rig), strategy, strategy_rng(seed))
     choice = chooser.choose(evidence, recognition)
     alike = indistinguishable_sets(chooser.twins(recognition))
     fine = chooser.is_fine(recognition)
@@ -398,15 +423,22 @@ def indistinguishable_sets(alike: Bools) -> tuple[tuple[int, ...], ...]:
     return tuple(found)
 
 
-def _check_fingers(rig: RigFile, contacts: Sequence[Contact]) -> None:
+def _check_fingers(rig: RigFile | Carrier, contacts: Sequence[Contact]) -> None:
     """Refuse contacts that none of the rig's fingers can have felt: approaches used would not be known."""
-    own = list(dict.fromkeys(finger_of(finger) for finger in rig.fingers))
+    own = sorted(tips_of(rig))
     for contact in contacts:
         if contact.finger not in own:
             raise InputError(
                 f"finger {contact.name} has {_tip_text(contact.finger)}; "
                 f'rig "{rig.name}" has none like it, only: {", ".join(map(_tip_text, own))}'
             )
+
+
+def tips_of(rig: RigFile | Carrier) -> set[Finger]:
+    """Kinds of fingers that a rig or a carrier has."""
+    if isinstance(rig, Carrier):
+        return {item.finger for item in rig.approaches}
+    return {finger_of(finger) for finger in rig.fingers}
 
 
 def _tip_text(finger: Finger) -> str:
