@@ -35,6 +35,11 @@ class Approach:
     travel_mm: float
     position_bound_mm: float
 
+    def point_mm(self, travel_mm: float) -> tuple[float, float]:
+        """Place of the tip's centre in W after a travel."""
+        (x, y), angle = self.start_mm, self.direction_rad
+        return x + travel_mm * math.cos(angle), y + travel_mm * math.sin(angle)
+
     def aside_mm(self, x_mm: float, y_mm: float) -> float:
         """Distance at which the path's line passes a point in W."""
         right, up = x_mm - self.start_mm[0], y_mm - self.start_mm[1]

@@ -159,6 +159,7 @@ _MAX_IDLE_GRIPS = 2  # as many in a row without gain, and more will not help
 _CHECKS, _CHECKS_IN_MOTION = 2, 3  # touches that confirm an answer, at least
 _MAX_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
 _VAIN_SHARE = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
+_VAIN_SHARE_OF_ONE = 0.8  # of a carrier's single touches, each of which places things in one direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +278,8 @@ class CarrierChooser:
 
     def _is_vain(self, grip: Grip) -> bool:
         """Return whether even the best grip would hardly place things more finely."""
-        return self.strategy is Strategy.PLANNED and grip.remaining > _VAIN_SHARE
+        most = _VAIN_SHARE_OF_ONE if isinstance(self.rig, Carrier) else _VAIN_SHARE
+        return self.strategy is Strategy.PLANNED and grip.remaining > most
 
     def _check(self, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
         """Touches to confirm what seems to be the answer."""

@@ -88,7 +88,16 @@ class Machine:
         self._grbl.host_seconds.restype = ctypes.c_double
         kind = ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * 3, ctypes.c_int)
         self._gap = kind(self._gap_mm)
-        threading.Thread(target=self._grbl.host_run, args=(self._wire, self._gap), daemon=True).start()
+        run = self._grbl.host_run
+        self._thread = threading.Thread(target=run, args=(self._wire, self._gap), daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Switch it off."""
+        self._grbl.host_stop()
+        self._thread.join(timeout=60)
+        os.close(self._kept_open)
+        os.close(self._wire)
 
     @property
     def seconds(self) -> float:

@@ -4,6 +4,7 @@
 #include "grbl.h"
 #include <errno.h>
 #include <poll.h>
+#include <setjmp.h>
 #include <unistd.h>
 
 volatile uint8_t DDRB, DDRC, DDRD, PORTB, PORTC, PORTD, PINB = 0xff, PIND, SREG, PCICR, PCMSK0, PCMSK1;
@@ -19,6 +20,8 @@ static double clear_mm, asked[N_AXIS]; /* nothing is nearer than that to where i
 static int touching, wire = -1;
 static double now_s;
 static unsigned char eeprom[1024];
+static volatile int stopped;
+static jmp_buf end; /* grbl itself never ends */
 
 void USART_RX_vect(void);
 void USART_UDRE_vect(void);
@@ -54,6 +57,7 @@ uint8_t host_pinc(void)
 static void listen(int wait_ms)
 {
   struct pollfd one = { wire, POLLIN, 0 };
+  if (stopped) { longjmp(end, 1); }
   /* What does not fit waits in the terminal, as it would in a USB adapter. */
   while (serial_get_rx_buffer_available() && poll(&one, 1, wait_ms) > 0) {
     uint8_t byte;
@@ -124,5 +128,7 @@ void host_run(int file, gap_function function)
   wire = file;
   gap_mm = function;
   memset(eeprom, 0xff, sizeof(eeprom));
-  grbl_main();
+  if (!setjmp(end)) { grbl_main(); }
 }
+
+void host_stop(void) { stopped = 1; }
