@@ -52,6 +52,7 @@ MIDDLE_MM, RADIUS_MM, AREA_MM = np.array([-210.0, -160.0]), 95.0, 10.0
 Z_MM, SAFE_Z_MM, TOP_MM, BALL_MM, HEIGHT_MM = -40.0, -15.0, -30.0, 1.5, 10.0
 HELD_MM, BOUND_MM = 0.0175, 0.02
 ROUGH_MM, ROUGH_RAD = 1.0, math.radians(2)
+_LEAST_ACROSS = 0.3  # sine between edges that give a corner
 
 
 def poses(count: int) -> Iterator[tuple[int, Placed, np.random.Generator]]:
@@ -119,6 +120,8 @@ def cornered(grbl: Grbl, machine: Machine, placed: Placed, rng: np.random.Genera
     edges = hull_edges(placed)
     direction = [math.atan2(*(b - a)[::-1]) for a, b in edges]
     across = max(range(len(edges)), key=lambda k: abs(math.sin(direction[k] - direction[0])))
+    if abs(math.sin(direction[across] - direction[0])) < _LEAST_ACROSS:
+        return {"failed": True}
     begin_s = machine.seconds
     ends = []
     for edge, share in ((0, 0.2), (0, 0.8), (across, 0.5)):
@@ -199,7 +202,7 @@ def table(ours: list[dict], theirs: list[dict], overlap_mm: float) -> str:
         f"overlap: {overlap_mm:.3f} mm",
         *(f"ours, {key}: {spread(ours, key, 4)}" for key in ("bound_mm", "off_mm", "bound_deg", "off_deg")),
         *(f"ours, {key}: {spread(ours, key, 1)}" for key in ("machine_s", "compute_s")),
-        f"corner routine: {sum(of(theirs, 'failed'))} missed the part",
+        f"corner routine: {sum(of(theirs, 'failed'))} without a corner, or not met",
         *(f"corner routine, {key}: {spread(theirs, key, 4)}" for key in ("off_mm", "off_deg")),
         f"corner routine, machine_s: {spread(theirs, 'machine_s', 1)}",
     ]

@@ -1,10 +1,10 @@
-"""Name the part in the vice of a GRBL machine, and set G54 on it, with a ball probe.
-
-python cnc_probe.py PORT OBJECTS X Y RADIUS BALL HEIGHT Z SAFE_Z: a ball of radius BALL touches the part
-from the sides, HEIGHT over its bottom, at Z of the machine (mm). Only the part, within RADIUS of X, Y, may
-stand above Z - BALL in RADIUS + 5 + 2 BALL. G59 becomes the machine's coordinates, as G38.3 knows no G53.
+"""Name the part in the vice of a GRBL machine, and set G54 on it, with a ball probe: give PORT OBJECTS and,
+in mm, X Y RADIUS BALL HEIGHT Z SAFE_Z. A ball of radius BALL touches the part's sides HEIGHT over its bottom,
+at Z of the machine. The part is within RADIUS of X, Y; nothing else may stand above Z - BALL in RADIUS + 5 +
+2 BALL. G59 becomes the machine's coordinates, as G38.3 knows no G53.
 """
 
+import cmath
 import math
 import sys
 import time
@@ -35,22 +35,22 @@ class Grbl:
                 found = answer
         return found
 
-    def search(self, target: str) -> tuple[bool, tuple[float, float]]:
-        x, y, rest = self.send(f"G38.3 {target}")[5:].split(",")  # [PRB:1.000,2.000,3.000:1]
-        return rest.endswith(":1]"), (float(x), float(y))
+    def search(self, way: palpate.FingerApproach, far: float, feed: int) -> palpate.Contact:
+        at, bound = AT(*way.point_mm(far)), way.position_bound_mm
+        x, y, rest = self.send(f"G38.3 {at} F{feed}")[5:].split(",")  # [PRB:1.000,2.000,3.000:1]
+        end = float(x), float(y)
+        return palpate.Contact("probe", way.finger, rest.endswith(":1]"), way.start_mm, end, bound)
 
     def touch(self, way: palpate.FingerApproach) -> palpate.Contact:
-        """Down beside the workspace, fast where nothing is, on to the part, again slowly, and back."""
-        start, fast, end = (AT(*way.point_mm(far)) for far in (0, way.fast_mm, way.travel_mm))
-        self.send(f"G0 Z{self.safe_z}", f"G0 {start}", f"G0 Z{self.z}", f"G0 {fast}")
-        met, at_mm = self.search(f"{end} F300")
-        if met:
-            stop_mm = math.dist(way.start_mm, at_mm)
-            self.send(f"G0 {AT(*way.point_mm(stop_mm - 1))}")
-            met, at_mm = self.search(f"{AT(*way.point_mm(stop_mm + 1))} F60")
-            self.send(f"G0 {start}")
-        self.send(f"G0 Z{self.safe_z}")
-        return palpate.Contact("probe", way.finger, met, way.start_mm, at_mm, way.position_bound_mm)
+        """Down beside the workspace, fast where no known part is, on to the part, again slowly, and back."""
+        self.send(f"G0 Z{self.safe_z}", f"G0 {AT(*way.start_mm)}", f"G0 Z{self.z}")
+        found = self.search(way, max(way.fast_mm, 1.0), 1200)
+        found = found if found.touched else self.search(way, way.travel_mm, 300)
+        if found.touched:
+            self.send(f"G0 {AT(*way.point_mm(found.travel_mm - 1))}")
+            found = self.search(way, found.travel_mm + 1, 60)
+        self.send(f"G0 {AT(*way.start_mm)}", f"G0 Z{self.safe_z}")
+        return found
 
 
 def locate(grbl: Grbl, objects: str, x: float, y: float, radius: float, tip: palpate.Finger) -> palpate.Plan:
@@ -58,10 +58,9 @@ def locate(grbl: Grbl, objects: str, x: float, y: float, radius: float, tip: pal
     ways, half = [], radius + tip.tip_radius_mm + 2.5
     for aside in sorted(range(-int(radius), int(radius), 4), key=abs):
         for angle in (5 * side * math.pi / 8 for side in range(16)):  # each from quite another side
-            u, v = math.cos(angle), math.sin(angle)
-            start = x - half * u - aside * v, y - half * v + aside * u
-            ways.append(palpate.FingerApproach(tip, start, angle, 2 * half, position_bound_mm=0.02))
-    carrier = palpate.Carrier(ways, palpate.Goals(0.05, 0.002), travel_mm_s=30, search_mm_s=5)
+            at = complex(x, y) + cmath.rect(-half, angle) + cmath.rect(aside, angle + math.pi / 2)
+            ways.append(palpate.FingerApproach(tip, (at.real, at.imag), angle, 2 * half, 0.02))
+    carrier = palpate.Carrier(ways, palpate.Goals(0.05, 0.002), travel_mm_s=20, search_mm_s=5)
     contacts: list[palpate.Contact] = []
     while sum(contact.touched for contact in contacts) < min(3, len(ways) - len(contacts)):
         contacts.append(grbl.touch(ways[len(contacts)]))
@@ -78,6 +77,4 @@ if __name__ == "__main__":
     if plan.verdict == "identified":
         at = plan.hypotheses[0].configuration
         grbl.send(f"G10 L2 P1 X{at.x_mm:.4f} Y{at.y_mm:.4f}", "G54")  # LinuxCNC turns it, too: R, in degrees
-        print(
-            f"G54 is set; turn the program by {math.degrees(at.theta_rad):.3f}°. {plan.hypotheses[0].bounds}"
-        )
+        print(f"turn the program by {math.degrees(at.theta_rad):.3f}°; {plan.hypotheses[0].bounds}")

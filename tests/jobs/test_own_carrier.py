@@ -20,6 +20,7 @@ import serial
 import shapely
 
 import palpate
+from support.campaign.sampling import sample
 from support.commands.repository import EXAMPLES
 from support.devices.grbl.grbl import SETTINGS, WHY_NOT, Machine, build
 from support.oracles.shapely_touches import (
@@ -69,7 +70,7 @@ def ways(bound_mm: float) -> list[palpate.FingerApproach]:
     return [palpate.FingerApproach(BALL, (at[0], at[1]), angle, 150.0, bound_mm) for angle, at in starts]
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", sample(range(40), [1, 5, 6]))
 def test_a_carrier_that_stands_anywhere_needs_no_normals(objects: Path, seed: int) -> None:
     """Errors are at their bounds; what is planned is free as far as it says."""
     placed, rng = drawn(seed), np.random.default_rng(seed)
@@ -217,7 +218,7 @@ def check(done: subprocess.CompletedProcess[str], placed: Placed, origin_mm: tup
     assert math.dist(origin_mm, expected) < 0.15
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", sample(range(8), [0, 2]))
 def test_the_probe_names_the_part_and_sets_its_origin(objects: Path, seed: int) -> None:
     placed = drawn(seed)
     with closing(Dialogue(placed.shape)) as machine:
@@ -249,7 +250,7 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Machine]:
 
 
 @pytest.mark.skipif(WHY_NOT is not None, reason=str(WHY_NOT))
-@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", [2, 3])
 def test_the_probe_does_so_with_grbl_itself(machine: Machine, objects: Path, seed: int) -> None:
     """The ball is beside where grbl has it by nearly its bound; out of a search it meets nothing."""
     placed, rng = drawn(seed), np.random.default_rng(seed)
