@@ -21,7 +21,7 @@ import shapely
 
 import palpate
 from support.campaign.sampling import sample
-from support.commands.repository import EXAMPLES
+from support.commands.repository import EXAMPLES, ROOT
 from support.devices.grbl.grbl import SETTINGS, WHY_NOT, Machine, build
 from support.oracles.shapely_touches import (
     Placed,
@@ -32,6 +32,7 @@ from support.oracles.shapely_touches import (
     unit,
 )
 
+LOOP = (ROOT / "docs/own-carrier.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
 OUTLINES = {
     "wedge": [[0, 0], [70, 0], [70, 25], [55, 40], [0, 40]],
     "angle": [[0, 0], [60, 0], [60, 20], [20, 20], [20, 50], [0, 50]],
@@ -72,27 +73,22 @@ def ways(bound_mm: float) -> list[palpate.FingerApproach]:
 
 @pytest.mark.parametrize("seed", sample(range(40), [1, 5, 6]))
 def test_a_carrier_that_stands_anywhere_needs_no_normals(objects: Path, seed: int) -> None:
-    """Errors are at their bounds; what is planned is free as far as it says."""
+    """The loop of the page: errors are at their bounds; what is planned is free as far as it says."""
     placed, rng = drawn(seed), np.random.default_rng(seed)
-    lines = ways(0.02)
-    carrier = palpate.Carrier(lines, palpate.Goals(0.05, 0.002))
-    contacts: list[palpate.Contact] = []
+    names: dict[str, object] = {"approaches": ways(0.02), "palpate": palpate}
 
-    def touch(way: palpate.FingerApproach) -> None:
+    def touch(way: palpate.FingerApproach) -> palpate.Contact:
         start, heading = np.array(way.start_mm), unit(way.direction_rad)
         error = way.position_bound_mm * unit(rng.uniform(0, 2 * math.pi))
         travel = first_contact(placed.shape, start + error, heading, BALL.tip_radius_mm, way.travel_mm)
         assert travel > way.fast_mm
-        x, y = start + min(travel, way.travel_mm) * heading
-        contacts.append(
-            palpate.Contact("probe", BALL, math.isfinite(travel), way.start_mm, (x, y), way.position_bound_mm)
-        )
+        end, met = way.point_mm(min(travel, way.travel_mm)), math.isfinite(travel)
+        return palpate.Contact("probe", BALL, met, way.start_mm, end, way.position_bound_mm)
 
-    while sum(item.touched for item in contacts) < 3:
-        touch(lines[len(contacts)])
-    while (plan := palpate.plan(carrier, objects, [[item] for item in contacts])).approaches:
-        assert plan.verdict is None
-        touch(*plan.approaches)
+    exec(LOOP.replace('"my-parts.json"', repr(str(objects))), names | {"touch": touch}, names)
+    plan, contacts = names["plan"], names["contacts"]
+    assert isinstance(plan, palpate.Plan)
+    assert isinstance(contacts, list)
     assert plan.verdict == "identified"
     assert holding_truth(plan.planned.recognition, placed) is plan.hypotheses[0]
     assert plan.hypotheses[0].search_bounds.position_half_mm <= 0.05

@@ -20,7 +20,6 @@ from palpate.drivers.dynamixel import specification
 from palpate.drivers.kinematics import Encoder, Line
 from palpate.drivers.tactile import Corner, Mounting, Shape
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange
-from palpate.rig.reach.carrier import Carrier
 
 SHEAR_SHARE = 2 / 3
 """Of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5."""
@@ -180,6 +179,6 @@ def measured_force_share(finger: FingerConfig) -> float:
     return min(finger.array.gain_spread + _CROSSTALK_SHARE, _MAX_FORCE_ERROR_SHARE)
 
 
-def goals_of(rig: RigFile | Carrier) -> Goals:
-    """Goals that the rig file, or a carrier, calls fine enough."""
+def goals_of(rig: RigFile) -> Goals:
+    """Goals that the rig file calls fine enough."""
     return Goals(rig.search.goal_position_mm, math.radians(rig.search.goal_orientation_deg))

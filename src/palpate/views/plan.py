@@ -117,11 +117,12 @@ def _certificate_bounds(planned: GripPlan, grip: Grip) -> str:
     ordered = [grip.approaches[row] for row in planned.rows]
     names = [planned.finger_name(item) for item in ordered]
     bounds = [at_least(item.position_bound_mm) for item in ordered]
-    normal = f"{floor_to(math.degrees(planned.resolution.normal_half_rad), 1):g}"
+    half_rad = planned.resolution.normal_half_rad
+    normal = f" and ± {floor_to(math.degrees(half_rad), 1):g}°" if half_rad < math.pi else ""
     if len(set(bounds)) == 1:
-        return f"± {bounds[0]} mm and ± {normal}°"
+        return f"± {bounds[0]} mm{normal}"
     each = ", ".join(f"± {bound} mm ({name})" for name, bound in zip(names, bounds, strict=True))
-    return f"{each} and ± {normal}°"
+    return f"{each}{normal}"
 
 
 def certainty(planned: GripPlan) -> list[str]:

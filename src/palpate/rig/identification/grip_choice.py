@@ -24,6 +24,7 @@ from palpate.recognizer import (
     Contact,
     Finger,
     FingerApproach,
+    Goals,
     Grip,
     PushLimits,
     Reachable,
@@ -197,6 +198,11 @@ class CarrierChooser:
         own = self.rig.resolution if isinstance(self.rig, Carrier) else resolution_of(self.rig)
         return self.feels or own
 
+    @property
+    def goals(self) -> Goals:
+        """Bounds that are called fine enough."""
+        return self.rig.goals if isinstance(self.rig, Carrier) else goals_of(self.rig)
+
     def choose(self, evidence: GripEvidence, recognition: Recognition) -> GripChoice:
         """The next grip, or the verdict; `recognition` must have hypotheses."""
         answer = self.answer(recognition)
@@ -238,7 +244,7 @@ class CarrierChooser:
         """
         if recognition.verdict is RecognitionVerdict.UNIQUE:
             return IdentificationVerdict.IDENTIFIED
-        alike = near_equal(recognition.hypotheses, goals_of(self.rig))
+        alike = near_equal(recognition.hypotheses, self.goals)
         if alike.all() or (alike | self.twins(recognition)).all():
             return IdentificationVerdict.INDISTINGUISHABLE
         return None
@@ -250,8 +256,7 @@ class CarrierChooser:
 
     def is_fine(self, recognition: Recognition) -> bool:
         """Return whether every hypothesis is placed as finely as the rig file's goals ask."""
-        goals = goals_of(self.rig)
-        return all(goals.are_met_by(item.search_bounds) for item in recognition.hypotheses)
+        return all(self.goals.are_met_by(item.search_bounds) for item in recognition.hypotheses)
 
     def is_confirmed(self, evidence: GripEvidence) -> bool:
         """Return whether enough came out as predicted, and the last grip would have detected a shift.
@@ -271,10 +276,10 @@ class CarrierChooser:
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
         if self.strategy is not Strategy.PLANNED:
             return heuristic_grip(self.strategy, recognition, self.reach, self.resolution, self.rng)
-        used, goals = used_approaches(recognition.contacts, self.reach.approaches), goals_of(self.rig)
+        used = used_approaches(recognition.contacts, self.reach.approaches)
         # A grip that may be the last one has to meet the part from two sides.
         fingers, limits = 2 if one_class else 1, self._limits(recognition)
-        return plan_grip(recognition, self.reach, self.resolution, goals, used, fingers, limits)
+        return plan_grip(recognition, self.reach, self.resolution, self.goals, used, fingers, limits)
 
     def _is_vain(self, grip: Grip) -> bool:
         """Return whether even the best grip would hardly place things more finely."""
