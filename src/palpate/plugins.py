@@ -16,14 +16,16 @@ from palpate.drivers.dynamixel import (
     TableItem,
     table_of,
 )
-from palpate.drivers.emulators import SampledArray, Taxels
+from palpate.drivers.emulators import EmulatedFreeRunningArray, SampledArray, Taxels
 from palpate.drivers.tactile import (
     ArrayCounters,
     ArrayDriver,
     Corner,
     Description,
+    FrameDecoder,
     FrameStream,
     FrameTimes,
+    FreeRunningArray,
     Mounting,
     Port,
     Shape,
@@ -49,9 +51,12 @@ __all__ = [
     "Device",
     "DeviceError",
     "Emission",
+    "EmulatedFreeRunningArray",
     "Floats",
+    "FrameDecoder",
     "FrameStream",
     "FrameTimes",
+    "FreeRunningArray",
     "InputError",
     "MotorConstants",
     "MountedArrayConfig",

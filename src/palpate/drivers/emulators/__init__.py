@@ -7,6 +7,7 @@ They take the place of a real rig's hardware. Only rig's composition root and te
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_tcp
+from palpate.drivers.emulators.free_running import EmulatedFreeRunningArray
 from palpate.drivers.emulators.mechanics import (
     ArmTruth,
     EmulatedStage,
@@ -57,6 +58,7 @@ __all__ = [
     "Displacement",
     "EmulatedArray",
     "EmulatedFinger",
+    "EmulatedFreeRunningArray",
     "EmulatedServo",
     "EmulatedStage",
     "FaultRates",

@@ -15,6 +15,7 @@ from palpate.drivers.tactile.frames import (
     FrameTimes,
     TactileFrame,
 )
+from palpate.drivers.tactile.free_running import FrameDecoder, FreeRunningArray
 from palpate.drivers.tactile.messages import (
     BadTaxel,
     Describe,
@@ -42,8 +43,10 @@ __all__ = [
     "Describe",
     "Description",
     "Disturbances",
+    "FrameDecoder",
     "FrameStream",
     "FrameTimes",
+    "FreeRunningArray",
     "Hello",
     "Mounting",
     "PatchFlag",

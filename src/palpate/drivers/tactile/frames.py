@@ -31,7 +31,9 @@ class TactileFrame(NamedTuple):
 
     `device_time_s` is the array's own clock at the sample; `host_time_s` is the host's clock when the frame
     was read from the port, which is later by the time on the wire and by the wait until it was read.
-    `tared` says that the array took a zero of its own off, so that counts are not raw.
+    `tared` says that the array took a zero of its own off, so that counts are not raw. `age_s`, of an array
+    that stamps no time: how long before `host_time_s` it was sampled at most; `device_time_s` is the same as
+    that then. None: the array's own clock says when.
     """
 
     sequence: int
@@ -39,6 +41,7 @@ class TactileFrame(NamedTuple):
     host_time_s: float
     counts: Counts
     tared: bool = False
+    age_s: float | None = None
 
 
 @dataclass(frozen=True)

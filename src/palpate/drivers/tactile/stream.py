@@ -95,7 +95,7 @@ class FrameStream:
         self._unread = b""
         self._has_all = False  # that waited when the port was asked last
         self._rate_hz, self._frame_bytes = 0.0, _MAX_EXTRA_BYTES
-        self._looked_s = clock.now()
+        self._looked_s = self._empty_s = clock.now()
         self._behind: _Backlog | None = None
         self._refused = 0
         self._refusal = ""
@@ -121,6 +121,11 @@ class FrameStream:
         if self._refused:
             return f"{self._refused} frames that make no sense ({self._refusal})"
         return f"{self._since_frame} bytes that are no frame" if self._since_frame else "nothing"
+
+    @property
+    def read_within_s(self) -> float:
+        """How long before now what is being taken can have come to this computer, at most."""
+        return self._clock.now() - self._empty_s
 
     def expect(self, rate_hz: float, frame_bytes: int) -> None:
         """A stream begins: so many frames a second, each of so many bytes at most."""
@@ -211,6 +216,7 @@ class FrameStream:
             self.bytes += len(head)
             self._take(head)
             if self._has_all and not self._unread and self._clock.now() == self._looked_s:
+                self._empty_s = self._looked_s
                 break  # no time has passed, as it does not on a virtual clock: nothing can have come
         if left > 0:
             self._behind = None
@@ -245,7 +251,11 @@ class FrameStream:
     def _fetch(self) -> bool:
         """True if there are bytes to take, read now if need be."""
         try:
-            if not self._unread and (waiting := self._port.in_waiting):
+            if not self._unread:
+                now, waiting = self._clock.now(), self._port.in_waiting
+                if not waiting:
+                    self._empty_s = now
+                    return False
                 self._unread = self._port.read(min(waiting, _MAX_READ_BYTES))
                 self._has_all = waiting <= _MAX_READ_BYTES
         except (serial.SerialException, OSError) as problem:

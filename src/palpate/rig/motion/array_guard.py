@@ -54,7 +54,7 @@ class SampleTimes:
 
     They hold if among any 1024 frames one comes about as soon, but for a period, as the soonest of the first
     48 did. A clock that is slow by a share r shifts them by r times the duration of 128 frames, one that is
-    fast by up to that of 1024.
+    fast by up to that of 1024. Frames that no clock stamped say themselves how old they are at most.
     """
 
     def __init__(self, asked_s: float) -> None:
@@ -74,6 +74,8 @@ class SampleTimes:
 
     def latest_s(self, frames: Sequence[TactileFrame]) -> list[float]:
         """The latest instants at which frames (one or more) that come next can have been sampled."""
+        if frames[-1].age_s is not None:
+            return self._unstamped_s(frames)
         stamps = [frame.device_time_s for frame in frames]
         if not self._first:
             self._apart_s = self._asked_s - stamps[0]
@@ -87,6 +89,12 @@ class SampleTimes:
         self.spread_s = self._delay_s + lately - soonest
         self.sampled_s = max(self.sampled_s, stamps[-1] + lately - self.spread_s)
         return [stamp + lately for stamp in stamps]
+
+    def _unstamped_s(self, frames: Sequence[TactileFrame]) -> list[float]:
+        """The same of frames without stamps."""
+        self.spread_s = max(frame.age_s or 0.0 for frame in frames)
+        self.sampled_s = max(self.sampled_s, frames[-1].host_time_s - self.spread_s)
+        return [frame.host_time_s for frame in frames]
 
 
 class _SlidingMinimum:
