@@ -6,7 +6,7 @@
 
 from palpate.base.errors import DeviceError, InputError, printable_text
 from palpate.base.geometry import Counts, Floats
-from palpate.config import ArrayConfig, MountedArrayConfig
+from palpate.config import ArrayConfig, MountedArrayConfig, WrappedArrayConfig
 from palpate.drivers.dynamixel import (
     COMMON_ITEMS,
     Access,
@@ -21,6 +21,7 @@ from palpate.drivers.tactile import (
     ArrayCounters,
     ArrayDriver,
     Corner,
+    DecodedFrame,
     Description,
     FrameDecoder,
     FrameStream,
@@ -34,7 +35,7 @@ from palpate.drivers.tactile import (
 )
 from palpate.drivers.transport import Clock, Device, Emission, wire_time_s
 from palpate.rig.arrays import ArrayPlugin
-from palpate.rig.conversion import mounting_of
+from palpate.rig.conversion import mounting_of, wrapped_description
 
 __all__ = [
     "COMMON_ITEMS",
@@ -47,6 +48,7 @@ __all__ = [
     "Clock",
     "Corner",
     "Counts",
+    "DecodedFrame",
     "Description",
     "Device",
     "DeviceError",
@@ -69,8 +71,10 @@ __all__ = [
     "TableItem",
     "TactileFrame",
     "Taxels",
+    "WrappedArrayConfig",
     "mounting_of",
     "printable_text",
     "table_of",
     "wire_time_s",
+    "wrapped_description",
 ]

@@ -43,6 +43,7 @@ from palpate.config.rig_fingers import (
     ArrayConfig,
     FingerConfig,
     MountedArrayConfig,
+    WrappedArrayConfig,
 )
 from palpate.config.rig_servos import JointConfig, RigServo, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig, SearchConfig
@@ -86,6 +87,7 @@ __all__ = [
     "TipConfig",
     "TouchResidual",
     "UnusableTaxel",
+    "WrappedArrayConfig",
     "add_finger_type",
     "apply_calibration",
     "calibration_path",

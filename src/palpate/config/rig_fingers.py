@@ -171,6 +171,31 @@ class MountedArrayConfig(ArrayConfig):
     )
 
 
+class WrappedArrayConfig(ArrayConfig):
+    """Keys of sensors that run freely, wrapped round an upright tip, whose cells need not be linear.
+
+    They cannot be asked anything. Normals are taken from the places of cells that are pressed.
+    """
+
+    columns: Annotated[Count, Field(ge=2, le=255)] = Field(description="Columns of cells round the tip.")
+    column_step_deg: Annotated[Positive, Field(le=90)] = Field(
+        description="Angle about the tip's axis from one column to the next."
+    )
+    row_heights_mm: Items[Length] = Field(
+        min_length=1,
+        description="Heights of the rows of cells over the tip's lower end, ascending; of a single row "
+        "normals are hardly known.",
+    )
+    rate_hz: Annotated[Positive, Field(le=1000)] = Field(
+        description="Frames a second that the sensor sends by itself."
+    )
+    delay_s: Annotated[Positive, Field(le=0.2)] = Field(
+        default=0.04,
+        description="Bound: from the first reading of a frame to the frame's arrival at this computer, with "
+        "adapter and hub.",
+    )
+
+
 def _model_of(protocol: str) -> type[ArrayConfig]:
     """The model that a plug-in gives for the array's table."""
     model = getattr(plugin(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL], "protocol"), "config", None)

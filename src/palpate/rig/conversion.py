@@ -6,6 +6,8 @@ shear, and undetected contact.
 
 import math
 
+import numpy as np
+
 from palpate.base.errors import InputError
 from palpate.config import (
     ClosingConfig,
@@ -14,11 +16,12 @@ from palpate.config import (
     MountedArrayConfig,
     RigFile,
     TipConfig,
+    WrappedArrayConfig,
 )
 from palpate.config.rig_servos import AimConfig, JointConfig, SlideConfig
 from palpate.drivers.dynamixel import specification
 from palpate.drivers.kinematics import Encoder, Line
-from palpate.drivers.tactile import Corner, Mounting, Shape
+from palpate.drivers.tactile import Corner, Description, Mounting, Shape
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange
 
 SHEAR_SHARE = 2 / 3
@@ -73,6 +76,40 @@ def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:
         counts_per_n=array.counts_per_n,
         first=Corner(array.first_texel or "lower-left"),
         upright=array.first_row == "upright",
+    )
+
+
+def wrapped_description(
+    array: WrappedArrayConfig,
+    tip_radius_mm: float,
+    name: str,
+    *,
+    counts_per_n: float,
+    bit_depth: int,
+    emulated: bool,
+) -> Description:
+    """Description of a sensor that is wrapped round an upright tip; `name` is its firmware's and its id."""
+    steps = np.arange(array.columns) - (array.columns - 1) / 2
+    angle = steps * math.radians(array.column_step_deg)
+    normal = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    normals = np.broadcast_to(normal, (len(array.row_heights_mm), *normal.shape))
+    place = tip_radius_mm * normals
+    place[..., 2] = np.array(array.row_heights_mm)[:, None]
+    return Description(
+        unique_id=name.encode()[:16].ljust(16, b"\0"),
+        firmware=name,
+        emulated=emulated,
+        shape=Shape.FREE,
+        rows=len(array.row_heights_mm),
+        cols=array.columns,
+        bit_depth=bit_depth,
+        max_rate_hz=array.rate_hz,
+        full_scale_n=((1 << bit_depth) - 1) / counts_per_n,
+        counts_per_n=counts_per_n,
+        tip_radius_mm=0.0,
+        columns=(),
+        row_heights_mm=(),
+        geometry=tuple(np.concatenate([place, normals], axis=2).ravel().tolist()),
     )
 
 

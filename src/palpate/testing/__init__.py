@@ -12,9 +12,10 @@ except ImportError:
 pytest.register_assert_rewrite("palpate.testing.conformance")
 
 from palpate.drivers.transport import VirtualClock  # noqa: E402 - asserts are rewritten first
-from palpate.testing.conformance import (  # noqa: E402  # noqa: E402
+from palpate.testing.conformance import (  # noqa: E402
     ArrayBench,
     ArrayConformance,
+    FreeRunningConformance,
     ServoConformance,
     rig_with_arrays,
     served,
@@ -24,6 +25,7 @@ from palpate.testing.stream_fuzz import FuzzTally, StreamDecoder, fuzz  # noqa: 
 __all__ = [
     "ArrayBench",
     "ArrayConformance",
+    "FreeRunningConformance",
     "FuzzTally",
     "ServoConformance",
     "StreamDecoder",

@@ -94,9 +94,13 @@ class ArrayBench:
             cast("Port", self.port), self.clock, "f1", self.config, _TIP_RADIUS_MM
         )
 
+        self.sampled_s: list[float] = []
+        """Instants of all its samples."""
+
     def advance(self, now: float) -> None:
         """Let the device sample what is due until `now`."""
         while (due := self.device.next_sample_s()) is not None and due <= now:
+            self.sampled_s.append(due)
             self.device.sample(due, self.force_n)
 
 
@@ -216,6 +220,60 @@ class ArrayConformance:
         for verb in (array.frames, array.stop, array.connect, lambda: array.wait_frame(0.1)):
             with pytest.raises(DeviceError, match=r"f1 on mock://\S+ is gone"):
                 verb()
+
+
+class FreeRunningConformance(ArrayConformance):
+    """The suite of arrays that send by themselves; `keys` have to make 5 x 7 cells where the bench has them.
+
+    They say `rate_hz` like the class, and where columns are: 22.918° apart.
+    """
+
+    def test_describes_itself_as_often_as_it_is_asked(self, bench: ArrayBench) -> None:
+        described = bench.array.connect()
+        assert described.problem() is None
+        assert (described.rows, described.cols, described.emulated) == (5, 7, True)
+        assert bench.array.connect() == described == bench.array.description
+
+    def test_streams_frames_of_its_taxels_in_order(self, bench: ArrayBench) -> None:
+        bench.force_n[:] = 0
+        bench.array.connect()
+        assert bench.array.frames() == []
+        bench.array.start(self.rate_hz)
+        rest = [bench.array.wait_frame(self.patience_s) for _ in range(10)]
+        bench.force_n[3, 1] = 0.5
+        bench.clock.sleep(self.patience_s)
+        bench.array.frames()
+        frames = [bench.array.wait_frame(self.patience_s) for _ in range(30)]
+        assert all(frame.counts.shape == (5, 7) and frame.counts.dtype == np.uint16 for frame in frames)
+        grown = np.mean([f.counts for f in frames], axis=0) - np.mean([f.counts for f in rest], axis=0)
+        assert np.unravel_index(grown.argmax(), grown.shape) == (3, 1)
+        assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 29
+        counters = bench.array.counters
+        assert counters.lost == counters.faults == counters.misshapen == counters.dropped == 0
+
+    def test_a_frame_was_sampled_within_its_age(self, bench: ArrayBench) -> None:
+        bench.array.connect()
+        bench.array.start(self.rate_hz)
+        frames = []
+        for wait_s in np.random.default_rng(3).uniform(0.0, 0.2, 60):
+            bench.clock.sleep(float(wait_s))
+            frames += bench.array.frames()
+        if frames[0].age_s is None:
+            return  # its stamps say when
+        host = np.array([frame.host_time_s for frame in frames])
+        age, sampled = np.array([frame.age_s for frame in frames]), np.array(bench.sampled_s)
+        on_wire = [sampled[len(sampled) - k - len(frames) : len(sampled) - k] for k in range(4)]
+        assert any(((host - age <= each) & (each <= host)).all() for each in on_wire)
+
+    @pytest.mark.parametrize("how", ["connect"])
+    def test_connecting_and_a_restart_end_a_stream(self, bench: ArrayBench, how: str) -> None:
+        super().test_connecting_and_a_restart_end_a_stream(bench, how)
+
+    def test_lost_frames_are_counted_and_show_in_the_numbers(self, bench: ArrayBench) -> None:
+        bench.array.connect()
+        bench.array.start(self.rate_hz)
+        if bench.array.wait_frame(self.patience_s).age_s is None:
+            super().test_lost_frames_are_counted_and_show_in_the_numbers(bench)
 
 
 _BAUD = 1_000_000

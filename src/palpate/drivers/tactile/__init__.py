@@ -15,7 +15,7 @@ from palpate.drivers.tactile.frames import (
     FrameTimes,
     TactileFrame,
 )
-from palpate.drivers.tactile.free_running import FrameDecoder, FreeRunningArray
+from palpate.drivers.tactile.free_running import DecodedFrame, FrameDecoder, FreeRunningArray
 from palpate.drivers.tactile.messages import (
     BadTaxel,
     Describe,
@@ -40,6 +40,7 @@ __all__ = [
     "ContactExtractor",
     "ContactPatch",
     "Corner",
+    "DecodedFrame",
     "Describe",
     "Description",
     "Disturbances",

@@ -304,7 +304,8 @@ class TaxelSurface:
     (k,). `azimuth_rad` (k,) is where their normals point, nan where they point up or down; neighbours differ
     by at most `turn_rad`. `sides` (4, k): cells on the first and last column, on the first and last row;
     `inner` (4, k): cells on the line next to each, none where there is no other line. `step_mm` (4, 2, 3):
-    least and largest step outward from there to the side, by axis.
+    least and largest step outward from there to the side, by axis. `turns` (4,): normals turn about the tip's
+    axis across the side, or may.
     """
 
     flat: bool
@@ -316,6 +317,10 @@ class TaxelSurface:
     sides: Bools
     inner: Bools
     step_mm: Floats
+    turns: Bools
+
+
+_STRAIGHT_RAD = 1e-3
 
 
 def surface_of(description: Description) -> TaxelSurface:
@@ -350,7 +355,20 @@ def surface_of(description: Description) -> TaxelSurface:
                 _steps(place[:-3:-1], 0),
             ]
         ),
+        turns=np.array(
+            [
+                _turns(azimuth[:, :2].T),
+                _turns(azimuth[:, -2:].T),
+                _turns(azimuth[:2]),
+                _turns(azimuth[-2:]),
+            ]
+        ),
     )
+
+
+def _turns(lines: Floats) -> bool:
+    """True if normals turn from one to the other of two lines of cells (2, n), or there are no two."""
+    return len(lines) < 2 or not bool((np.abs(wrap_angle(np.diff(lines, axis=0))) < _STRAIGHT_RAD).all())
 
 
 def _steps(pair: Floats, axis: int) -> Floats:

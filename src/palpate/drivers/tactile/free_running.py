@@ -1,18 +1,18 @@
-"""Free-running arrays: they send frames from the moment they have power, and stamp none of them.
+"""Free-running arrays: they send frames from the moment they have power.
 
-Nothing can be asked of such a sensor. What it is comes from the rig file, when a frame was sampled from its
-arrival: no later, and earlier by no more than what sensor, wire and adapter take (`delay_s`, stated) and what
-passed since the port was last seen to be empty (measured).
+Nothing can be asked of such a sensor: what it is comes from the rig file. Most stamp no time. Then a frame
+was sampled no later than it arrived, and earlier by no more than what sensor, wire and adapter take
+(`delay_s`, stated) and what passed since the port was last seen to be empty (measured).
 """
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.frames import FrameTime, FrameTimes, TactileFrame
 from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 from palpate.drivers.transport.clock import Clock
 
@@ -22,13 +22,20 @@ _LEAST_RATE_SHARE = 0.9
 _MAX_RATE_RATIO = 1.2
 
 
+class DecodedFrame(NamedTuple):
+    """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one."""
+
+    counts: Counts
+    stamp: int | None = None
+
+
 class FrameDecoder(Protocol):
     """Codec of a free-running array; it promises what docs/adding-a-device.md asks of codecs."""
 
     faults: Counter[str]
 
-    def feed(self, data: bytes) -> Sequence[Counts]:
-        """Take bytes as they came; return the matrices (rows, cols) of the frames that they complete."""
+    def feed(self, data: bytes) -> Sequence[DecodedFrame]:
+        """Take bytes as they came; return the frames that they complete."""
         ...
 
 
@@ -38,35 +45,38 @@ class FreeRunningArray(StreamedArray):
     `frame_bytes`: of a frame on the wire. `max_rate_hz` of the description is the rate at which it sends.
     """
 
+    tick_s: ClassVar[float] = 1e-6
+    """Unit of stamps."""
+
     def __init__(
         self,
         port: Port,
         clock: Clock,
         finger: str,
-        description: Description | str,
+        description: Description,
         decoder: FrameDecoder,
         frame_bytes: int,
         delay_s: float,
     ) -> None:
-        """`description`: or what is wrong with it, which `connect` says."""
         super().__init__(FrameStream(port, clock, finger, self._take), clock)
         self._stated, self._decoder = description, decoder
         self._frame_bytes, self._delay_s = frame_bytes, delay_s
         self._seen = 0
         self._sequence = -1
+        self._times = FrameTimes(self.tick_s)
         self._since_s: float | None = None
 
     @property
     def _lost_and_faults(self) -> tuple[int, int]:
-        """Frames have no numbers: one that was lost does not show, but for its damage."""
-        return 0, sum(self._decoder.faults.values())
+        """Number of frames that never came, 0 without stamps, and of stretches that were no frame."""
+        return self._times.lost, sum(self._decoder.faults.values())
 
     def connect(self) -> Description:
         """Wait for frames, and see that they come as fast as is stated."""
         self._description, self._since_s = None, None
         stated, where = self._stated, self._stream.where
-        if isinstance(stated, str):
-            raise DeviceError(f"{where} cannot be used: {stated}; check the rig file")
+        if (problem := stated.problem()) is not None:
+            raise DeviceError(f"{where} cannot be used: it has {problem}; check the rig file")
         self._stream.expect(_MAX_RATE_RATIO * stated.max_rate_hz, self._frame_bytes)
         before = self._seen
         if not self._stream.wait_until(lambda: self._seen > before, _CONNECT_S):
@@ -83,6 +93,7 @@ class FreeRunningArray(StreamedArray):
                 "correct that, and sample_rate_hz"
             )
         self._stream.clear()
+        self._times.restart()
         self._description = stated
         return stated
 
@@ -100,11 +111,17 @@ class FreeRunningArray(StreamedArray):
         self._since_s = None
 
     def _take(self, data: bytes) -> None:
-        for counts in self._decoder.feed(data):
+        for counts, stamp in self._decoder.feed(data):
             self._seen += 1
             now, age_s = self._clock.now(), self._delay_s + self._stream.read_within_s
             if self._since_s is None or now - age_s < self._since_s:
                 self._stream.note_answer()
+                self._times.restart()
                 continue  # it was sampled before the stream was asked for, or may have been
-            self._sequence += 1
-            self._stream.push(TactileFrame(self._sequence, now, now, counts, age_s=age_s))
+            place = FrameTime(self._sequence + 1, now) if stamp is None else self._times.place(stamp)
+            if place is None:
+                self._refuse(f"a time that cannot be: {stamp}")
+                continue
+            self._sequence = place.sequence
+            within_s = age_s if stamp is None else None
+            self._stream.push(TactileFrame(place.sequence, place.time_s, now, counts, age_s=within_s))

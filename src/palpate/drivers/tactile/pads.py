@@ -341,7 +341,7 @@ def _directions(force: Floats, found: _Patch, surface: TaxelSurface) -> tuple[Fl
     if surface.turn_rad < _FLAT_RAD:  # free by its description, but flat all the same
         return middle, np.full(n, math.pi / 2), np.zeros(n)
     step = surface.turn_rad / 2
-    cut = found.cut.any(axis=0)
+    cut = found.cut[surface.turns].any(axis=0)
     margin = np.where(cut, _MAX_STEPS_BEYOND_EDGE * step, step)
     upright = (found.cells & np.isnan(surface.azimuth_rad)).any(axis=1)
     half = np.where(upright, math.pi, np.minimum((high - low) / 2 + margin, math.pi))
