@@ -11,6 +11,9 @@ TORCH  := $(VENV)/bench-torch
 # the tests start palpate some hundred times; each would compile all of it
 unexport PYTHONDONTWRITEBYTECODE
 
+# distributions of their own, and their packages; what that of lerobot needs is too large to be installed for tests
+PLUGINS  := $(filter-out plugins/lerobot,$(wildcard plugins/*))
+PACKAGES := $(notdir $(patsubst %/__init__.py,%,$(wildcard plugins/*/src/*/__init__.py)))
 REALTIME = $(shell grep --recursive --files-with-matches mark.realtime tests plugins)
 
 .PHONY: help demo test tests realtime lint types layers check firmware docs wheel campaign bench bench-torch clean
@@ -26,16 +29,15 @@ help:
 	@echo "make bench-torch  installs the peers that need PyTorch (7 GB) for make bench"
 	@echo "make clean     remove what the above made"
 
-$(STAMP): pyproject.toml plugins/weiss/pyproject.toml
+$(STAMP): pyproject.toml $(PLUGINS:=/pyproject.toml)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . --editable plugins/weiss
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable . $(PLUGINS:%=--editable %)
 	@touch $@
 
 # without bytecode of what no test imports
-$(DEV): pyproject.toml plugins/weiss/pyproject.toml plugins/gymnasium/pyproject.toml
+$(DEV): pyproject.toml $(PLUGINS:=/pyproject.toml)
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' --editable plugins/weiss \
-		--editable plugins/gymnasium
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]' $(PLUGINS:%=--editable %)
 # the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
 		--target $(OTHER)/dynamixel-sdk-3.8.4 dynamixel-sdk==3.8.4
@@ -54,7 +56,7 @@ lint: $(DEV)
 	$(BIN)/ruff format --check .
 
 types: $(DEV)
-	$(BIN)/mypy -p palpate -p palpate_weiss -p palpate_gymnasium -p lerobot_robot_palpate
+	$(BIN)/mypy -p palpate $(PACKAGES:%=-p %)
 
 layers: $(DEV)
 	$(BIN)/lint-imports

@@ -1,4 +1,4 @@
-"""Fields of a magnetometer skin: bytes as the makers' packages read them, round trips, garbage, the dipole."""
+"""Fields of a magnetometer skin: as its makers read them, round trips, garbage, the dipole."""
 
 import json
 import subprocess
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from palpate_reskin.codec import MARK, FieldDecoder, encode_fields
-from palpate_reskin.emulated import MagneticSkin, SkinTruth
 
 from palpate.drivers.emulators import EmulatedFreeRunningArray, serve_pty
 from palpate.drivers.transport import MonotonicClock
 from palpate.testing import ArrayBench, fuzz
+from palpate_reskin.codec import MARK, FieldDecoder, encode_fields
+from palpate_reskin.emulated import MagneticSkin, SkinTruth
 
 MAGNETOMETERS = 5
 PLACES_MM = np.array([[5.0, y, 8.5] for y in (-4, -2, 0, 2, 4)])

@@ -1,0 +1,19 @@
+"""The emulated bench with these sensors on its fingers, from rig file to verdict."""
+
+from pathlib import Path
+
+import pytest
+
+import palpate
+
+RIG = Path(__file__).parents[1] / "examples" / "fsr-bench.toml"
+
+
+@pytest.mark.slow
+def test_a_part_is_identified_within_its_bounds(tmp_path: Path) -> None:
+    with palpate.open_rig(RIG, seed=11) as rig:
+        answer = rig.identify(sessions=tmp_path)
+    assert answer.verdict == "identified"
+    assert answer.truth is not None
+    assert answer.truth.named
+    assert answer.truth.inside_bounds
