@@ -43,7 +43,7 @@ from palpate.drivers.transport import (
     VirtualClock,
     open_port,
 )
-from palpate.rig.arrays import array_of, extractor_of
+from palpate.rig.arrays import array_of, connect_recorded, extractor_of
 from palpate.rig.bench import set_up
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
@@ -306,7 +306,7 @@ class RecordedArrays:
     def tare_when_started(self) -> None:
         """Tare an array that the run has just started, as the run does: with nothing touching."""
         for k, (finger, port) in enumerate(zip(self.fingers, self._ports, strict=True)):
-            if port.writes != self._writes.get(k, 0):  # START was said, or STOP before the next START
+            if port.writes != self._writes.get(k):  # START was said, or STOP before the next START
                 self._writes[k] = port.writes
                 finger.tare()
 
@@ -326,16 +326,15 @@ def open_recorded_arrays(session: Path, names: Sequence[str]) -> RecordedArrays:
         port = PlaybackPort(spec.array.port, _pieces(file, spec.array.port), clock)
         array = array_of(spec, port, clock)
         try:
-            array.connect()
+            connect_recorded(array, port)
         except DeviceError:
             raise InputError(
                 f"{file.path}: array {spec.name} on {spec.array.port} never says what it is; choose "
                 "other fingers, or another session"
             ) from None
-        port.play()
         ports.append(port)
         fingers.append(_monitor_finger(rig, spec, array, clock))
-    writes = {k: port.writes for k, port in enumerate(ports)}
+    writes = {k: port.writes for k, port in enumerate(ports) if port.writes}  # others are tared at once
     end_s = file.entries[-1].t_s
     return RecordedArrays(
         folder, rig, clock, tuple(fingers), end_s, file.changed_line, tuple(ports), _stages(file), writes

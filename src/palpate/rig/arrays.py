@@ -17,12 +17,13 @@ from palpate.drivers.tactile import (
     ContactExtractor,
     Corner,
     Description,
+    FreeRunningArray,
     Port,
     Shape,
     TactileArray,
     TipCalibration,
 )
-from palpate.drivers.transport import Clock
+from palpate.drivers.transport import Clock, PlaybackPort
 from palpate.rig.conversion import measured_force_share
 
 ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
@@ -78,6 +79,18 @@ def array_of(spec: FingerConfig, port: SerialBase | Port, clock: Clock) -> Array
     """The driver of a finger's array on its open port, not yet connected."""
     plugin = array_plugin(spec.array.protocol)
     return plugin.driver(cast("Port", port), clock, spec.name, spec.array, spec.tip.radius_mm)
+
+
+def connect_recorded(array: ArrayDriver, port: PlaybackPort) -> None:
+    """Let a driver meet what was recorded of its array, on `port`, which plays the rest.
+
+    Raises DeviceError if it does not say what the array is.
+    """
+    if isinstance(array, FreeRunningArray):  # nothing was ever asked
+        array.listen()
+    else:
+        array.connect()
+    port.play()
 
 
 def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:

@@ -39,16 +39,22 @@ class _Changes:
         self._shape, self._first = shape, first
         self._decoder = FieldDecoder(shape[0] * shape[1])
         self.faults = self._decoder.faults
-        self.newest: list[Fields] = []
         self.zero: Fields | None = None
+        self._at_rest: list[Fields] = []
 
     def feed(self, data: bytes) -> Sequence[DecodedFrame]:
         """Take bytes as they came; return the changes of the frames that they complete."""
-        fields = self._decoder.feed(data)
-        self.newest = [*self.newest, *fields][-_ZERO_FRAMES:]
-        return [DecodedFrame(self._counts(each)) for each in fields]
+        return [DecodedFrame(self._counts(each)) for each in self._decoder.feed(data)]
+
+    def take_zero(self) -> None:
+        """Take the next few frames for the field at rest."""
+        self._at_rest, self.zero = [], None
 
     def _counts(self, fields: Fields) -> Counts:
+        if self.zero is None:
+            self._at_rest.append(fields)
+            if len(self._at_rest) == _ZERO_FRAMES:
+                self.zero = np.mean(self._at_rest, axis=0)
         zero = fields if self.zero is None else self.zero
         change = np.linalg.norm(fields[:, 1:].astype(float) - zero[:, 1:], axis=1).reshape(self._shape)
         counts = np.minimum(np.rint(COUNTS_PER_UT * change), _MAX_COUNT).astype(np.uint16)
@@ -70,9 +76,8 @@ class ReskinArray(FreeRunningArray):
         """Take the mean of the next few frames for the field at rest, and frames from then on."""
         super().stop()
         self._check_rate(rate_hz)
-        self._changes.zero, self._changes.newest = None, []
+        self._changes.take_zero()
         longest_s = _ZERO_FRAMES_LATE * _ZERO_FRAMES / self.description.max_rate_hz
-        if not self._stream.wait_until(lambda: len(self._changes.newest) >= _ZERO_FRAMES, longest_s):
+        if not self._stream.wait_until(lambda: self._changes.zero is not None, longest_s):
             raise DeviceError(f"{self._stream.where} sends no frames; check its cable and its power")
-        self._changes.zero = np.mean(self._changes.newest, axis=0)
         super().start(rate_hz)

@@ -5,6 +5,7 @@ was sampled no later than it arrived, and earlier by no more than what sensor, w
 (`delay_s`, stated) and what passed since the port was last seen to be empty (measured).
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import ClassVar, NamedTuple, Protocol
@@ -96,6 +97,11 @@ class FreeRunningArray(StreamedArray):
         self._times.restart()
         self._description = stated
         return stated
+
+    def listen(self) -> None:
+        """Take the description for granted, and all frames from now on: of a recording."""
+        self._description, self._since_s = self._stated, -math.inf
+        self._stream.expect(_MAX_RATE_RATIO * self._stated.max_rate_hz, self._frame_bytes)
 
     def start(self, rate_hz: float) -> None:
         """Take frames from now on: all of them, whatever rate is asked for."""

@@ -21,6 +21,7 @@ from palpate.config import (
     RigFile,
     RigOnBench,
     Scene,
+    WrappedArrayConfig,
     calibration_path,
     load_calibrated,
     load_objects,
@@ -40,7 +41,7 @@ from palpate.drivers.transport import (
     SessionEvent,
     VirtualClock,
 )
-from palpate.rig.arrays import array_of
+from palpate.rig.arrays import array_of, connect_recorded
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile
@@ -244,7 +245,8 @@ class _Array:
 
     def feed(self, piece: RecordedBytes) -> Iterator[FrameSample]:
         if self._driver is None:
-            if piece.direction is Direction.SENT and self._before:
+            asked = piece.direction is Direction.SENT and bool(self._before)
+            if asked or isinstance(self._finger.array, WrappedArrayConfig):
                 self._driver = self._connected()
             self._before.append(piece)
             if self._driver is None:
@@ -264,10 +266,9 @@ class _Array:
         port = PlaybackPort(self._finger.array.port, self._before, self._clock)
         array = array_of(self._finger, port, self._clock)
         try:
-            array.connect()
+            connect_recorded(array, port)
         except DeviceError:
             return None
-        port.play()
         return port, array
 
 
