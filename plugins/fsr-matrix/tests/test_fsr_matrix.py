@@ -26,6 +26,7 @@ KEYS = {
 }
 READINGS = st.builds(
     Readings,
+    st.integers(0, 255),
     st.integers(0, 65535),
     st.integers(0, 2**32 - 1),
     st.lists(st.integers(0, 1023), min_size=12, max_size=12).map(
@@ -35,7 +36,7 @@ READINGS = st.builds(
 
 
 def same(a: Readings, b: Readings) -> bool:
-    return (a.number, a.time_us) == (b.number, b.time_us) and np.array_equal(a.adc, b.adc)
+    return (a.matrix, a.number, a.time_us) == (b.matrix, b.number, b.time_us) and np.array_equal(a.adc, b.adc)
 
 
 @given(
@@ -59,7 +60,7 @@ def test_readings_come_back_whatever_is_between_them(
 def test_garbage_gives_frames_or_counted_faults_in_bounded_memory() -> None:
     rng = np.random.default_rng(5)
     frames = [
-        Readings(k, 16667 * k, rng.integers(0, 1024, (ROWS, COLS)).astype(np.uint16)) for k in range(30)
+        Readings(0, k, 16667 * k, rng.integers(0, 1024, (ROWS, COLS)).astype(np.uint16)) for k in range(30)
     ]
     tally = fuzz(lambda: ReadingsDecoder(ROWS, COLS), b"".join(map(encode_readings, frames)), 300_000, 6)
     assert tally.most_waiting < frame_bytes(ROWS, COLS)
@@ -96,18 +97,18 @@ def test_forces_of_emulated_cells_are_within_the_examples_bound() -> None:
 BOARD = """
 #include <cstdint>
 #include <cstdio>
-enum { LOW, HIGH, OUTPUT, A0, A1 };
+enum { LOW, HIGH, OUTPUT, A0 = 14, A1, A2, A3, A4, A5 };
 int levels[32]; uint8_t ADCSRA; uint32_t now_us;
 void pinMode(int, int) {}
 void digitalWrite(int pin, int level) { levels[pin] = level; }
 void delayMicroseconds(int us) { now_us += us; }
 uint32_t micros() { return now_us += 4; }
 int analogRead(int pin) {
-  int row = -1, high = 0, col = pin == A1 ? 16 : 0;
+  int row = -1, high = 0, col = (pin - A0) % 2 * 16, matrix = (pin - A0) / 2;
   for (int k = 0; k < 8; k++) if (levels[2 + k]) { row = k; high++; }
   for (int k = 0; k < 4; k++) col += levels[10 + k] << k;
   now_us += 13;
-  return high == 1 ? 100 * row + col : 1023;
+  return high == 1 ? 100 * row + col + 50 * matrix : 1023;
 }
 struct { void begin(long) {} void write(uint8_t byte) { putchar(byte); } } Serial;
 #include "SKETCH"
@@ -122,8 +123,8 @@ def test_the_sketch_scans_every_cell_and_sends_frames(tmp_path: Path) -> None:
     subprocess.run(["g++", "-Wall", "-o", program, source], check=True)
     sent = subprocess.run([program], check=True, capture_output=True).stdout
     found = ReadingsDecoder(8, 20).feed(sent)
-    assert [each.number for each in found] == list(range(5))
+    assert [(each.number, each.matrix) for each in found] == [(k, m) for k in range(5) for m in range(3)]
     row, col = np.indices((8, 20))
-    assert all(np.array_equal(each.adc, 100 * row + col) for each in found)
-    steps = np.diff([each.time_us for each in found])
-    assert abs(steps - 16667).max() < 10
+    assert all(np.array_equal(each.adc, 100 * row + col + 50 * each.matrix) for each in found)
+    steps = np.diff([each.time_us for each in found if each.matrix == 1])
+    assert abs(steps - 33333).max() < 10

@@ -61,6 +61,7 @@ def _check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: St
     names: dict[str, int] = {}
     servos: dict[int, str] = {}
     ports: dict[str, str] = {bus.port: "the bus"}
+    shared: dict[str, str] = {}
     if stage is not None:
         servos[stage.dxl_id] = "the stage"
     for index, finger in enumerate(fingers):
@@ -76,12 +77,17 @@ def _check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: St
                 )
             servos[servo.dxl_id] = f'finger "{finger.name}" ({part})'
         port = finger.array.port
-        if port in ports:
+        whole = port.partition("#")[0]
+        if port in ports or whole in ports or (port == whole and whole in shared):
+            owner = ports.get(port) or ports.get(whole) or shared[whole]
             raise problem(
-                f'"{port}" is the port of {ports[port]} already; every array needs its own',
+                f'"{port}" is the port of {owner} already; every array needs its own; those of arrays on one '
+                f'connection are "{whole}#1", "{whole}#2" and so on',
                 *("fingers", index, "array", "port"),
             )
         ports[port] = f'finger "{finger.name}" (array)'
+        if port != whole:
+            shared[whole] = ports[port]
 
 
 def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: float) -> None:

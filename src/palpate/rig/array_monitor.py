@@ -35,6 +35,7 @@ from palpate.drivers.transport import (
     MonotonicClock,
     PlaybackPort,
     PortBytes,
+    PortSharing,
     PortTaken,
     RecordedBytes,
     Recorder,
@@ -215,9 +216,10 @@ class ArrayPorts:
 def find_array_ports(rig: RigFile) -> ArrayPorts:
     """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
     if not rig.emulated:
-        return ArrayPorts(MonotonicClock(), open_port)
+        return ArrayPorts(MonotonicClock(), PortSharing(open_port).open)
     bench = set_up(rig, None, 0)
-    return ArrayPorts(bench.clock, lambda port, baudrate: open_port(bench.urls(port), baudrate), bench)
+    sharing = PortSharing(lambda port, baudrate: open_port(bench.urls(port), baudrate))
+    return ArrayPorts(bench.clock, sharing.open, bench)
 
 
 def select_fingers(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ...]:

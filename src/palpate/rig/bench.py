@@ -12,7 +12,15 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import InputError
 from palpate.config import ObjectsFile, RigFile, Scene
-from palpate.drivers.transport import Clock, FollowedPorts, MonotonicClock, Recorder, RecordSink, SystemPlugs
+from palpate.drivers.transport import (
+    Clock,
+    FollowedPorts,
+    MonotonicClock,
+    PortSharing,
+    Recorder,
+    RecordSink,
+    SystemPlugs,
+)
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
@@ -96,15 +104,13 @@ def environment(
 
     ports = FollowedPorts(SystemPlugs() if bench.mock is None else bench.mock)
 
-    def open_raw(port: str, baudrate: int) -> SerialBase:
-        return ports.open(bench.urls(port), baudrate)
-
+    sharing = PortSharing(lambda port, baudrate: ports.open(bench.urls(port), baudrate))
     if sink is None:
-        return Environment(bench.clock, open_raw, latency_s, is_real=bench.mock is None)
+        return Environment(bench.clock, sharing.open, latency_s, is_real=bench.mock is None)
     recorder = Recorder(bench.clock, sink, check)
 
     def open_recorded(port: str, baudrate: int) -> SerialBase:
-        return recorder.open(port, lambda: open_raw(port, baudrate))
+        return recorder.open(port, lambda: sharing.open(port, baudrate))
 
     return Environment(recorder.clock, open_recorded, latency_s, recorder.check, bench.mock is None)
 

@@ -48,4 +48,4 @@ class PressedMatrix:
         conducts = self._gain * pressed
         read = self._rest + (255 - self._rest) * conducts / (1 + conducts)
         read += truth.noise_counts * self._rng.standard_normal(read.shape)
-        return encode_matrix(self._first.flip(np.clip(np.rint(read), 0, 255)))
+        return encode_matrix(self._first.flip(np.clip(np.rint(read), 0, 255)).astype(np.uint8))

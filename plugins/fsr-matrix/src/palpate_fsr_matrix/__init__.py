@@ -6,42 +6,28 @@ free surface, of which normals are taken from the places that are pressed.
 """
 
 from collections.abc import Callable
-from typing import Annotated
-
-from pydantic import Field
 
 from palpate.plugins import (
     ArrayPlugin,
     Clock,
-    Corner,
     EmulatedFreeRunningArray,
+    FreeRunningArray,
     InputError,
     Port,
     Taxels,
-    WrappedArrayConfig,
     wrapped_description,
 )
 from palpate_fsr_matrix.circuit import COUNTS_PER_REFERENCE
-from palpate_fsr_matrix.driver import FsrMatrix
+from palpate_fsr_matrix.config import FsrMatrixConfig, first_of
+from palpate_fsr_matrix.driver import fsr_matrix
 from palpate_fsr_matrix.emulated import FsrTruth, ResistiveSkin
 
-__all__ = ["FSR_MATRIX", "FsrMatrix", "FsrMatrixConfig", "FsrTruth", "ResistiveSkin"]
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-class FsrMatrixConfig(WrappedArrayConfig):
-    """Keys of a resistive matrix in a rig file."""
-
-    conductance_per_n: Positive = Field(
-        description="Conductance of a cell by 1 N, over that of its column's resistor; gain_spread bounds "
-        "how far it is off in any cell, at any force, whether force grows or falls (fsr-matrix)."
-    )
+__all__ = ["FSR_MATRIX", "FsrMatrixConfig", "FsrTruth", "ResistiveSkin"]
 
 
 def _driver(
     port: Port, clock: Clock, finger: str, config: FsrMatrixConfig, tip_radius_mm: float
-) -> FsrMatrix:
+) -> FreeRunningArray:
     description = wrapped_description(
         config,
         tip_radius_mm,
@@ -50,7 +36,7 @@ def _driver(
         bit_depth=16,
         emulated=str(port.port).startswith("mock://"),
     )
-    return FsrMatrix(port, clock, finger, description, _first(config), config.delay_s)
+    return fsr_matrix(port, clock, finger, description, config)
 
 
 def _emulated(
@@ -63,12 +49,9 @@ def _emulated(
             f"emulated arrays have {cells.rows} rows and {cells.cols} columns, and the rig file says "
             f"{rows} and {config.columns}"
         )
-    skin = ResistiveSkin(cells, _first(config), FsrTruth(), int.from_bytes(cells.unique_id, "little"))
+    seed = int.from_bytes(cells.unique_id, "little")
+    skin = ResistiveSkin(cells, first_of(config), FsrTruth(), seed, config.matrix)
     return EmulatedFreeRunningArray(cells, advance, config.rate_hz, skin.frame)
-
-
-def _first(config: FsrMatrixConfig) -> Corner:
-    return Corner(config.first_texel or "lower-left")
 
 
 FSR_MATRIX = ArrayPlugin(FsrMatrixConfig, _driver, _emulated)

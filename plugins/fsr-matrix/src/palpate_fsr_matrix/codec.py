@@ -1,7 +1,10 @@
 """Codec of the Arduino's frames: bytes to readings and back, without port or clock.
 
-A frame: A5 C3 | rows u8 | columns u8 | number u16 | time u32 (µs) | readings u16, row by row | CRC u16, all
-little-endian. The CRC is CCITT's (polynomial 0x1021, from 0xFFFF) over all before it. Garbage before, in and
+A frame, little-endian:
+
+    A5 C3 | rows u8 | columns u8 | matrix u8 | number u16 | time u32, µs | readings u16, row by row | CRC u16
+
+The CRC is CCITT's (polynomial 0x1021, from 0xFFFF) over all before it. Garbage before, in and
 after a frame costs no other: where the CRC does not fit, the search goes on behind the first byte.
 """
 
@@ -16,14 +19,18 @@ from numpy.typing import NDArray
 __all__ = ["Readings", "ReadingsDecoder", "encode_readings", "frame_bytes"]
 
 _MARK = b"\xa5\xc3"
-_HEAD = struct.Struct("<2sBBHI")
+_HEAD = struct.Struct("<2sBBBHI")
 _CRC_SEED = 0xFFFF
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings of the converter, (rows, columns), 0 to 1023, with the frame's number and time (µs)."""
+    """Readings of the converter, (rows, columns), 0 to 1023, with the frame's number and time (µs).
 
+    `matrix`: of those that the board has, from 0.
+    """
+
+    matrix: int
     number: int
     time_us: int
     adc: NDArray[np.uint16]
@@ -36,7 +43,7 @@ def frame_bytes(rows: int, cols: int) -> int:
 
 def encode_readings(readings: Readings) -> bytes:
     """The frame of some readings."""
-    head = _HEAD.pack(_MARK, *readings.adc.shape, readings.number, readings.time_us)
+    head = _HEAD.pack(_MARK, *readings.adc.shape, readings.matrix, readings.number, readings.time_us)
     body = head + readings.adc.astype("<u2").tobytes()
     return body + struct.pack("<H", binascii.crc_hqx(body, _CRC_SEED))
 
@@ -85,6 +92,6 @@ class ReadingsDecoder:
             self.faults["no frame"] += 1
 
     def _readings(self, frame: bytes) -> Readings:
-        _, _, _, number, time_us = _HEAD.unpack_from(frame)
+        _, _, _, matrix, number, time_us = _HEAD.unpack_from(frame)
         adc = np.frombuffer(frame, "<u2", offset=_HEAD.size, count=self._shape[0] * self._shape[1])
-        return Readings(number, time_us, adc.astype(np.uint16).reshape(self._shape))
+        return Readings(matrix, number, time_us, adc.astype(np.uint16).reshape(self._shape))

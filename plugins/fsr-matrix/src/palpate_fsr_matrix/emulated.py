@@ -34,14 +34,16 @@ class FsrTruth:
 class ResistiveSkin:
     """Frames of one matrix, whose cells are those of the bench."""
 
-    def __init__(self, cells: Description, first: Corner, truth: FsrTruth, seed: int) -> None:
+    def __init__(
+        self, cells: Description, first: Corner, truth: FsrTruth, seed: int, matrix: int = 0
+    ) -> None:
         self._truth, self._first, self._rng = truth, first, np.random.default_rng(seed)
         shape = cells.rows, cells.cols
         self._gain = truth.per_n * (1 + truth.gain_spread * self._rng.uniform(-1, 1, shape))
         self._leak = truth.leak * self._rng.uniform(0.5, 1, shape)
         self._kept = np.zeros(shape)
         self._last_s = 0.0
-        self._number = 0
+        self._matrix, self._number = matrix, 0
 
     def frame(self, now: float, force_n: Floats) -> bytes:
         """The frame that is sampled at `now` (s), for forces on the cells (N)."""
@@ -52,4 +54,5 @@ class ResistiveSkin:
         conductance = self._leak + self._gain * pressed**2 / (pressed + truth.turn_on_n)
         adc = readings_of(conductance, truth.noise_lsb * self._rng.standard_normal(conductance.shape))
         self._number = (self._number + 1) % (1 << 16)
-        return encode_readings(Readings(self._number, round(now * 1e6) % (1 << 32), self._first.flip(adc)))
+        time_us = round(now * 1e6) % (1 << 32)
+        return encode_readings(Readings(self._matrix, self._number, time_us, self._first.flip(adc)))

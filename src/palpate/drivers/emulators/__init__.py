@@ -7,7 +7,7 @@ They take the place of a real rig's hardware. Only rig's composition root and te
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_tcp
-from palpate.drivers.emulators.free_running import EmulatedFreeRunningArray
+from palpate.drivers.emulators.free_running import EmulatedFreeRunningArray, SharedWire
 from palpate.drivers.emulators.mechanics import (
     ArmTruth,
     EmulatedStage,
@@ -78,6 +78,7 @@ __all__ = [
     "RatedFaultyWire",
     "SampledArray",
     "ServoChain",
+    "SharedWire",
     "Skin",
     "StillPart",
     "Taxels",

@@ -1,10 +1,10 @@
 """Emulated free-running array: it samples at its own rate from power on; `frame` makes the bytes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from palpate.base.geometry import Floats
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.transport.wire import Emission
+from palpate.drivers.transport.wire import Device, Emission
 
 _SCATTER = 0.618033988749895  # of a period: no two arrays sample in step
 
@@ -62,3 +62,26 @@ class EmulatedFreeRunningArray:
     def next_due(self) -> float | None:
         """Instant of the next emission."""
         return self._queue[0][0] if self._queue else self._next_s + self._held_s
+
+
+class SharedWire:
+    """Several devices on one wire: each hears all that comes, and they send one after the other."""
+
+    def __init__(self, devices: Sequence[Device]) -> None:
+        self._devices = tuple(devices)
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        """Take bytes; return what any device sends."""
+        return _in_order([sent for device in self._devices for sent in device.feed(data, now)])
+
+    def poll(self, now: float) -> list[Emission]:
+        """Return what any device has sent up to `now`."""
+        return _in_order([sent for device in self._devices for sent in device.poll(now)])
+
+    def next_due(self) -> float | None:
+        """Instant of the next emission of any device."""
+        return min((due for device in self._devices if (due := device.next_due()) is not None), default=None)
+
+
+def _in_order(sent: list[Emission]) -> list[Emission]:
+    return sorted(sent, key=lambda item: item[0])

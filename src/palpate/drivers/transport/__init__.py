@@ -2,6 +2,7 @@
 
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.port_sharing import PortSharing, connection_of
 from palpate.drivers.transport.ports import (
     EMULATED_LATENCY_S,
     LATENCY_TIMER,
@@ -54,6 +55,7 @@ __all__ = [
     "PortForbidden",
     "PortMissing",
     "PortOpened",
+    "PortSharing",
     "PortTaken",
     "RecordEnded",
     "RecordEntry",
@@ -68,6 +70,7 @@ __all__ = [
     "SessionEvent",
     "SystemPlugs",
     "VirtualClock",
+    "connection_of",
     "describe_renaming",
     "has_baudrate",
     "latency_timer_s",

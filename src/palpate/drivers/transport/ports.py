@@ -27,6 +27,7 @@ from serial.tools.list_ports import comports
 from serial.tools.list_ports_common import ListPortInfo
 
 from palpate.base.errors import DeviceError
+from palpate.drivers.transport.port_sharing import connection_of
 
 try:
     from termios import error as _terminal_error
@@ -114,7 +115,7 @@ def latency_timer_s(port: str, ttys: Path = _TTYS) -> float | None:
     """A port's latency timer, None if it is not known."""
     if "://" in port:
         return None
-    file = ttys / Path(port).resolve().name / "device" / LATENCY_TIMER
+    file = ttys / Path(connection_of(port)).resolve().name / "device" / LATENCY_TIMER
     try:
         return int(file.read_text(encoding="ascii")) / 1e3
     except (OSError, ValueError):

@@ -7,7 +7,7 @@ using the port; nothing here may import what takes long.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from serial.serialutil import SerialBase
@@ -39,7 +39,15 @@ from palpate.drivers.dynamixel import (
     scan,
     supply_warnings,
 )
-from palpate.drivers.transport import Clock, MonotonicClock, PortTaken, has_baudrate, open_port
+from palpate.drivers.transport import (
+    Clock,
+    MonotonicClock,
+    PortSharing,
+    PortTaken,
+    connection_of,
+    has_baudrate,
+    open_port,
+)
 from palpate.rig.contact_peak import bus_latency_s, port_latency_s
 
 
@@ -58,6 +66,7 @@ class BusEndpoint:
     rig: RigFile | None = None
     urls: Callable[[str], str] = str
     devices: object = None
+    _sharing: PortSharing = field(default_factory=lambda: PortSharing(open_port), repr=False)
 
     @property
     def emulated(self) -> bool:
@@ -70,7 +79,8 @@ class BusEndpoint:
 
     def open_other(self, port: str, baudrate: int) -> SerialBase:
         """Open another port of the rig; raises DeviceError naming it."""
-        return open_port(self.urls(port), baudrate)
+        connection = connection_of(port)
+        return self._sharing.open(self.urls(connection) + port.removeprefix(connection), baudrate)
 
 
 def find_endpoint(rig: Path | None, port: str | None) -> BusEndpoint:

@@ -32,12 +32,13 @@ from palpate.drivers.emulators import (
     RatedFaultyWire,
     SampledArray,
     ServoChain,
+    SharedWire,
     Taxels,
     UsbAdapter,
     WireRates,
 )
 from palpate.drivers.tactile import Description, Shape
-from palpate.drivers.transport import Device, MockHub, VirtualClock
+from palpate.drivers.transport import Device, MockHub, VirtualClock, connection_of
 from palpate.rig.arrays import emulated_array
 from palpate.rig.emulated.finger_truth import dead_taxels, draws_of, joint_truth, truth_of, with_yield
 from palpate.rig.emulated.hidden_truth import (
@@ -207,9 +208,13 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     chain = ServoChain(bench.servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     reset_s = _reset_s(rig, seed)
+    boards: dict[str, list[Device]] = {}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
         board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
-        devices[finger.array.port] = (board, finger.array.baudrate_bps)
+        port = connection_of(finger.array.port)
+        boards.setdefault(port, []).append(board)
+        shared = board if len(boards[port]) == 1 else SharedWire(boards[port])
+        devices[port] = (shared, finger.array.baudrate_bps)
     on_wires, renamed = _attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
     return EmulatedRig(bench, on_wires, part, renamed)
 
