@@ -40,7 +40,7 @@ from palpate.config.rig_tips import TipConfig, check_keys
 PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
 
-SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
+SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa", "reskin", "fsr-matrix", "flexitac")
 """Protocols of the plug-ins in `plugins/`; the rig file's JSON Schema shows the keys of those installed."""
 
 BOUND_SIGMAS = 3.3
@@ -92,8 +92,8 @@ class ArrayConfig(FileModel):
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
     protocol: Text = Field(
-        description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts" and '
-        '"weiss-dsa" are tactile sensors of Weiss Robotics; installed plug-ins add others.'
+        description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts", '
+        '"weiss-dsa", "reskin", "fsr-matrix" and "flexitac" come by the plug-ins in plugins/; others add more.'
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
     drift_counts_per_s: Length = Field(
