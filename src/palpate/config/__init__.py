@@ -41,6 +41,7 @@ from palpate.config.objects_file import ObjectsFile, load_objects
 from palpate.config.rig_file import RigFile, add_finger_type, load_rig
 from palpate.config.rig_fingers import (
     ArrayConfig,
+    CurrentSensingConfig,
     FingerConfig,
     MountedArrayConfig,
     WrappedArrayConfig,
@@ -60,6 +61,7 @@ __all__ = [
     "CalibrationFile",
     "CalibrationReference",
     "ClosingConfig",
+    "CurrentSensingConfig",
     "ContactBounds",
     "ContactEntry",
     "ContactsFile",

@@ -22,7 +22,7 @@ from palpate.config.arm_finger import ArmFingerConfig
 from palpate.config.fields import FileModel, Items, Name
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import TAG, Place, problem, problems_of, refuse
-from palpate.config.rig_fingers import FingerConfig
+from palpate.config.rig_fingers import CurrentSensingConfig, FingerConfig
 from palpate.config.rig_servos import RigServo, StageConfig
 from palpate.config.rig_tables import (
     BusConfig,
@@ -36,6 +36,9 @@ from palpate.config.slide_finger import SlideFingerConfig
 
 _MOCK_SCHEME = "mock://"
 """Ports of emulated devices begin so."""
+
+_WITHOUT_ARRAYS: frozenset[Ability] = frozenset({"identify", "plan", "turn on the way"})
+"""What fingers that sense by current can do."""
 
 _DRAWN_BY_STAGE = (
     ("stage_backlash_deg", "backlash_deg"),
@@ -77,6 +80,8 @@ def _check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: St
                 )
             servos[servo.dxl_id] = f'finger "{finger.name}" ({part})'
         port = finger.array.port
+        if not finger.array.has_device:
+            continue
         whole = port.partition("#")[0]
         if port in ports or whole in ports or (port == whole and whole in shared):
             owner = ports.get(port) or ports.get(whole) or shared[whole]
@@ -153,6 +158,34 @@ def _check_parts_move(
             raise problem(f"{text}; hold parts down, and leave it out", "search", "part_holds_n")
         if drawn is not None and drawn.part is not None:
             raise problem(f"{text}; leave it out, so that parts lie still", "emulation", "part")
+
+
+def _check_without_arrays(
+    fingers: Sequence[FingerConfig], closing: ClosingConfig, holds_n: float | None, radius: float
+) -> None:
+    """Refuse fingers that sense by current, where that says too little; `radius`: of the workspace."""
+    for index, finger in enumerate(fingers):
+        if not isinstance(finger.array, CurrentSensingConfig):
+            continue
+        place = ("fingers", index, "array", "friction_n")
+        if not isinstance(finger, SlideFingerConfig):
+            raise problem("is there, and only fingers on slides can sense by current", *place)
+        if finger.tip.kind.has_face or not finger.tip.kind.is_upright:
+            raise problem(f"is there, and the tip is {finger.tip.kind.with_article}: take a cylinder", *place)
+        if holds_n is not None:
+            raise problem(
+                f'is there, and fingers[{index}] ("{finger.name}") has no array: it moves parts that are not '
+                "held; clamp them, and leave it out",
+                *("search", "part_holds_n"),
+            )
+        nearest_mm = max(math.hypot(*finger.base_mm) - radius, finger.slide.range_mm[0])
+        hidden = finger.array.hidden_n(nearest_mm)
+        if hidden > 2 * closing.contact_force_n:
+            raise problem(
+                f"and aim_friction_nmm may hide {hidden:.3g} N of a contact; closing.contact_force_n must be "
+                f"half of that at least, {math.ceil(50 * hidden) / 100:g} N",
+                *place,
+            )
 
 
 def _check_stops_known(fingers: Sequence[FingerConfig]) -> None:
@@ -244,7 +277,9 @@ def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) 
 def _ports(fingers: Sequence[FingerConfig], bus: BusConfig) -> list[tuple[str, Place]]:
     """Every port and the place of its key."""
     arrays = [
-        (finger.array.port, ("fingers", index, "array", "port")) for index, finger in enumerate(fingers)
+        (finger.array.port, ("fingers", index, "array", "port"))
+        for index, finger in enumerate(fingers)
+        if finger.array.has_device
     ]
     return [(bus.port, ("bus", "port")), *arrays]
 
@@ -285,6 +320,7 @@ class RigFile(FileModel):
         check_places(self.fingers, self.clear_radius_mm, clearance)
         _check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
         _check_parts_move(self.fingers, self.search.part_holds_n, self.emulation)
+        _check_without_arrays(self.fingers, self.closing, self.search.part_holds_n, self.clear_radius_mm)
         if self.search.check_slips:
             _check_stops_known(self.fingers)
         if self.emulation is None:
@@ -317,6 +353,9 @@ class RigFile(FileModel):
 
     def why_not(self, ability: Ability) -> str | None:
         """Reason why the rig cannot do something, by the first tip that cannot; None if it can."""
+        without = next((finger.name for finger in self.fingers if not finger.array.has_device), None)
+        if without is not None and ability not in _WITHOUT_ARRAYS:
+            return f"finger {without} has no array, and senses by current: it cannot {ability}"
         return next(
             (
                 f"finger {finger.name}: its tip is {finger.tip.kind.with_article}, and {why}"

@@ -3,6 +3,7 @@
 The values keep the file's units: mm, degrees, N.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -39,6 +40,9 @@ from palpate.config.rig_tips import TipConfig, check_keys
 
 PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
+
+CURRENT_PROTOCOL = "present-current"
+"""In place of an array's protocol: the finger has none, and senses by its servos' Present Current."""
 
 SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa", "reskin", "fsr-matrix", "flexitac")
 """Protocols of the plug-ins in `plugins/`; the rig file's JSON Schema shows the keys of those installed."""
@@ -89,6 +93,8 @@ class ArrayConfig(FileModel):
     # Protocols other than "palpate" come by plug-in, each with a model of its own: a subclass of this one
     # with the keys that only its arrays need. Validating a table gives the model that `protocol` names.
 
+    has_device: ClassVar[bool] = True
+    """True if there is an array, on a port of its own."""
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
     protocol: Text = Field(
@@ -133,6 +139,8 @@ class ArrayConfig(FileModel):
     def variant(cls, data: object) -> type[FileModel]:
         """The model of the protocol that `data` names. Raises a pydantic error if no plug-in adds it."""
         name = data.get("protocol") if isinstance(data, dict) else None
+        if name == CURRENT_PROTOCOL:
+            return CurrentSensingConfig
         return ArrayConfig if not isinstance(name, str) or name == PALPATE_PROTOCOL else _model_of(name)
 
     @model_validator(mode="wrap")
@@ -146,7 +154,7 @@ class ArrayConfig(FileModel):
         """Return the schema with the keys of shipped plug-ins that are installed; those of others vary."""
         schema = handler.resolve_ref_schema(handler(core))
         if cls is ArrayConfig:
-            models = _installed_models()
+            models = {CURRENT_PROTOCOL: CurrentSensingConfig, **_installed_models()}
             for model in models.values():
                 schema["properties"] = model.model_json_schema()["properties"] | schema["properties"]
             schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *models]
@@ -194,6 +202,38 @@ class WrappedArrayConfig(ArrayConfig):
         description="Bound: from the first reading of a frame to the frame's arrival at this computer, with "
         "adapter and hub.",
     )
+
+
+class CurrentSensingConfig(ArrayConfig):
+    """What a finger without an array senses with: its servos' Present Current, beyond their friction."""
+
+    has_device: ClassVar[bool] = False
+    protocol: Literal["present-current"] = Field(description="The finger has no array.")
+    port: Literal["none"] = Field(default="none", description="It has none.")
+    baudrate_bps: Literal[0] = Field(default=0, description="It has none.")
+    gain_spread: Share = Field(
+        description="Bound: the force for a current is off by at most this share, by the motor's torque and by "
+        "what gears and guides lose of it under load."
+    )
+    friction_n: tuple[Length, Length] = Field(
+        description="Bound: [lo, hi] of the force at the tip that the slide's current shows in free space, "
+        "going outwards; at rest it shows at most hi (present-current)."
+    )
+    aim_friction_nmm: Length = Field(
+        description="Bound: torque on the slide, N mm, that the aim's current shows at most while it holds and "
+        "nothing touches (present-current)."
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.friction_n[0] > self.friction_n[1]:
+            raise problem("has its lower bound above its upper one", "friction_n")
+        return self
+
+    def hidden_n(self, lever_mm: float) -> float:
+        """Force (N) that friction may hide, with the tip so far from the aim's axis."""
+        low, high = self.friction_n
+        return (1 + self.gain_spread) * math.hypot(high - low, 2 * self.aim_friction_nmm / lever_mm)
 
 
 def _model_of(protocol: str) -> type[ArrayConfig]:

@@ -95,6 +95,8 @@ def connect_recorded(array: ArrayDriver, port: PlaybackPort) -> None:
 
 def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
     """The emulated device on a finger's tip. Raises InputError if its kind cannot be emulated."""
+    if not spec.array.has_device:
+        return EmulatedArray(taxels, advance)  # on no port, so that nobody asks it anything
     plugin = array_plugin(spec.array.protocol)
     if plugin.emulated is None:
         raise InputError(

@@ -40,7 +40,8 @@ def bus_latency_s(rig: RigFile) -> float:
 def _array_latency_s(rig: RigFile) -> float:
     """Time for which the arrays' adapters may hold the end of a frame back: as the system tells, else 0."""
     if rig.emulation is None:
-        return max(latency_timer_s(finger.array.port) or 0.0 for finger in rig.fingers)
+        ports = (finger.array.port for finger in rig.fingers if finger.array.has_device)
+        return max((latency_timer_s(port) or 0.0 for port in ports), default=0.0)
     adapter = rig.emulation.array_adapter
     return 0.0 if adapter is None else adapter.latency_ms / 1e3
 

@@ -303,4 +303,6 @@ def resolution_of(rig: RigFile) -> Resolution:
 
 def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:
     """Error of a normal besides what the array shows, at a force."""
+    if not finger.array.has_device:
+        return math.pi
     return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)

@@ -367,7 +367,10 @@ def check_out(
     if found.readings.bus_error is not None:
         raise found.readings.bus_error
     rig, readings = found.case.rig, found.readings
-    servos, arrays = readings.servos, [_array_out(found, spec) for spec in rig.fingers]
+    servos, arrays = (
+        readings.servos,
+        [_array_out(found, spec) for spec in rig.fingers if spec.array.has_device],
+    )
     timer = readings.timers_s[rig.bus.port]
     calibration = calibration_out(found.case, readings)
     if calibration is not None and isinstance(measured, Retouch):

@@ -32,7 +32,7 @@ def open_ports(case: DiagnosisCase) -> dict[str, DeviceError | None]:
 
 def _rates(case: DiagnosisCase) -> Mapping[str, int]:
     bus = case.rig.bus
-    arrays = (finger.array for finger in case.rig.fingers)
+    arrays = (finger.array for finger in case.rig.fingers if finger.array.has_device)
     return {bus.port: bus.baudrate_bps} | {array.port: array.baudrate_bps for array in arrays}
 
 

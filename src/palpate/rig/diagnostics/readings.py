@@ -154,8 +154,10 @@ def need_settings(_case: DiagnosisCase, readings: Readings) -> str | None:
     return None if there else "no servo could be read"
 
 
-def need_array(_case: DiagnosisCase, readings: Readings) -> str | None:
+def need_array(case: DiagnosisCase, readings: Readings) -> str | None:
     """The need of an array whose port can be used."""
+    if not any(finger.array.has_device for finger in case.rig.fingers):
+        return "this rig has no arrays: its fingers sense by Present Current"
     return None if readings.arrays else "no array's port can be used"
 
 

@@ -63,7 +63,7 @@ def _attach_adapters(devices: Devices, rig: RigFile, seed: int) -> tuple[Devices
     assert rig.emulation is not None
     found: dict[str, tuple[Device, int]] = {}
     renamed: dict[str, str] = {}
-    chosen = 1 + int(np.random.default_rng([seed, 11]).integers(len(rig.fingers)))
+    chosen = 1 + int(np.random.default_rng([seed, 11]).integers(len(rig.fingers)))  # none without arrays
     for number, (port, (device, baudrate)) in enumerate(devices.items()):
         is_bus = port == rig.bus.port
         config = rig.emulation.bus_adapter if is_bus else rig.emulation.array_adapter
@@ -210,6 +210,8 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     reset_s = _reset_s(rig, seed)
     boards: dict[str, list[Device]] = {}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
+        if not finger.array.has_device:
+            continue
         board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
         port = connection_of(finger.array.port)
         boards.setdefault(port, []).append(board)

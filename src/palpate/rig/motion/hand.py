@@ -38,7 +38,7 @@ from palpate.drivers.dynamixel import (
     refuse_foreign_settings,
 )
 from palpate.drivers.kinematics import Servos, Turn
-from palpate.drivers.tactile import ArrayDriver, ArrayLost, TactileFrame
+from palpate.drivers.tactile import ArrayDriver, ArrayLost, ContactExtractor, TactileFrame
 from palpate.drivers.transport import Clock, describe_renaming
 from palpate.rig.arrays import extractor_of, threshold_problem
 from palpate.rig.fingers import HostFinger, HostStage, drive_of
@@ -54,6 +54,7 @@ from palpate.rig.motion.array_guard import (
     note_what_is_on,
     switch_off,
 )
+from palpate.rig.motion.current_sensing import CurrentExtractor, CurrentSampler, CurrentSensor
 from palpate.rig.motion.dead_man import DeadManSwitch
 from palpate.rig.motion.homing import (
     HomingPolicy,
@@ -347,6 +348,8 @@ class Hand:
         """Start every array and take its baseline; nothing may touch the tips."""
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
+            if isinstance(finger.array, CurrentSensor):
+                finger.array.check_free()
             self._array_guard.tare(finger, frames)
             self.checks.check_tare(finger, frames)
             if (wrong := threshold_problem(finger.extractor, self.rig.closing, finger.spec.tip)) is not None:
@@ -482,12 +485,23 @@ class Hand:
             servo.check()
         self._reader = StateReader(self.bus, self._servos)
         # All ports first: boards that reset when their port opens then boot at the same time.
-        arrays = [self._arrays.open(spec, open_port) for spec in rig.fingers]
+        sampler = CurrentSampler(self._reader, self.clock)
+        arrays = [
+            self._arrays.open(spec, open_port)
+            if spec.array.has_device
+            else CurrentSensor(rig, spec, drive.servos, sampler)
+            for spec, drive in zip(rig.fingers, drives, strict=True)
+        ]
         self.fingers = tuple(map(self._finger, mechanisms, drives, arrays))
+        self.proven = {finger for finger in self.fingers if not finger.spec.array.has_device}
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
     def _finger(self, mechanism: Mechanism, drive: Drive, array: ArrayDriver) -> HostFinger:
-        extractor = extractor_of(self.rig, mechanism.spec, array.connect())
+        described = array.connect()
+        if isinstance(array, CurrentSensor):
+            extractor: ContactExtractor = CurrentExtractor(described)
+        else:
+            extractor = extractor_of(self.rig, mechanism.spec, described)
         return HostFinger(mechanism, drive, mechanism.home(self.rig.clear_radius_mm), array, extractor)
 
     def _after_restart(self, error: Restarted) -> str:

@@ -33,6 +33,7 @@ from palpate.rig.conversion import (
     undetected_force_n,
 )
 from palpate.rig.fingers import HostFinger
+from palpate.rig.motion.current_sensing import CurrentSensor
 from palpate.rig.motion.free_force import FreeForce
 from palpate.rig.motion.load_meter import (
     ContactLoad,
@@ -55,7 +56,7 @@ class ApproachState:
     `travel_mm` is how far along the line the tip is, `advance_mm` what it has come since the last look, 0 on
     its way back; `track` where it was seen, if it is steered along; `is_steady`: its array came
     to rest with it; `meter`: what loads the part, None where loads are not asked for; `free_force`: what its
-    currents have shown on its way so far.
+    currents have shown on its way so far; `blind_mm`: the beginning of its way, on which nothing is sensed.
     """
 
     finger: HostFinger
@@ -72,6 +73,7 @@ class ApproachState:
     is_steady: bool = True
     meter: LoadMeter | None = None
     free_force: FreeForce = field(default_factory=FreeForce)
+    blind_mm: float = 0.0
     _centre_mm: tuple[float, float] = (math.nan, math.nan)
     _last_mm: float = 0.0
     _body: tuple[Servos, FingerBody] | None = None
@@ -79,7 +81,8 @@ class ApproachState:
     @classmethod
     def of(cls, finger: HostFinger, approach: FingerApproach, turn: Turn) -> Self:
         """A finger's part of a grip, with the stage at the angle that it asks for."""
-        return cls(finger, approach, turn.line_back(line_of(approach)))
+        blind_mm = finger.array.blind_mm if isinstance(finger.array, CurrentSensor) else 0.0
+        return cls(finger, approach, turn.line_back(line_of(approach)), blind_mm=blind_mm)
 
     @property
     def name(self) -> str:
@@ -101,7 +104,8 @@ class ApproachState:
         for point in self.track:
             if self.line.travel_mm(point) >= ARM_MARGIN_MM:
                 return point
-        return self.finger.kinematics.centre_mm(self.started)
+        start = self.finger.kinematics.centre_mm(self.started)
+        return Line(start, self.line.direction_rad).point_mm(min(self.blind_mm, max(self.travel_mm, 0.0)))
 
     def begin(self, servos: Servos) -> None:
         """Note where the finger stands after aiming."""
@@ -375,6 +379,8 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
     pressing = _pressing_n(patch, tip, closing)
     half += shear_rad(tip, pressing) + deflection_rad(finger.spec, pressing)
     dent = (deepest + shallowest) / 2
+    if half >= math.pi:  # nothing is known of the normal: it may be dented to any side
+        dent, shallowest = 0.0, deepest
     # In a notch the dent is along two normals and only one of them is known.
     sideways = deepest if may_touch_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
     x, y = turn.point_mm(run.centre_mm)

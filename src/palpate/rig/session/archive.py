@@ -137,7 +137,8 @@ def _devices(path: Path) -> tuple[PortOfSessionOut, ...]:
     except InputError:  # of an older version, or changed since: the log has the run all the same
         return ()
     bus = PortOfSessionOut(port=rig.bus.port, devices=tuple(_servos(rig)))
-    return (bus, *(PortOfSessionOut(port=item.array.port, devices=(_array(item),)) for item in rig.fingers))
+    arrays = (item for item in rig.fingers if item.array.has_device)
+    return (bus, *(PortOfSessionOut(port=item.array.port, devices=(_array(item),)) for item in arrays))
 
 
 def _servos(rig: RigFile) -> list[str]:
