@@ -154,7 +154,8 @@ class ArrayConfig(FileModel):
         """Return the schema with the keys of shipped plug-ins that are installed; those of others vary."""
         schema = handler.resolve_ref_schema(handler(core))
         if cls is ArrayConfig:
-            models = {CURRENT_PROTOCOL: CurrentSensingConfig, **_installed_models()}
+            models: dict[str, type[ArrayConfig]] = {CURRENT_PROTOCOL: CurrentSensingConfig}
+            models |= _installed_models()
             for model in models.values():
                 schema["properties"] = model.model_json_schema()["properties"] | schema["properties"]
             schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *models]
@@ -212,16 +213,16 @@ class CurrentSensingConfig(ArrayConfig):
     port: Literal["none"] = Field(default="none", description="It has none.")
     baudrate_bps: Literal[0] = Field(default=0, description="It has none.")
     gain_spread: Share = Field(
-        description="Bound: the force for a current is off by at most this share, by the motor's torque and by "
-        "what gears and guides lose of it under load."
+        description="Bound: the force for a current is off by at most this share, by the motor's torque and "
+        "by what gears and guides lose of it under load."
     )
     friction_n: tuple[Length, Length] = Field(
-        description="Bound: [lo, hi] of the force at the tip that the slide's current shows in free space, "
-        "going outwards; at rest it shows at most hi (present-current)."
+        description="Bound: [lo, hi] of the force at the tip that the slide's current shows in free space on "
+        "its way, one step of Present Current included; at rest hi at most (present-current)."
     )
     aim_friction_nmm: Length = Field(
-        description="Bound: torque on the slide, N mm, that the aim's current shows at most while it holds and "
-        "nothing touches (present-current)."
+        description="Bound: the torque on the slide, N mm, that the aim's current shows in free space, "
+        "turning steadily or at rest, one step of Present Current included (present-current)."
     )
 
     @model_validator(mode="after")

@@ -298,7 +298,7 @@ def resolution_of(rig: RigFile) -> Resolution:
     # An arm that does not get to the middle has no bound there.
     bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
     turned = max(_normal_error_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
-    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
+    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=min(_NORMAL_HALF_RAD + turned, math.pi))
 
 
 def _normal_error_rad(finger: FingerConfig, force_n: float) -> float:

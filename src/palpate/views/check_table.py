@@ -33,7 +33,10 @@ def show_check(out: CheckOut, console: Console) -> None:
     console.print(f"rig [bold]{escape(out.rig)}[/]{kind}\n", highlight=False)
     console.print(_servos(out.servos, wide=console.width >= _WIDE_COLUMNS))
     console.print()
-    console.print(_arrays(out.arrays, wide=console.width >= _WIDE_COLUMNS))
+    if out.arrays:
+        console.print(_arrays(out.arrays, wide=console.width >= _WIDE_COLUMNS))
+    else:
+        console.print("arrays       none: fingers sense by Present Current")
     console.print()
     for line in [*_bus_lines(out), *_wiring_lines(out.steps)]:
         console.print(line, highlight=False)

@@ -143,8 +143,12 @@ class GripEvidence:
         self.strangers = self._with_strangers(moved, touches, predictions)
         if eliminated:
             self.detectable_shift_mm = math.inf
-        elif not all(touch.finger.tip.measures_normal for touch in touches):
-            # Where along its face a pad is touched, and on what slope, only its points say.
+        elif not all(
+            touch.finger.tip.measures_normal and (touch.normal is not None or not touch.touched)
+            for touch in touches
+        ):
+            # Where along its face a pad is touched, and on what slope, only its points say; where a touch has
+            # no normal, only all of them together.
             self.detectable_shift_mm = recognised_shift_mm(moved, contacts)
         else:
             self.detectable_shift_mm = _detectable_shift_mm(predictions, touches)

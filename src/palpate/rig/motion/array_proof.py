@@ -64,6 +64,8 @@ class SearchWatch:
         hand, contact_n = self._hand, self._hand.rig.closing.contact_force_n
         searching = [run.finger for run in self._runs if run.searching]
         for finger in hand.fingers:
+            if not finger.spec.array.has_device:
+                continue  # its servos' currents are its own
             reading = hand.reading(finger)
             if reading.force_n <= contact_n:
                 if reading.frames and finger not in searching and reading.force_n <= _LEFT_SHARE * contact_n:

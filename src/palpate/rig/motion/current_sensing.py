@@ -4,10 +4,11 @@ A `CurrentSensor` stands where a finger's array would: its frames say what frict
 and the most that may press on the tip (`MOST`). Both are of the force's component along the slide, by the
 slide's current, and of that across, by the aim's.
 
-*Free space.* Going outwards, the slide needs between lo and hi (`friction_n`); at rest friction holds either
-way, with hi at most; so does that of the aim, which rests. What accelerates a servo is not friction: while it
-may still speed up, nothing is sensed. A contact is there from where either current is beyond its bound on, and
-what may have pressed before is `CurrentSensingConfig.hidden_n` at most.
+*Free space.* Going outwards or back, the slide needs between lo and hi (`friction_n`); at rest friction holds
+either way, with hi at most; so does that of the aim, which rests. What accelerates a servo is not friction:
+while it may still speed up, nothing is sensed. A contact is there from where either current is beyond its
+bound, and what may have pressed before is `CurrentSensingConfig.hidden_n` at most. On its way back from the
+part, and before a grip, a finger is in free space: there such a current is an error.
 """
 
 import math
@@ -127,22 +128,24 @@ class CurrentSensor:
         self._waiting.append(TactileFrame(self._count, asked_s, read_s, counts.astype(np.uint16)))
 
     def check_free(self) -> None:
-        """Raise DeviceError if what the servos show now, while nothing touches, is beyond the declared bounds."""
-        along, turning = self._shown
-        high, most = self._bounds.friction_n[1], self._bounds.aim_friction_nmm
-        if along > high:
-            raise self._fault(f"its slide needs {along:.2g} N to hold", f"friction_n = {high:g} N")
-        if turning > most:
-            raise self._fault(f"its aim needs {turning:.3g} N mm to hold", f"aim_friction_nmm = {most:g}")
+        """Raise DeviceError if servos show more than is declared; nothing may touch."""
+        self._check(*self._shown, "to hold")
 
-    def _fault(self, seen: str, declared: str) -> DeviceError:
-        return DeviceError(
-            f"finger {self._name}: {seen} in free space, beyond the declared {declared}: what friction does would "
-            "pass for a contact; see what rubs, and if nothing does, declare more in [fingers.array]"
+    def _check(self, along_n: float, turning_nmm: float, doing: str) -> None:
+        high, most = self._bounds.friction_n[1], self._bounds.aim_friction_nmm
+        if along_n > high:
+            seen, declared = f"its slide needs {along_n:.2f} N {doing}", f"friction_n = {high:g} N"
+        elif turning_nmm > most:
+            seen, declared = f"its aim needs {turning_nmm:.0f} N mm {doing}", f"aim_friction_nmm = {most:g}"
+        else:
+            return
+        raise DeviceError(
+            f"finger {self._name}: {seen} in free space, beyond the declared {declared}: such friction would "
+            "pass for a contact; see what rubs, and if nothing does, declare more in its [fingers.array]"
         )
 
     def _forces_n(self, aim: ServoState, slide: ServoState, at_mm: float) -> tuple[float, float]:
-        """The force that friction does not explain, as the most that it may be, or 0; and the most at rest."""
+        """The force that friction does not explain, at most, 0 if there is none; and the most at rest."""
         bounds, motion = self._bounds, self._motion
         low, high = bounds.friction_n
         along = 1e3 * slide.current_a * self.slide.model.known_torque.nm_per_a / self._mm_per_rad
@@ -151,8 +154,8 @@ class CurrentSensor:
         scale = 1 + bounds.gain_spread
         most = scale * math.hypot(max(along + high, 0.0), across)
         self._shown = along, turning
-        if motion.is_steady_back and -along > high:
-            raise self._fault(f"its slide needs {-along:.2g} N on its way back", f"friction_n = {high:g} N")
+        if motion.is_steady_back:
+            self._check(-along, turning, "on its way back")
         if motion.is_starting or not (along > high or turning > bounds.aim_friction_nmm):
             return 0.0, most
         sensed = scale * math.hypot(max(along - low, 0.0), across) if motion.is_outward else most

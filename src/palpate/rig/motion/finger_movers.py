@@ -255,6 +255,11 @@ class TipMover(_FingerMover):
     def stop_where_held(self, seen: str, remedy: str = "") -> SafetyStop:
         """End of all motion at something that the array does not feel; `seen`: what the finger does."""
         force_n, name = self.hand.reading(self.finger).force_n, self.finger.name
+        if not self.finger.spec.array.has_device:
+            return SafetyStop(
+                f"finger {name} is held: it {seen} after {self.run.travel_mm:.1f} mm of its way, by no more "
+                "than friction may take; fingers were stopped; clear what holds it, or raise max_force_n"
+            )
         felt = f"feels {force_n:.2g} N" if force_n else "feels nothing"
         return SafetyStop(
             f"finger {name} is held: it {seen} after {self.run.travel_mm:.1f} mm of its way, and its array "

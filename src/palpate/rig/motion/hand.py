@@ -493,7 +493,7 @@ class Hand:
             for spec, drive in zip(rig.fingers, drives, strict=True)
         ]
         self.fingers = tuple(map(self._finger, mechanisms, drives, arrays))
-        self.proven = {finger for finger in self.fingers if not finger.spec.array.has_device}
+        self.proven |= {finger for finger in self.fingers if not finger.spec.array.has_device}
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
     def _finger(self, mechanism: Mechanism, drive: Drive, array: ArrayDriver) -> HostFinger:
