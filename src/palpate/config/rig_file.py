@@ -168,6 +168,8 @@ def _check_without_arrays(
         if not isinstance(finger.array, CurrentSensingConfig):
             continue
         place = ("fingers", index, "array", "friction_n")
+        if any(other.array.has_device for other in fingers):
+            raise problem("is there, and other fingers have arrays: all or none must have one", *place)
         if not isinstance(finger, SlideFingerConfig):
             raise problem("is there, and only fingers on slides can sense by current", *place)
         if finger.tip.kind.has_face or not finger.tip.kind.is_upright:
