@@ -15,7 +15,9 @@ from typing import Any
 import dynamixel_sdk
 import pytest
 
+from palpate.config.recognition_results import IdentificationOut
 from palpate.testing import served
+from palpate.views.answer import headline
 from support.benches.rigs import firm_rig, quick_bench, slow_rig
 from support.commands.command import (
     PALPATE,
@@ -355,7 +357,7 @@ def test_the_page_in_chromium(session: Path, page: Page) -> None:
         until(lambda: find("id", "doing").text == "the run has ended")
         events = log_events(session / "session.jsonl.zst")
         (result,) = [event["result"] for event in events if event["event"] == "result"]
-        assert find("id", "title").text == f"{result['verdict']}: {result['object']}, {result['state']}"
+        assert find("id", "title").text.lower() == headline(IdentificationOut.model_validate(result)).lower()
         assert not find("id", "stop").is_displayed()
         for event in [item for item in events if item["event"] == "stage"]:
             browser.execute_script(

@@ -94,7 +94,8 @@ function drawContact(item, frame, px, svg) {
   } else {
     make("circle", { class: "contact", cx: x2, cy: y2, r: Math.max(item.radius, 8 * px) }, svg);
   }
-  label(item.grip, x2, y2, 12 * px, "number", svg);
+  const far = Math.hypot(x1 - x2, y1 - y2) || 1, back = item.pad ? 11 * px : 0;
+  label(item.grip, x2 + back * (x1 - x2) / far, y2 + back * (y1 - y2) / far, 12 * px, "number", svg);
 }
 
 function drawTable(frame) {

@@ -225,8 +225,10 @@ def _contact(touch: LoggedTouch, begin_s: float, end_s: float, film: _Film, view
         if contact.normal is not None:
             shown += normal_wedge(end, radius + _WEDGE, contact.normal.lo_rad, contact.normal.hi_rad)
         if contact.finger.tip.has_face:
-            places = [view.at(place.end_mm) for place in touch.places]
-            shown += "".join(svg.circle(place, 3.0, fill=svg.TIP) for place in places)
+            ends = _face(np.array([start, end]), contact.finger.tip_radius_mm * view.scale)
+            shown += svg.segment(ends[0], ends[1], stroke=svg.TIP, stroke_width=svg.THICK)
+            shown += "".join(svg.circle(view.at(place.end_mm), 3.0, fill=svg.TIP) for place in touch.places)
+            radius, end = 8.0, end + 12.0 * (start - end) / max(float(np.hypot(*(start - end))), 1e-9)
         shown += svg.circle(end, radius, fill=svg.TIP_FILL, stroke=svg.TIP, stroke_width=svg.LINE)
         shown += svg.text(
             str(touch.grip), end[0], end[1] + 4, size=12, fill=svg.TIP, anchor="middle", weight="bold"
