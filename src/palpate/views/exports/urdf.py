@@ -9,7 +9,6 @@ limits at the tip. There are no masses and no bodies to collide with.
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from palpate.base.errors import InputError
@@ -40,7 +39,7 @@ class _Body:
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint and the link that it carries; `value`: of the joint, rad or mm, for its servo's angle (rad)."""
+    """A joint and the link that it carries, limits in rad or m; `value` of it for its servo's angle (rad)."""
 
     name: str
     kind: str
@@ -53,20 +52,10 @@ class _Joint:
     value: Callable[[float], float] | None = None
     bodies: tuple[_Body, ...] = ()
 
-    @property
-    def unit(self) -> float:
-        """Unit of the values in the URDF's."""
-        return _M_PER_MM if self.kind == "prismatic" else 1.0
-
 
 def joint_values(rig: RigFile) -> Mapping[str, Callable[[float], float]]:
     """Values of the URDF's joints, rad or m, as functions of their servos' angles (rad)."""
-
-    def in_si(joint: _Joint, servo_rad: float) -> float:
-        assert joint.value is not None
-        return joint.unit * joint.value(servo_rad)
-
-    return {joint.name: partial(in_si, joint) for joint in _joints(rig) if joint.value is not None}
+    return {joint.name: joint.value for joint in _joints(rig) if joint.value is not None}
 
 
 def rig_urdf(rig: RigFile) -> str:
@@ -83,10 +72,12 @@ def rig_urdf(rig: RigFile) -> str:
         if joint.kind == "fixed":
             continue
         SubElement(element, "axis", xyz="1 0 0" if joint.kind == "prismatic" else "0 0 1")
-        lower, upper = (joint.unit * value for value in joint.limits)
         lever = 1.0 if joint.kind == "prismatic" else joint.lever_mm * _M_PER_MM
         effort, speed = rig.closing.max_force_n * lever, rig.closing.approach_speed_mm_s * _M_PER_MM / lever
-        numbers = {"lower": lower, "upper": upper, "effort": effort, "velocity": speed}
+        numbers = dict(zip(("lower", "upper"), joint.limits, strict=True)) | {
+            "effort": effort,
+            "velocity": speed,
+        }
         SubElement(element, "limit", {name: f"{value:.9g}" for name, value in numbers.items()})
     indent(robot)
     return tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
@@ -133,10 +124,11 @@ def _slide_joints(
         *(f"{name}_aim", "revolute", parent, carrier, at_mm, slide.heading_rad, (lo, hi), far),
         value=lambda servo_rad: slide.facing_rad((servo_rad, 0.0)) - slide.heading_rad,
     )
+    limits = near * _M_PER_MM, far * _M_PER_MM
     rod = _Body("box", {"size": (far, _ROD_MM, _ROD_MM)}, (-far / 2, 0.0, 0.0))
     yield _Joint(
-        *(f"{name}_slide", "prismatic", carrier, f"tip-{name}", (0.0, 0.0, 0.0), 0.0, (near, far)),
-        value=slide.distance_mm,
+        *(f"{name}_slide", "prismatic", carrier, f"tip-{name}", (0.0, 0.0, 0.0), 0.0, limits),
+        value=lambda servo_rad: _M_PER_MM * slide.distance_mm(servo_rad),
         bodies=(_tip_body(finger), rod),
     )
 

@@ -60,9 +60,12 @@ def foxglove_publisher(port: int, ready: Callable[[str], None]) -> PublisherOf:
     def serving(tail: SessionTail, clock: LogClock) -> Iterator[Publisher]:
         channels = FoxgloveChannels(tail.rig, tail.objects, clock)
         name = f"palpate {tail.rig.name}"
-        server: Any = channels.foxglove.start_server(
-            name=name, host=HOST, port=port, context=channels.context
-        )
+        try:
+            server: Any = channels.foxglove.start_server(
+                name=name, host=HOST, port=port, context=channels.context
+            )
+        except RuntimeError as error:  # as the SDK says that a port is taken
+            raise InputError(f"port {port} cannot be served: {error}; choose another with --port") from None
         ready(f"ws://{HOST}:{server.port}")
         try:
             yield channels.take_all
