@@ -55,15 +55,20 @@ ROUGH_MM, ROUGH_RAD = 1.0, math.radians(2)
 _LEAST_ACROSS = 0.3  # sine between edges that give a corner
 
 
-def poses(count: int) -> Iterator[tuple[int, Placed, np.random.Generator]]:
-    """Each part in turn, somewhere."""
+def poses(first: int, count: int) -> Iterator[tuple[int, Placed, np.random.Generator]]:
+    """Each part in turn, somewhere in the workspace."""
     models = outlines(SHARED_OUTLINES)[::EACH][:PARTS]
-    for number in range(count):
-        rng = np.random.default_rng([number, 50])
-        drawn = place_within(models[number % len(models)], rng)
-        centre = shapely.get_coordinates(drawn.shape.centroid)[0]
-        shift = MIDDLE_MM - centre + AREA_MM * math.sqrt(rng.uniform()) * unit(rng.uniform(0, 2 * math.pi))
-        yield number, replace(drawn, x=drawn.x + shift[0], y=drawn.y + shift[1]), rng
+    for number in range(first, first + count):
+        rng, reach = np.random.default_rng([number, 50]), math.inf
+        while reach >= RADIUS_MM:
+            drawn = place_within(models[number % len(models)], rng)
+            centre = shapely.get_coordinates(drawn.shape.centroid)[0]
+            shift = (
+                MIDDLE_MM - centre + AREA_MM * math.sqrt(rng.uniform()) * unit(rng.uniform(0, 2 * math.pi))
+            )
+            placed = replace(drawn, x=drawn.x + shift[0], y=drawn.y + shift[1])
+            reach = shapely.hausdorff_distance(placed.shape, shapely.Point(MIDDLE_MM))
+        yield number, placed, rng
 
 
 def located(grbl: Grbl, machine: Machine, placed: Placed, objects: str) -> dict[str, object]:
@@ -122,6 +127,7 @@ def cornered(grbl: Grbl, machine: Machine, placed: Placed, rng: np.random.Genera
     across = max(range(len(edges)), key=lambda k: abs(math.sin(direction[k] - direction[0])))
     if abs(math.sin(direction[across] - direction[0])) < _LEAST_ACROSS:
         return {"failed": True}
+    grbl.send("G4 P0.01")
     begin_s = machine.seconds
     ends = []
     for edge, share in ((0, 0.2), (0, 0.8), (across, 0.5)):
@@ -164,15 +170,14 @@ def objects_file(folder: Path, without: str | None) -> str:
     return str(folder / "parts.json")
 
 
-def campaign(count: int, folder: Path, *, strangers: bool) -> None:
+def campaign(first: int, count: int, folder: Path, *, strangers: bool) -> None:
     """Print a line a pose, and the table."""
     machine = Machine(build(folder), BALL_MM, top_mm=TOP_MM)
     grbl = Grbl(machine.port, Z_MM, SAFE_Z_MM)
     grbl.send(*SETTINGS)
     ours, theirs = [], []
-    for number, placed, rng in poses(count):
-        reach = float(shapely.hausdorff_distance(placed.shape, shapely.Point(MIDDLE_MM)))
-        assert reach < RADIUS_MM, "the part must lie in the workspace"
+    for number, placed, rng in poses(first, count):
+        grbl.send("G4 P0.01")  # answered when the machine stands
         machine.part = placed.shape
         machine.draw_error = lambda rng=rng: tuple((HELD_MM * unit(rng.uniform(0, 2 * math.pi))).tolist())
         objects = objects_file(folder, placed.model.name if strangers else None)
@@ -211,10 +216,11 @@ def table(ours: list[dict], theirs: list[dict], overlap_mm: float) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--strangers", action="store_true", help="the part in the vice is not in the file")
     asked = parser.parse_args()
     if WHY_NOT:
         sys.exit(WHY_NOT)
     with TemporaryDirectory() as made:
-        campaign(asked.count, Path(made), strangers=asked.strangers)
+        campaign(asked.first, asked.count, Path(made), strangers=asked.strangers)

@@ -29,7 +29,7 @@ class Carrier:
     goals: Goals = _DEFAULT_GOALS
     travel_mm_s: float = 10.0
     search_mm_s: float = 1.0
-    false_match_probability: float = 0.01
+    false_match_probability: float = 0.001
     name: str = "carrier"
     search: SearchConfig = field(init=False, repr=False)
 
