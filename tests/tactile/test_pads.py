@@ -67,6 +67,41 @@ def test_force_position_and_area_of_a_known_load() -> None:
     assert patch.flags == frozenset()
 
 
+@pytest.mark.parametrize("off", [-0.5, 0.5])
+def test_gains_that_are_all_off_alike_are_within_the_bound_that_says_so(off: float) -> None:
+    pressed = np.zeros((ROWS, COLS))
+    pressed[1:5, 2:7] = 0.1
+    patch = touch(extractor(gain_spread=0.5, is_common=True), pressed * (1 + off))
+    assert abs(patch.force_n - pressed.sum()) <= patch.force_bound_n
+    assert touch(extractor(gain_spread=0.5), pressed).force_bound_n < pressed.sum() * 0.5 / 0.5
+
+
+def upright(rows: int, cols: int) -> Description:
+    """A free array round an upright cylinder, columns 20° apart."""
+    angle = np.radians(20.0) * (np.arange(cols) - (cols - 1) / 2)
+    normal = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    normals = np.broadcast_to(normal, (rows, cols, 3))
+    place = 5.0 * normals + np.arange(rows)[:, None, None] * [0.0, 0.0, 2.0]
+    geometry = tuple(np.concatenate([place, normals], axis=2).ravel().tolist())
+    flat = describe(Shape.FLAT, rows, cols, PITCH, ROW_PITCH, counts_per_n=PER_N)
+    return replace(flat, shape=Shape.FREE, columns=(), row_heights_mm=(), geometry=geometry)
+
+
+@pytest.mark.parametrize(
+    ("rows", "col", "half_deg"),
+    [(3, 3, 10.0), (3, 0, 50.0), (1, 3, 50.0)],  # cut above and below only, at an end, and by one row
+)
+def test_an_edge_across_which_normals_do_not_turn_leaves_them_known(
+    rows: int, col: int, half_deg: float
+) -> None:
+    force = np.zeros((rows, 7))
+    force[:, col] = 0.5
+    patch = touch(extractor(upright(rows, 7)), force)
+    assert PatchFlag.TRUNCATED in patch.flags
+    assert math.degrees(patch.angle_rad) == pytest.approx(20.0 * (col - 3))
+    assert math.degrees(patch.angle_half_range_rad) == pytest.approx(half_deg)
+
+
 def test_two_touches_are_two_patches_and_the_stronger_counts() -> None:
     both = loads((1, 1, 0.4), (1, 2, 0.4), (4, 5, 0.5), (4, 6, 0.5))
     patch = touch(extractor(), both)

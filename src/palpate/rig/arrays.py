@@ -9,7 +9,14 @@ from serial.serialutil import SerialBase
 
 from palpate.base.errors import DeviceError, InputError
 from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, load_extension
-from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile, TipConfig
+from palpate.config import (
+    ArrayConfig,
+    ClosingConfig,
+    FingerConfig,
+    RigFile,
+    TipConfig,
+    WrappedArrayConfig,
+)
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.emulators import EmulatedArray, SampledArray, Taxels
 from palpate.drivers.tactile import (
@@ -230,6 +237,7 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
         stiffness_n_per_mm=stiffness,
         stiffness_bound=spread,
         drift_counts_per_s=spec.array.drift_counts_per_s,
+        is_common=isinstance(spec.array, WrappedArrayConfig),
     )
     taxels = spec.array.taxels
     if taxels is None:

@@ -371,7 +371,9 @@ def _force_bound(taxels: TaxelForces, found: _Patch, hidden: Floats, calibration
     noise_n, drift_n = taxels.noise_n.reshape(n, -1), taxels.drift_n.reshape(n, -1)
     patch = np.where(found.around, np.maximum(force, 0.0), 0.0)
     wrong = patch * (spread / (1 - spread))
-    gains = np.minimum(BOUND_SIGMAS / math.sqrt(3) * np.sqrt((wrong**2).sum(axis=1)), wrong.sum(axis=1))
+    gains = wrong.sum(axis=1)
+    if not calibration.is_common:
+        gains = np.minimum(BOUND_SIGMAS / math.sqrt(3) * np.sqrt((wrong**2).sum(axis=1)), gains)
     noise = BOUND_SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
     drift = np.where(found.around, drift_n, 0.0).sum(axis=1)
     bound: Floats = gains + noise + drift + hidden.sum(axis=1)

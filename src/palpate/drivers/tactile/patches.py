@@ -42,6 +42,7 @@ class TipCalibration:
     each neighbour takes). `usable`: False for taxels known to be dead or hot. `drift_counts_per_s`: no
     taxel's zero moves faster; 0 leaves zeros as they were when tared. `force_drift_n_per_s`: neither does
     the zero of what usable taxels of any `WINDOW_COLUMNS` neighbouring columns show together; None: unknown.
+    `is_common`: the gains of all taxels may be off by the same, as where they depend on force or its past.
     """
 
     gain: Floats
@@ -55,6 +56,7 @@ class TipCalibration:
     usable: Bools | None = None
     drift_counts_per_s: float = 0.0
     force_drift_n_per_s: float | None = None
+    is_common: bool = False
 
     @property
     def spreads(self) -> Floats:
