@@ -16,7 +16,7 @@ import tomlkit
 from palpate.base.errors import InputError
 from palpate.base.extensions import TACTILE_ARRAYS
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
-from palpate.config.rig_fingers import PALPATE_PROTOCOL, SHIPPED_PROTOCOLS
+from palpate.config.rig_fingers import CURRENT_PROTOCOL, PALPATE_PROTOCOL, SHIPPED_PROTOCOLS
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.dynamixel.models import SPECIFICATIONS
@@ -318,7 +318,11 @@ def test_the_schema_shows_the_protocols_of_the_plug_ins_in_this_repository() -> 
     array = json.loads(schema_text("rig"))["properties"]["fingers"]["items"]["oneOf"][0]["properties"][
         "array"
     ]
-    assert array["properties"]["protocol"]["examples"] == [PALPATE_PROTOCOL, *SHIPPED_PROTOCOLS]
+    assert array["properties"]["protocol"]["examples"] == [
+        PALPATE_PROTOCOL,
+        CURRENT_PROTOCOL,
+        *SHIPPED_PROTOCOLS,
+    ]
 
 
 def test_every_key_of_a_rig_is_described() -> None:
@@ -337,9 +341,14 @@ def test_every_key_of_a_rig_is_described() -> None:
 
 
 def test_every_key_of_a_rig_is_explained_in_the_docs() -> None:
+<<<<<<< ours
     names = ("docs/rig-file.md", "docs/emulated-rig.md", "docs/adding-a-device.md")
     pages = [*(ROOT / name for name in names), *ROOT.glob("plugins/*/README.md")]
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
+=======
+    pages = ("docs/rig-file.md", "docs/emulated-rig.md", "docs/current-sensing.md", "plugins/weiss/README.md")
+    text = "".join((ROOT / page).read_text(encoding="utf-8") for page in pages)
+>>>>>>> theirs
     documented = set(re.findall(r"`(\w+)`", text))
 
     def keys(node: dict[str, object]) -> set[str]:

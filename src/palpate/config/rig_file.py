@@ -355,9 +355,8 @@ class RigFile(FileModel):
 
     def why_not(self, ability: Ability) -> str | None:
         """Reason why the rig cannot do something, by the first tip that cannot; None if it can."""
-        without = next((finger.name for finger in self.fingers if not finger.array.has_device), None)
-        if without is not None and ability not in _WITHOUT_ARRAYS:
-            return f"finger {without} has no array, and senses by current: it cannot {ability}"
+        if ability not in _WITHOUT_ARRAYS and not all(finger.array.has_device for finger in self.fingers):
+            return f"its fingers have no arrays and sense by Present Current: they cannot {ability}"
         return next(
             (
                 f"finger {finger.name}: its tip is {finger.tip.kind.with_article}, and {why}"
@@ -366,6 +365,11 @@ class RigFile(FileModel):
             ),
             None,
         )
+
+    def require_arrays(self) -> None:
+        """Raise InputError if fingers have no arrays."""
+        if any(not finger.array.has_device for finger in self.fingers):
+            raise InputError(f'rig "{self.name}" has no arrays: its fingers sense by Present Current')
 
     def require(self, ability: Ability) -> None:
         """Raise InputError with that reason, if there is one."""

@@ -226,9 +226,7 @@ def select_fingers(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ..
     """The fingers of these names, all without any; InputError for a name that the rig does not have."""
     there = [finger.name for finger in rig.fingers]
     unknown = next((name for name in names if name not in there), None)
-    without = next((finger.name for finger in rig.fingers if not finger.array.has_device), None)
-    if without is not None:
-        raise InputError(f'rig "{rig.name}": finger {without} has no array: it senses by Present Current')
+    rig.require_arrays()
     if unknown is not None:
         names_there = ", ".join(there)
         raise InputError(f'rig "{rig.name}" has no finger {unknown}; it has {names_there}')

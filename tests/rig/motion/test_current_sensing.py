@@ -14,9 +14,9 @@ import palpate
 from palpate.base.errors import DeviceError, InputError
 from palpate.config import CurrentSensingConfig, load_rig
 from palpate.config.rig_file import change_tables
-from palpate.drivers.dynamixel import Servo, ServoState, model_by_name
+from palpate.drivers.dynamixel import Servo, ServoState, StateSampler, model_by_name
 from palpate.drivers.tactile import TactileFrame
-from palpate.rig.motion.current_sensing import MOST, SENSED, CurrentSampler, CurrentSensor
+from palpate.rig.motion.current_sensing import MOST, SENSED, CurrentSensor
 from support.commands.repository import EXAMPLES
 
 CURRENT_RIG = EXAMPLES / "current-rig.toml"
@@ -39,7 +39,7 @@ class Driven:
             cast("Servo", SimpleNamespace(model=model, dxl_id=k))
             for k, model in enumerate((self.aim, self.slide))
         ]
-        self.sensor = CurrentSensor(RIG, FINGER, (servos[0], servos[1]), cast("CurrentSampler", Sampled()))
+        self.sensor = CurrentSensor(RIG, FINGER, (servos[0], servos[1]), cast("StateSampler", Sampled()))
         self.now, self.at_rad = 0.0, 0.0
 
     def go(self, mm_s: float, seconds: float, along_n: float = 0.0, turning_nmm: float = 0.0) -> TactileFrame:
@@ -51,7 +51,7 @@ class Driven:
             self.now += PERIOD_S
             self.at_rad += mm_s / MM_PER_RAD * PERIOD_S
             slide = states[1]._replace(position_rad=self.at_rad)
-            self.sensor.note(states[0], slide, self.now - 1e-3, self.now)
+            self.sensor.note({0: states[0], 1: slide}, self.now - 1e-3, self.now)
         return self.sensor.frames()[-1]
 
     @property

@@ -13,7 +13,7 @@ same moment: a mark that is still there says that the turns have been counted on
 
 import math
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from palpate.base.errors import DeviceError, InputError
@@ -36,6 +36,7 @@ from palpate.drivers.dynamixel.packet import (
     parse_fast_status,
 )
 from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.transport.clock import Clock
 
 _BLOCK_ITEMS = (
     "Present Current",
@@ -126,6 +127,49 @@ class StateReader:
         return _decode_state(servo.model, answer.params, servo.turns) or Restarted(
             servo.dxl_id, self.bus.port_name
         )
+
+
+TakeStates = Callable[[Mapping[int, ServoState], float, float], None]
+"""Takes servos' states, by id, and the instants (s) at which they were asked for and read."""
+
+
+class StateSampler:
+    """Reads the servos of all that sample, together, whenever a sample is due and one of them asks."""
+
+    def __init__(self, reader: StateReader, clock: Clock) -> None:
+        self._reader, self._clock = reader, clock
+        self._takers: dict[TakeStates, Sequence[Servo]] = {}
+        self._period_s = self._due_s = math.inf
+
+    def start(self, servos: Sequence[Servo], take: TakeStates, rate_hz: float) -> None:
+        """Give the states of some servos to `take` from now on."""
+        self._takers[take] = servos
+        self._period_s = 1 / rate_hz
+        self._due_s = min(self._due_s, self._clock.now())
+
+    def stop(self, take: TakeStates) -> None:
+        """Give `take` no more."""
+        self._takers.pop(take, None)
+        if not self._takers:
+            self._due_s = math.inf
+
+    def wait(self) -> float:
+        """Wait until a sample is due; how long (s) that was, infinite if none will be."""
+        wait_s = max(self._due_s - self._clock.now(), 0.0)
+        if math.isfinite(wait_s):
+            self._clock.sleep(wait_s)
+        return wait_s
+
+    def sample_if_due(self) -> None:
+        """Read servos if it is time; raises what reading raises."""
+        asked_s = self._clock.now()
+        if asked_s < self._due_s:
+            return
+        states = self._reader.read([servo for servos in self._takers.values() for servo in servos]).all()
+        read_s = self._clock.now()
+        self._due_s = max(self._due_s + self._period_s, asked_s)
+        for take in self._takers:
+            take(states, asked_s, read_s)
 
 
 def _decode_state(model: Model, block: bytes, turns: int = 0) -> ServoState | None:

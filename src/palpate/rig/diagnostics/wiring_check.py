@@ -20,7 +20,6 @@ from palpate.drivers.dynamixel import MoveEnd, Servo, ServoMover
 from palpate.drivers.emulators import EmulatedFinger, PartSection
 from palpate.drivers.tactile import ArrayDriver, Description, Shape, TactileFrame
 from palpate.drivers.transport import open_port
-from palpate.rig.array_monitor import select_fingers
 from palpate.rig.arrays import array_of
 from palpate.rig.bench import BenchRig
 from palpate.rig.diagnostics.wiring import Side, TipMove, TipPress, Way, standing_at
@@ -192,7 +191,8 @@ class _Arrays:
         """Raises DeviceError if one does not answer."""
         self._clock = bench.clock
         self.drivers: dict[str, ArrayDriver] = {}
-        for spec in select_fingers(rig, ()):
+        rig.require_arrays()
+        for spec in rig.fingers:
             port = open_port(bench.urls(spec.array.port), spec.array.baudrate_bps)
             ways_out.callback(port.close)
             self.drivers[spec.name] = array_of(spec, port, bench.clock)

@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.base.errors import DeviceError
 from palpate.config import CurrentSensingConfig, FingerConfig, RigFile, SlideFingerConfig
-from palpate.drivers.dynamixel import Servo, ServoState, StateReader
+from palpate.drivers.dynamixel import Servo, ServoState, StateSampler
 from palpate.drivers.kinematics import TICK_RAD
 from palpate.drivers.tactile import (
     ArrayCounters,
@@ -31,7 +31,6 @@ from palpate.drivers.tactile import (
     TactileFrame,
     TipCalibration,
 )
-from palpate.drivers.transport import Clock
 from palpate.rig.mechanisms.mechanism import ACCELERATION_RAD_S2
 
 SENSED, MOST, _SAMPLE = range(3)  # columns of a frame; the last one counts samples: none repeats another
@@ -48,7 +47,7 @@ class CurrentSensor:
     silence = "nothing"
 
     def __init__(
-        self, rig: RigFile, spec: FingerConfig, servos: tuple[Servo, Servo], sampler: "CurrentSampler"
+        self, rig: RigFile, spec: FingerConfig, servos: tuple[Servo, Servo], sampler: StateSampler
     ) -> None:
         """`servos`: aim and slide. `blind_mm`: the way on which a finger speeds up and senses nothing."""
         assert isinstance(spec.array, CurrentSensingConfig)
@@ -95,11 +94,11 @@ class CurrentSensor:
 
     def start(self, rate_hz: float) -> None:
         """Sample from now on."""
-        self._sampler.start(self, rate_hz)
+        self._sampler.start((self.aim, self.slide), self.note, rate_hz)
 
     def stop(self) -> None:
         """Sample no more."""
-        self._sampler.stop(self)
+        self._sampler.stop(self.note)
         self._waiting.clear()
 
     def frames(self) -> list[TactileFrame]:
@@ -117,8 +116,9 @@ class CurrentSensor:
             self._sampler.sample_if_due()
         return self._waiting.popleft()
 
-    def note(self, aim: ServoState, slide: ServoState, asked_s: float, read_s: float) -> None:
-        """Make a frame of states that were asked for and read at two instants."""
+    def note(self, states: Mapping[int, ServoState], asked_s: float, read_s: float) -> None:
+        """Make a frame of states, by id, that were asked for and read at two instants."""
+        aim, slide = states[self.aim.dxl_id], states[self.slide.dxl_id]
         at_mm = self._zero_mm + self._mm_per_rad * slide.position_rad
         self._motion.see(at_mm, aim.position_rad, read_s)
         sensed, most = self._forces_n(aim, slide, at_mm)
@@ -213,47 +213,6 @@ class _SlideMotion:
     def is_steady_back(self) -> bool:
         """True if it goes back, and has sped up."""
         return self._moves(-1) and self._now - self._begun_s >= self._speed_up_s
-
-
-class CurrentSampler:
-    """Reads the servos of all sensors that sample, at one instant, when a sample is due."""
-
-    def __init__(self, reader: StateReader, clock: Clock) -> None:
-        self._reader, self._clock = reader, clock
-        self._sensors: list[CurrentSensor] = []
-        self._period_s, self._due_s = math.inf, math.inf
-
-    def start(self, sensor: CurrentSensor, rate_hz: float) -> None:
-        """Sample a sensor from now on."""
-        if sensor not in self._sensors:
-            self._sensors.append(sensor)
-        self._period_s = 1 / rate_hz
-        self._due_s = min(self._due_s, self._clock.now())
-
-    def stop(self, sensor: CurrentSensor) -> None:
-        """Sample it no more."""
-        self._sensors = [other for other in self._sensors if other is not sensor]
-        if not self._sensors:
-            self._due_s = math.inf
-
-    def wait(self) -> float:
-        """Wait until a sample is due; how long (s) that was, infinite if none will be."""
-        wait_s = max(self._due_s - self._clock.now(), 0.0)
-        if math.isfinite(wait_s):
-            self._clock.sleep(wait_s)
-        return wait_s
-
-    def sample_if_due(self) -> None:
-        """Read servos if it is time; raises what the bus raises."""
-        asked_s = self._clock.now()
-        if asked_s < self._due_s:
-            return
-        servos = [servo for sensor in self._sensors for servo in (sensor.aim, sensor.slide)]
-        states: Mapping[int, ServoState] = self._reader.read(servos).all()
-        read_s = self._clock.now()
-        self._due_s = max(self._due_s + self._period_s, asked_s)
-        for sensor in self._sensors:
-            sensor.note(states[sensor.aim.dxl_id], states[sensor.slide.dxl_id], asked_s, read_s)
 
 
 class CurrentExtractor(ContactExtractor):

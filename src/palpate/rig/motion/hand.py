@@ -32,6 +32,7 @@ from palpate.drivers.dynamixel import (
     ServoMover,
     ServoState,
     StateReader,
+    StateSampler,
     WatchdogTripped,
     guarded_loop,
     hold,
@@ -54,7 +55,7 @@ from palpate.rig.motion.array_guard import (
     note_what_is_on,
     switch_off,
 )
-from palpate.rig.motion.current_sensing import CurrentExtractor, CurrentSampler, CurrentSensor
+from palpate.rig.motion.current_sensing import CurrentExtractor, CurrentSensor
 from palpate.rig.motion.dead_man import DeadManSwitch
 from palpate.rig.motion.homing import (
     HomingPolicy,
@@ -485,7 +486,7 @@ class Hand:
             servo.check()
         self._reader = StateReader(self.bus, self._servos)
         # All ports first: boards that reset when their port opens then boot at the same time.
-        sampler = CurrentSampler(self._reader, self.clock)
+        sampler = StateSampler(self._reader, self.clock)
         arrays = [
             self._arrays.open(spec, open_port)
             if spec.array.has_device
