@@ -341,14 +341,9 @@ def test_every_key_of_a_rig_is_described() -> None:
 
 
 def test_every_key_of_a_rig_is_explained_in_the_docs() -> None:
-<<<<<<< ours
-    names = ("docs/rig-file.md", "docs/emulated-rig.md", "docs/adding-a-device.md")
+    names = ("docs/rig-file.md", "docs/emulated-rig.md", "docs/adding-a-device.md", "docs/current-sensing.md")
     pages = [*(ROOT / name for name in names), *ROOT.glob("plugins/*/README.md")]
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
-=======
-    pages = ("docs/rig-file.md", "docs/emulated-rig.md", "docs/current-sensing.md", "plugins/weiss/README.md")
-    text = "".join((ROOT / page).read_text(encoding="utf-8") for page in pages)
->>>>>>> theirs
     documented = set(re.findall(r"`(\w+)`", text))
 
     def keys(node: dict[str, object]) -> set[str]:

@@ -192,7 +192,6 @@ def export(
     from palpate.views.exports.foxglove import write_mcap
     from palpate.views.exports.rosbag import write_rosbag
     from palpate.views.exports.urdf import rig_urdf
-<<<<<<< ours
     from palpate.views.table_picture.animation import draw_animation
 
     folders = {"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}
@@ -207,20 +206,6 @@ def export(
     if urdf is not None:
         write_text(urdf, rig_urdf(load_calibrated(rig).rig))
     if folder is None or not of_run:
-=======
-
-    of_session = {"--csv": csv, "--mcap": mcap, "--rosbag": rosbag}
-    is_of_rig = not any(of_session.values())
-    if is_of_rig and urdf is None:
-        raise InputError("say what to write: --mcap FILE, --csv FOLDER or --rosbag FOLDER, or --urdf FILE")
-    is_rig = is_of_rig and session.suffix == ".toml"
-    folder = session.parent if is_rig else session_of(session)
-    rig = session if is_rig else folder / "rig.toml"
-    check_different({**of_session, "--urdf": urdf}, rig_files(rig) if is_rig else session_files(folder))
-    if urdf is not None:
-        write_text(urdf, rig_urdf(load_calibrated(rig).rig))
-    if is_of_rig:
->>>>>>> theirs
         return 0
     samples = open_samples(read_session(folder), folder)
     terminal, written = Terminal(stderr=True, highlight=False, markup=False), []

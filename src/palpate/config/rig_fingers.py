@@ -99,11 +99,7 @@ class ArrayConfig(FileModel):
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
     protocol: Text = Field(
         description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts", '
-<<<<<<< ours
-        '"weiss-dsa", "reskin", "fsr-matrix" and "flexitac" come by the plug-ins in plugins/, others by more.'
-=======
         '"weiss-dsa", "reskin", "fsr-matrix" and "flexitac" come by plug-ins in plugins/; others add more.'
->>>>>>> theirs
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
     drift_counts_per_s: Length = Field(
