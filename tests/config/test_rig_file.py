@@ -312,7 +312,7 @@ def test_schemas_are_closed_and_without_references(name: str) -> None:
 def test_the_schema_shows_the_protocols_of_the_plug_ins_in_this_repository() -> None:
     registered: set[str] = set()
     for path in ROOT.glob("plugins/*/pyproject.toml"):
-        points = tomllib.loads(path.read_text(encoding="utf-8"))["project"]["entry-points"]
+        points = tomllib.loads(path.read_text(encoding="utf-8"))["project"].get("entry-points", {})
         registered |= set(points.get(TACTILE_ARRAYS, {}))
     assert registered == set(SHIPPED_PROTOCOLS)
     array = json.loads(schema_text("rig"))["properties"]["fingers"]["items"]["oneOf"][0]["properties"][

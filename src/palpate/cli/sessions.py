@@ -180,7 +180,7 @@ def export(
     a rig file.
     """
     from palpate.base.errors import InputError, quantity
-    from palpate.base.file_io import check_different, write_text
+    from palpate.base.file_io import check_different, check_places, write_text
     from palpate.cli.terminal import Terminal, rig_files, session_files
     from palpate.config import load_calibrated
     from palpate.config.fields import to_json
