@@ -27,7 +27,7 @@ AT_BOUNDS = {
 CASES: Mapping[str, Mapping[str, Any]] = {
     "friction within its bounds": {},
     "friction, cogging and warmth at their bounds": AT_BOUNDS,
-    "friction up to 1.4 times its bound": {"friction": [1.4, 1.9], "cogging": [0.3, 0.6]},
+    "friction up to 1.5 times its bound": {"friction": [1.4, 1.9], "cogging": [0.3, 0.6]},
 }
 
 
