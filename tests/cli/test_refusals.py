@@ -174,7 +174,7 @@ def test_the_installed_command_says_it_in_one_line(tmp_path: Path) -> None:
 # ----------------------------------------------------------------------------------------------------
 # No command writes over what it reads, nor over what else it writes: refused before anything is written.
 
-OUTPUTS = {"report", "keep", "picture", "out", "mcap", "csv", "rosbag", "urdf", "rig_out"}
+OUTPUTS = {"report", "keep", "picture", "out", "mcap", "csv", "rosbag", "animation", "urdf", "rig_out"}
 INPUTS = {
     "rig": "rig.toml",
     "objects": "objects.json",

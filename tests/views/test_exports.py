@@ -26,7 +26,7 @@ from palpate.rig.session.recorded_session import FrameSample, ServoSample, TipSa
 from palpate.views.numerals import at_least, at_most
 from palpate.views.svg import TIP_FILL
 from support.benches.rigs import RUNS
-from support.commands.command import Here, log_events, violations
+from support.commands.command import Here, log_events, missing, violations
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -273,7 +273,7 @@ def test_nothing_is_overwritten_and_something_must_be_asked_for(
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "note.txt").write_text("")
     assert "full is there already" in here("export", session, "--csv", "full").err
-    assert "--mcap, --csv, --rosbag or --animation" in here("export", session).err
+    assert not missing(here("export", session).err, "--mcap", "--csv", "--rosbag", "--animation", "--urdf")
     assert (tmp_path / "there.mcap").read_text() == "of somebody"
 
 

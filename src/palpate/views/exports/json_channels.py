@@ -111,7 +111,7 @@ def json_message(sample: Sample) -> tuple[str, str, _Values]:
             topic, name = f"/tips/{sample.finger}", "Tip"
         case ServoSample():
             topic, name = f"/servos/{sample.joint}", "Servo"
-    return topic, name, {key: getattr(sample, key) for key in sample.__slots__}
+    return topic, name, _plain({key: getattr(sample, key) for key in sample.__slots__})
 
 
 @cache
@@ -126,7 +126,7 @@ def _plain(value: Any) -> Any:
     """A value of the log without nulls, lists of lists, and the thousands of numbers of a touch's trace."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items() if item is not None and key != "trace"}
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         items = [_plain(item) for item in value if item is not None]
         return list(chain(*items)) if items and isinstance(items[0], list) else items
     return value
