@@ -49,16 +49,16 @@ def view(
     from palpate.views.live.server import LiveView, serve
 
     folder = session_of(session)
-    lifetime = None if run is None else _Lifetime(run)
-    check: Callable[[], object] = (lambda: None) if lifetime is None else lifetime.check
     if foxglove or ros is not None:
-        _publish(folder, port if ros is None else ros, check)
+        _publish(folder, port if ros is None else ros)
         return 0
     feed = SessionFeed(folder)
+    lifetime = None if run is None else _Lifetime(run)
 
     def update() -> None:
         feed.update()
-        check()
+        if lifetime is not None:
+            lifetime.check()
 
     stop = None if lifetime is None else _stop_callback(lifetime, load_rig(folder / "rig.toml"))
     shown = LiveView(feed.store, feed.setting, update, stop)
@@ -71,7 +71,7 @@ def view(
     return 0
 
 
-def _publish(folder: Path, where: int | str, check: Callable[[], object]) -> None:
+def _publish(folder: Path, where: int | str) -> None:
     """Publish a running session on Foxglove's websocket, on a port, or to a rosbridge."""
     from palpate.views.live.frames import SessionTail
     from palpate.views.live.publishing import foxglove_publisher, publish, rosbridge_publisher
@@ -80,7 +80,7 @@ def _publish(folder: Path, where: int | str, check: Callable[[], object]) -> Non
         typer.echo(f"{address} has {folder}; Ctrl-C ends", err=True)
 
     make = foxglove_publisher(where, ready) if isinstance(where, int) else rosbridge_publisher(where, ready)
-    publish(SessionTail(folder), make, check)
+    publish(SessionTail(folder), make)
 
 
 class _Lifetime:

@@ -25,6 +25,7 @@ from palpate.views.run_scene import LogClock
 _PERIOD_S = 0.05
 _RETRY_S = 1.0
 _PATIENCE_S = 2.0
+_LAST_MESSAGES_S = 0.5  # until the server has sent them: the answer is among them
 
 Publisher = Callable[[Sequence[Sample]], None]
 """Takes what was recorded since it was called last."""
@@ -33,11 +34,8 @@ PublisherOf = Callable[[SessionTail, LogClock], AbstractContextManager[Publisher
 """Opens a publisher of a session, when its run has begun."""
 
 
-def publish(tail: SessionTail, open_publisher: PublisherOf, check: Callable[[], object]) -> None:
-    """Publish a session while it is recorded; `check` is called 20 times a second, and may end the process.
-
-    Raises InputError for a session that is recorded already.
-    """
+def publish(tail: SessionTail, open_publisher: PublisherOf) -> None:
+    """Publish a session while it is recorded, to its last sample. Raises InputError once it is recorded."""
     if not tail.is_written:
         raise InputError("the run has ended: palpate export writes what was recorded")
     samples = list(tail.read())
@@ -48,7 +46,6 @@ def publish(tail: SessionTail, open_publisher: PublisherOf, check: Callable[[], 
     with open_publisher(tail, LogClock.of(started_in(*header))) as take:
         while samples or not tail.is_ended:
             take(samples)
-            check()
             time.sleep(_PERIOD_S)
             samples = list(tail.read())
 
@@ -69,6 +66,7 @@ def foxglove_publisher(port: int, ready: Callable[[str], None]) -> PublisherOf:
         ready(f"ws://{HOST}:{server.port}")
         try:
             yield channels.take_all
+            time.sleep(_LAST_MESSAGES_S)
         finally:
             server.stop()
 
