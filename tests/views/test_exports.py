@@ -193,10 +193,13 @@ def test_every_json_message_is_what_its_schema_says(
     kept = request.getfixturevalue("session") if run == "two grips" else RUNS[run](tmp_path)
     assert here("export", kept, "--mcap", "run.mcap").code == 0
     validators: dict[str, Draft202012Validator] = {}
+    seen: Counter[str] = Counter()
     with (tmp_path / "run.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
             assert schema is not None
-            if channel.message_encoding != "json":
+            seen[channel.topic] += 1
+            # Of tens of thousands of frames and servo states, all of one form, every fiftieth.
+            if channel.message_encoding != "json" or (seen[channel.topic] > 50 and seen[channel.topic] % 50):
                 continue
             if channel.topic not in validators:
                 text = json.loads(schema.data)
