@@ -196,6 +196,8 @@ def table(ours: list[dict], theirs: list[dict], overlap_mm: float) -> str:
 
     def spread(rows: list[dict], key: str, digits: int) -> str:
         values = of(rows, key)
+        if not len(values):
+            return "none"
         return f"{np.median(values):.{digits}f}, at most {values.max():.{digits}f}"
 
     verdicts = [row["verdict"] for row in ours]

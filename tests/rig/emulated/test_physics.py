@@ -315,6 +315,19 @@ def test_a_part_that_turns_under_a_tip_carries_the_skin_along() -> None:
     assert abs(after.shear_mm) == pytest.approx(0.01 * 4.8, rel=0.01)
 
 
+@settings(max_examples=300, deadline=None)
+@given(st.floats(0.0, 360.0), st.floats(10.0, 120.0), st.floats(90.0, 170.0), st.floats(0.2, 2.5))
+def test_what_pushes_a_tip_is_on_its_skin(turn: float, wedge: float, aside: float, dent_mm: float) -> None:
+    """By the corner of a wedge, too, of which the tip sees one face alone: no ray need meet the corner."""
+    angles = np.radians([turn + aside, turn + aside + wedge])
+    outline = section([[0, 0], *(60 * np.column_stack([np.cos(angles), np.sin(angles)])).tolist()])
+    centre = (RADIUS - dent_mm) * np.array([math.cos(math.radians(turn)), math.sin(math.radians(turn))])
+    load = tip_load(outline, centre, RADIUS, STIFFNESS)
+    assert load is not None
+    felt = load.on_skin_n @ np.column_stack([np.cos(load.angle), np.sin(load.angle)])
+    assert np.hypot(*felt) == pytest.approx(np.hypot(*load.force_n))
+
+
 @pytest.mark.parametrize("friction", [0.0, 0.1, 0.6])
 @pytest.mark.parametrize(
     ("corners", "at"),

@@ -221,7 +221,11 @@ class SkinContact:
         share = _shares(stretch, dent)
         pushes = np.array(self.pushes, dtype=np.float64).reshape(-1, 3)
         push = pushes[:, :2]
-        of = _on_rays(looked, stretch, -1)[pushes[:, 2].astype(np.int64)].astype(np.int64)
+        # The ray nearest to a corner may just miss it; then the one beside it is dented.
+        ray = pushes[:, 2].astype(np.int64)
+        stretches = _on_rays(looked, stretch, -1).astype(np.int64)
+        beside = np.maximum(stretches[ray - 1], stretches[(ray + 1) % _RAYS])
+        of = np.where(stretches[ray] >= 0, stretches[ray], beside)
         count = int(stretch.max()) + 1
         force = _sum_by_stretch(of[of >= 0], push[of >= 0], count)
         spread = _sum_by_stretch(stretch, share[:, None] * _HEADINGS[looked], count)
