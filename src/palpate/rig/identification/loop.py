@@ -176,6 +176,16 @@ class Search:
         return self._chooser
 
     @property
+    def catalogue(self) -> Catalogue:
+        """The catalogue that is searched."""
+        return self._catalogue
+
+    @property
+    def evidence(self) -> GripEvidence:
+        """Evidence of the grips that count."""
+        return self._evidence
+
+    @property
     def made_grips(self) -> Sequence[tuple[Sequence[FingerApproach], tuple[Touch, ...]]]:
         """Approaches and touches of every grip that was taken."""
         return list(zip(self._made, self._grips, strict=True))
@@ -250,7 +260,7 @@ class Search:
         if self._repeated is None:
             grip = grip[: self._most_at_once]
         most = [item.touch_mm_s if self._own else None for item in grip]
-        speeds = [min(self._touch_mm_s(item), own or math.inf) for item, own in zip(grip, most, strict=True)]
+        speeds = [min(self.touch_mm_s(item), own or math.inf) for item, own in zip(grip, most, strict=True)]
         return verdict, tuple(replace(item, touch_mm_s=v) for item, v in zip(grip, speeds, strict=True))
 
     def _next(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
@@ -420,7 +430,7 @@ class Search:
         if len(grip) > 1 and np.median(moved_mm) > _MAX_CARRIED_MOTION_MM:
             self._most_at_once = len(grip) - 1
 
-    def _touch_mm_s(self, approach: FingerApproach) -> float:
+    def touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
 
         As long as it may be several, intervals are wide, and there is no pose to spoil: none creeps long.

@@ -1,0 +1,225 @@
+"""Search for several parts on one table: as `loop` does for one, over all divisions of the touches.
+
+The division that explains most by least leads: a part of it that has been touched is touched further until it
+is told from all others, then what is missing is sought where it may still be, and then each part is placed and
+confirmed. Fingers keep away from all parts but the one that they are to touch, by what is proven of these.
+Nothing is concluded of a part unless every division that is left agrees.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from palpate.base.geometry import Floats
+from palpate.base.vocabulary import IdentificationVerdict, RunLimit
+from palpate.recognizer import FREE_MARGIN_MM, Catalogue, FingerApproach, predict
+from palpate.rig.conversion import finger_of
+from palpate.rig.identification.divisions import Division, PartSearch, divide
+from palpate.rig.identification.exploration import (
+    exploring_grip,
+    fast_to_workspace,
+    inscribed_discs,
+    is_swept,
+    sweeping_grip,
+    unswept_places,
+)
+from palpate.rig.identification.grip_choice import GripChooser
+from palpate.rig.identification.loop import Identification, Search
+from palpate.rig.identification.occupied_room import occupied_room
+from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.approaches import Reach
+
+_LEAST_WAY_MM = 5.0  # a shorter approach meets nothing
+_KEPT_APART_MM = 1.0  # fingers end so far before a part that they are not to touch
+
+
+@dataclass(frozen=True, eq=False)
+class SeveralParts:
+    """Parts that were found on a table: an identification of each, and what is known of the rest of it.
+
+    `parts`: those of the leading division; `certain` (n,): whether all divisions that are left agree on it.
+    `divisions`: how many are left. `is_complete`: there are as many as were asked for, or no room for more.
+    `rest_mm`: no disc of a larger radius is left in the rest of the workspace.
+    """
+
+    outcome: IdentificationVerdict
+    parts: tuple[Identification, ...]
+    certain: tuple[bool, ...]
+    divisions: int
+    is_complete: bool
+    grips: tuple[tuple[Touch, ...], ...]
+    limit: RunLimit | None = None
+
+
+class SeveralSearch:
+    """Search for `most` parts, or for up to as many, under way."""
+
+    def __init__(self, single: Search, most: int, *, exactly: bool = True) -> None:
+        """`single`: a search for one part that has no grips yet."""
+        self._most, self._exactly = most, exactly
+        self._chooser, self._catalogue = single.chooser, single.catalogue
+        self._reach: Reach = single.chooser.reach
+        self._rig = single.rig
+        self._untouched = PartSearch(single, frozenset())
+        self._divisions = [Division(())]
+        self._last = self._divisions
+        self._grips: list[tuple[Touch, ...]] = []
+        self._no_room = False
+        self._discs = inscribed_discs(self._catalogue, {finger_of(item) for item in self._rig.fingers})
+
+    @property
+    def divisions(self) -> Sequence[Division]:
+        """Divisions that nothing refutes, the leading one first."""
+        return self._divisions
+
+    def limit(self, passed_s: float) -> RunLimit | None:
+        """The rig's limit, for as many parts, that is reached after so many seconds."""
+        limits = self._rig.search
+        if len(self._grips) >= self._most * limits.max_grips:
+            return RunLimit.MAX_GRIPS
+        seconds = self._most * (limits.max_seconds or math.inf)
+        return RunLimit.MAX_SECONDS if passed_s >= seconds else None
+
+    def take(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
+        """Divide the touches of a grip that was carried out."""
+        self._grips.append(touches)
+        found, self._untouched = divide(self._divisions, self._untouched, self._most, grip, touches)
+        self._last = self._divisions
+        self._divisions = sorted(found, key=lambda item: item.log_volume)
+
+    def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
+        """The verdict if there is one already, else the next grip."""
+        if not self._divisions:
+            return IdentificationVerdict.UNKNOWN, ()
+        for division in self._divisions:
+            for job in (self._tell_apart, self._find, self._place):
+                part, grip = job(division)
+                if grip:
+                    return None, self._bearable(part, grip)
+        return self._verdict(), ()
+
+    def _tell_apart(self, division: Division) -> tuple[PartSearch, Sequence[FingerApproach]]:
+        """A grip on a part of which more than one answer is left."""
+        for part in division.parts:
+            known = part.recognition
+            if known is None:
+                grip = self._explore_near(division, part)
+            elif self._chooser.answer(known) is None:
+                grip = self._choose(division, part)
+            else:
+                continue
+            if grip:
+                return part, grip
+        return self._untouched, ()
+
+    def _place(self, division: Division) -> tuple[PartSearch, Sequence[FingerApproach]]:
+        """A grip that places a part more finely, or confirms what it is."""
+        for part in division.parts:
+            grip = () if part.recognition is None else self._choose(division, part)
+            if grip:
+                return part, grip
+        return self._untouched, ()
+
+    def _find(self, division: Division) -> tuple[PartSearch, Sequence[FingerApproach]]:
+        """A grip where a part that is missing may be."""
+        if len(division.parts) >= self._most:
+            return self._untouched, ()
+        contacts = self._untouched.search.evidence.contacts
+        reach = self._open_reach(division, None)
+        if not contacts:
+            return self._untouched, exploring_grip(reach, contacts)
+        left = unswept_places(contacts, self._discs, self._rig.workspace.radius_mm)
+        for span, disc in self._discs.items():
+            for part in division.parts:
+                room = occupied_room(part.recognition, span)
+                left[span] = left[span].difference(room.buffer(max(disc.radius_mm, 0.0)))
+        self._no_room = is_swept(left, self._discs)
+        if self._no_room:
+            return self._untouched, ()
+        return self._untouched, sweeping_grip(reach, contacts, left, self._discs)
+
+    def _explore_near(self, division: Division, part: PartSearch) -> Sequence[FingerApproach]:
+        return exploring_grip(self._open_reach(division, part), part.search.evidence.contacts)
+
+    def _choose(self, division: Division, part: PartSearch) -> Sequence[FingerApproach]:
+        known = part.recognition
+        assert known is not None, "a part that was told apart"
+        chooser: GripChooser = replace(self._chooser, reach=self._open_reach(division, part))
+        choice = chooser.choose(part.search.evidence, known)
+        if choice.grip is None:
+            return ()
+        part.search.evidence.checks += choice.is_check
+        return choice.grip.limited_approaches
+
+    def _open_reach(self, division: Division, focus: PartSearch | None) -> Reach:
+        """All approaches, each ending before it may meet any part but the one that it is to touch."""
+        free = np.array([item.travel_mm for item in self._reach.approaches])
+        for part in division.parts:
+            if part is not focus and part.recognition is not None:
+                free = np.minimum(free, self._free_mm(part, self._reach.approaches) - _KEPT_APART_MM)
+        rows = np.flatnonzero(free > _LEAST_WAY_MM)
+        some = self._reach.only(rows)
+        shorter = zip(some.approaches, free[rows].tolist(), strict=True)
+        return replace(some, approaches=tuple(item.up_to(far) for item, far in shorter))
+
+    def _free_mm(self, part: PartSearch, approaches: Sequence[FingerApproach]) -> Floats:
+        """Travel (n,) that is proven free of a part."""
+        known = part.recognition
+        if known is None or not known.hypotheses:
+            outside = [fast_to_workspace(item, self._rig.workspace.radius_mm) for item in approaches]
+            return np.array([item.fast_mm for item in outside])
+        found = predict(known.catalogue, known.hypotheses, known.anchor_mm, approaches)
+        result: Floats = found.earliest.min(axis=1)
+        return result
+
+    def _bearable(self, part: PartSearch, grip: Sequence[FingerApproach]) -> tuple[FingerApproach, ...]:
+        """The grip at speeds that parts bear, and fast only where no division has anything."""
+        every = {id(item): item for division in self._divisions for item in division.parts}
+        parts = list(every.values())
+        if any(len(division.parts) < self._most for division in self._divisions):
+            parts.append(self._untouched)
+        free = np.min([self._free_mm(item, grip) for item in parts], axis=0) - FREE_MARGIN_MM
+        outside = [fast_to_workspace(item, self._rig.workspace.radius_mm).fast_mm for item in grip]
+        fast = np.maximum(np.maximum(free, 0.0), outside)
+        speeds = [part.search.touch_mm_s(item) for item in grip]
+        return tuple(
+            replace(item, fast_mm=min(far, item.travel_mm), touch_mm_s=min(speed, item.touch_mm_s or math.inf))
+            for item, far, speed in zip(grip, fast.tolist(), speeds, strict=True)
+        )
+
+    def _agreed(self, part: PartSearch) -> bool:
+        return all(any(other is part for other in item.parts) for item in self._divisions)
+
+    def _verdict(self) -> IdentificationVerdict:
+        """Verdict on the whole table: of the parts, the weakest."""
+        if not self._divisions:
+            return IdentificationVerdict.UNKNOWN
+        leading = self._divisions[0]
+        complete = len(leading.parts) == self._most or (self._no_room and not self._exactly)
+        if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
+            return IdentificationVerdict.UNRESOLVED
+        verdicts = {part.search.copy().conclude().outcome for part in leading.parts}
+        if verdicts == {IdentificationVerdict.IDENTIFIED}:
+            return IdentificationVerdict.IDENTIFIED
+        if verdicts <= {IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE}:
+            return IdentificationVerdict.INDISTINGUISHABLE
+        return IdentificationVerdict.UNRESOLVED
+
+    def conclude(self, limit: RunLimit | None = None) -> SeveralParts:
+        """What is known of all parts."""
+        parts = self._divisions[0].parts if self._divisions else ()
+        return SeveralParts(
+            self._verdict(),
+            tuple(part.search.copy().conclude() for part in parts),
+            tuple(map(self._agreed, parts)),
+            len(self._divisions),
+            len(parts) == self._most or self._no_room,
+            tuple(self._grips),
+            limit,
+        )
+
+
+Execute = Callable[[Sequence[FingerApproach]], Sequence[Touch]]
