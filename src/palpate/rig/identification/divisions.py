@@ -14,9 +14,11 @@ from functools import cached_property
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Contact, FingerApproach, Recognition
 from palpate.rig.identification.loop import Search
+from palpate.rig.identification.occupied_room import Core
 from palpate.rig.motion.touch import Touch
 
 _FIRST_SHARE = 0.01  # of all configurations, that each of the first touches leaves: an order follows from it
+_MOST_CORES = 8  # of hypotheses: more overlap with hardly anything all together
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,20 @@ class PartSearch:
         """True if no state of the catalogue fits these touches."""
         known = self.search.evidence.recognition
         return known is not None and known.verdict is RecognitionVerdict.NONE
+
+    @cached_property
+    def cores(self) -> tuple[Core, ...] | None:
+        """What the part fills by each hypothesis; None where too little is known, or there are too many."""
+        known = self.recognition
+        if known is None or not 0 < len(known.hypotheses) <= _MOST_CORES:
+            return None
+        return tuple(map(Core, known.hypotheses))
+
+    def excludes(self, other: "PartSearch") -> bool:
+        """Return whether the two cannot be on one table: all of their hypotheses overlap."""
+        if self.cores is None or other.cores is None:
+            return False
+        return all(one.overlaps(two) for one in self.cores for two in other.cores)
 
     @cached_property
     def log_volume(self) -> float:
@@ -92,12 +108,19 @@ def divide(
     """All divisions after one more grip, and what is known of a part that nothing has touched."""
     met = [k for k, touch in enumerate(touches) if touch.contact.touched]
     known: dict[tuple[int, frozenset[int]], PartSearch] = {}
+    exclude: dict[tuple[int, int], bool] = {}
 
     def grown(part: PartSearch, own: frozenset[int]) -> PartSearch:
         key = id(part), own
         if key not in known:
             known[key] = part.grown(grip, touches, own)
         return known[key]
+
+    def clash(one: PartSearch, two: PartSearch) -> bool:
+        key = id(one), id(two)
+        if key not in exclude:
+            exclude[key] = one.excludes(two)
+        return exclude[key]
 
     found = []
     for division in divisions:
@@ -106,7 +129,7 @@ def divide(
             parts = []
             for part, own in zip(before, shares, strict=True):
                 parts.append(grown(part, own))
-                if parts[-1].is_refuted:
+                if parts[-1].is_refuted or any(clash(item, parts[-1]) for item in parts[:-1]):
                     break
             else:
                 found.append(Division(tuple(parts)))

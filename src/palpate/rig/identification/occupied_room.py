@@ -1,42 +1,65 @@
-"""Room that a part certainly takes up: what all configurations that are left have in common."""
+"""Room that a part certainly takes up: what it fills in every configuration that is left. Parts never overlap."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
 from shapely import affinity
 
+from palpate.base.geometry import Section
 from palpate.base.geometry.outlines import region_of
-from palpate.recognizer import Hypothesis, Recognition
+from palpate.recognizer import Hypothesis
 
-_CHORDS = 16
-
-
-def occupied_room(recognition: Recognition | None, span_mm: tuple[float, float]) -> shapely.Geometry:
-    """Region in W, between two heights (mm), that the part fills wherever it is; empty if none is known."""
-    if recognition is None or not recognition.hypotheses:
-        return shapely.Polygon()
-    rooms = [core_of(item, span_mm) for item in recognition.hypotheses]
-    return shapely.intersection_all(rooms)
+_CHORDS = 16  # in a quarter
+_SLIVER_MM2 = 1e-6  # rounding overlaps by less
 
 
-def core_of(hypothesis: Hypothesis, span_mm: tuple[float, float]) -> shapely.Geometry:
-    """Region in W that is inside of the part in every configuration of a hypothesis.
+@dataclass(frozen=True, eq=False)
+class Core:
+    """What is inside of a part in every configuration of one hypothesis."""
 
-    Its section, at the hypothesis's configuration, less how far any of its points may be from there.
-    """
-    state, at, bounds = hypothesis.state, hypothesis.configuration, hypothesis.search_bounds
-    region = shapely.union_all([region_of(item.polygons) for item in state.state.sections_within(span_mm)])
-    if region.is_empty:
-        return region
-    corners = shapely.get_coordinates(region)
-    reach = float(np.hypot(*(corners - state.origin_mm).T).max())
-    x, y = (max(abs(lo - here), abs(hi - here)) for (lo, hi), here in ((bounds.x_mm, at.x_mm), (bounds.y_mm, at.y_mm)))
-    turn = max(abs(bounds.theta_rad[0] - at.theta_rad), abs(bounds.theta_rad[1] - at.theta_rad))
-    # Positions are those of the file's origin, about which it is turned.
-    lever = float(np.hypot(*corners.T).max())
-    off = math.hypot(x, y) + min(turn, math.pi) * lever + state.tolerance_mm + state.rounding_mm
-    placed = affinity.translate(
-        affinity.rotate(region, at.theta_rad, origin=(0, 0), use_radians=True), at.x_mm, at.y_mm
-    )
-    return placed.buffer(-off / math.cos(math.pi / (4 * _CHORDS)), _CHORDS)
+    hypothesis: Hypothesis
+
+    @cached_property
+    def off_mm(self) -> float:
+        """Distance of any point of the part from where the hypothesis's own configuration puts it, at most."""
+        at, bounds, state = self.hypothesis.configuration, self.hypothesis.search_bounds, self.hypothesis.state
+        x, y, turn = (
+            max(abs(lo - here), abs(hi - here))
+            for (lo, hi), here in (
+                (bounds.x_mm, at.x_mm),
+                (bounds.y_mm, at.y_mm),
+                (bounds.theta_rad, at.theta_rad),
+            )
+        )
+        corners = np.concatenate([ring for item in state.state.sections for ring in item.rings])
+        lever = float(np.hypot(*corners.T).max())
+        return math.hypot(x, y) + min(turn, math.pi) * lever + state.tolerance_mm + state.rounding_mm
+
+    @cached_property
+    def sections(self) -> Sequence[tuple[tuple[float, float], shapely.Geometry]]:
+        """Heights (from, to) mm and core in W of each section."""
+        return [(item.z_mm, self._core(item)) for item in self.hypothesis.state.state.sections]
+
+    def _core(self, section: Section) -> shapely.Geometry:
+        at, region = self.hypothesis.configuration, region_of(section.polygons)
+        turned = affinity.rotate(region, at.theta_rad, origin=(0, 0), use_radians=True)
+        # Chords of a buffer's arcs must not leave more than the arcs would.
+        off = self.off_mm / math.cos(math.pi / (4 * _CHORDS))
+        return affinity.translate(turned, at.x_mm, at.y_mm).buffer(-off, _CHORDS)
+
+    def within(self, span_mm: tuple[float, float]) -> shapely.Geometry:
+        """All of it between two heights (mm)."""
+        lo, hi = span_mm
+        return shapely.union_all([core for (low, high), core in self.sections if low <= hi and high >= lo])
+
+    def overlaps(self, other: "Core") -> bool:
+        """Return whether the two parts would certainly be in one place, at some height."""
+        return any(
+            min(high, top) > max(low, bottom) and shapely.intersection(core, there).area > _SLIVER_MM2
+            for (low, high), core in self.sections
+            for (bottom, top), there in other.sections
+        )

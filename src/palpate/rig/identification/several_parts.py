@@ -28,7 +28,6 @@ from palpate.rig.identification.exploration import (
 )
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.loop import Identification, Search
-from palpate.rig.identification.occupied_room import occupied_room
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach
 
@@ -88,7 +87,7 @@ class SeveralSearch:
         self._grips.append(touches)
         found, self._untouched = divide(self._divisions, self._untouched, self._most, grip, touches)
         self._last = self._divisions
-        self._divisions = sorted(found, key=lambda item: item.log_volume)
+        self._divisions = sorted(found, key=lambda item: -item.log_volume)
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
         """The verdict if there is one already, else the next grip."""
@@ -134,7 +133,8 @@ class SeveralSearch:
         left = unswept_places(contacts, self._discs, self._rig.workspace.radius_mm)
         for span, disc in self._discs.items():
             for part in division.parts:
-                room = occupied_room(part.recognition, span)
+                rooms = [core.within(span) for core in part.cores or ()]
+                room = shapely.intersection_all(rooms) if rooms else shapely.Polygon()
                 left[span] = left[span].difference(room.buffer(max(disc.radius_mm, 0.0)))
         self._no_room = is_swept(left, self._discs)
         if self._no_room:
@@ -158,7 +158,7 @@ class SeveralSearch:
         """All approaches, each ending before it may meet any part but the one that it is to touch."""
         free = np.array([item.travel_mm for item in self._reach.approaches])
         for part in division.parts:
-            if part is not focus and part.recognition is not None:
+            if part is not focus and part.recognition is not None and self._agreed(part):
                 free = np.minimum(free, self._free_mm(part, self._reach.approaches) - _KEPT_APART_MM)
         rows = np.flatnonzero(free > _LEAST_WAY_MM)
         some = self._reach.only(rows)
