@@ -67,6 +67,7 @@ class SeveralSearch:
         self._last = self._divisions
         self._grips: list[tuple[Touch, ...]] = []
         self._no_room = False
+        self._settled: dict[PartSearch, IdentificationVerdict | None] = {}  # no grip promises more of it
         self._discs = inscribed_discs(self._catalogue, {finger_of(item) for item in self._rig.fingers})
 
     @property
@@ -87,6 +88,7 @@ class SeveralSearch:
         self._grips.append(touches)
         found, self._untouched = divide(self._divisions, self._untouched, self._most, grip, touches)
         self._last = self._divisions
+        self._settled = {}
         self._divisions = sorted(found, key=lambda item: -item.log_volume)
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
@@ -150,6 +152,7 @@ class SeveralSearch:
         chooser: GripChooser = replace(self._chooser, reach=self._open_reach(division, part))
         choice = chooser.choose(part.search.evidence, known)
         if choice.grip is None:
+            self._settled[part] = choice.verdict
             return ()
         part.search.evidence.checks += choice.is_check
         return choice.grip.limited_approaches
@@ -190,6 +193,9 @@ class SeveralSearch:
             for item, far, speed in zip(grip, fast.tolist(), speeds, strict=True)
         )
 
+    def _conclude(self, part: PartSearch) -> Identification:
+        return part.search.copy().conclude(self._settled.get(part))
+
     def _agreed(self, part: PartSearch) -> bool:
         return all(any(other is part for other in item.parts) for item in self._divisions)
 
@@ -201,7 +207,7 @@ class SeveralSearch:
         complete = len(leading.parts) == self._most or (self._no_room and not self._exactly)
         if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
-        verdicts = {part.search.copy().conclude().outcome for part in leading.parts}
+        verdicts = {self._conclude(part).outcome for part in leading.parts}
         if verdicts == {IdentificationVerdict.IDENTIFIED}:
             return IdentificationVerdict.IDENTIFIED
         if verdicts <= {IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE}:
@@ -213,7 +219,7 @@ class SeveralSearch:
         parts = self._divisions[0].parts if self._divisions else ()
         return SeveralParts(
             self._verdict(),
-            tuple(part.search.copy().conclude() for part in parts),
+            tuple(map(self._conclude, parts)),
             tuple(map(self._agreed, parts)),
             len(self._divisions),
             len(parts) == self._most or self._no_room,
