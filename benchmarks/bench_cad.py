@@ -118,10 +118,10 @@ def identified(rig: RigFile, catalogue: Catalogue, item: Lying, seed: int) -> tu
     lying = draw_placement(
         ObjectsFile((item.model,)), rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0])
     )
-    bench = set_up(rig, lying, seed)
+    bench = set_up(rig, [lying], seed)
     begin = time.perf_counter()
     out = run_identification(
-        IdentificationJob(rig, catalogue, lying, Strategy.PLANNED, seed, None), environment(bench)
+        IdentificationJob(rig, catalogue, (lying,), Strategy.PLANNED, seed, None), environment(bench)
     ).out(wall_seconds=0.0, session=None)
     truth = out.truth
     right = truth is not None and truth.named and truth.inside_bounds

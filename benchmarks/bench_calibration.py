@@ -123,7 +123,7 @@ def one(
 ) -> dict[str, object]:
     """Calibrate one rig and identify parts on it; everything that is worth keeping."""
     rig, references = rig_of(kind, load), load_references(RIGS[kind][1])
-    bench = set_up(rig, None, seed)
+    bench = set_up(rig, (), seed)
     table = emulated_table(bench, seed)
     assert table is not None
     job = CalibrationJob(rig, "0" * 64, references, STEPS, 0.999, datetime.now(UTC), None)
@@ -157,7 +157,7 @@ def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None
     lying = draw_placement(
         objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0, scene])
     )
-    bench = set_up(rig, lying, seed)
+    bench = set_up(rig, [lying], seed)
     used, seen = rig, lying
     if file is not None:
         assert bench.mock is not None
@@ -167,7 +167,7 @@ def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None
     try:
         check_accuracy(used, rig.name)
         job = IdentificationJob(
-            used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC)
+            used, Catalogue(objects.objects), (seen,), Strategy.PLANNED, seed, file, datetime.now(UTC)
         )
         out = run_identification(job, environment(bench)).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
@@ -191,7 +191,7 @@ def retouched(
     drawn: RigFile, references: ReferencesFile, seed: int, file: CalibrationFile
 ) -> dict[str, object]:
     """Whether a re-touch of the rig, which has not changed, agrees with its calibration."""
-    rig, bench = apply_calibration(drawn, file), set_up(drawn, None, seed)
+    rig, bench = apply_calibration(drawn, file), set_up(drawn, (), seed)
     table = emulated_table(bench, seed + 1)
     uncertainties = contact_uncertainties(file, at_rest=False)
     assert table is not None

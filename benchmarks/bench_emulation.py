@@ -168,14 +168,14 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     rig = rig.model_copy(update={"emulation": emulation})
     objects = load_objects(shipped_objects())
     trace, share = Trace(), Share()
-    with composition.connect(composition.set_up(rig, None, 0)):
+    with composition.connect(composition.set_up(rig, (), 0)):
         pass  # what is imported when it is first used is no cost of a run
     began = time.process_time()
     catalogue = Catalogue(objects.objects)
-    placement = composition.choose_placement(rig, objects, None, case["seed"])
+    (placement,) = composition.choose_placements(rig, objects, None, case["seed"])
     if case["traced"]:
         _trace(trace, case)
-    bench = composition.set_up(rig, placement, case["seed"])
+    bench = composition.set_up(rig, [placement], case["seed"])
     assert bench.mock is not None, "the rig is emulated"
     emulated = bench.mock.rig.bench
     for finger in emulated.fingers:
@@ -188,7 +188,7 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     except PalpateError as problem:
         outcome = f"{type(problem).__name__}: {problem}"
     spent = time.process_time() - began
-    shift = emulated.part.displacement
+    shift = emulated.parts.displacements[0]
     truth = [*shift.shift_mm, shift.turn_rad, bench.clock.now()]
     for finger in emulated.fingers:
         truth += [*finger.centre_mm, finger.hardest_n, finger.hardest_on_taxels_n]
@@ -248,7 +248,7 @@ def _befall(bench: Any, case: dict[str, Any]) -> None:
             servo.set_supply(12.0)
         case "push":
             for other in bench.fingers:
-                other.put(other.outline)
+                other.put(other.outlines)
 
 
 def run(checkout: Path, case: dict[str, Any]) -> dict[str, Any]:

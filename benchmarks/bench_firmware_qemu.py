@@ -34,7 +34,7 @@ from palpate.base.errors import DeviceError
 from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from support.devices.firmware import expected_counts
 from support.devices.ports import NoisyPort, PipePort
 from support.devices.qemu import (
@@ -135,9 +135,8 @@ def part_row(seed: int) -> Row:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         rig, parts = slow_bench(folder)
-        truth = choose_placement(load_rig(rig), load_objects(parts), None, seed)
-        assert truth is not None
-        with board_bench(load_rig(rig), truth, seed, folder) as bench:
+        (truth,) = choose_placements(load_rig(rig), load_objects(parts), None, seed)
+        with board_bench(load_rig(rig), [truth], seed, folder) as bench:
             real = write_real_rig(rig, bench.paths, folder / "real.toml")
             done = subprocess.run(
                 [sys.executable, "-m", "palpate", "identify", "--rig", real, "--objects", parts, "--json"],

@@ -19,7 +19,7 @@ from palpate.base.errors import PalpateError
 from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.diagnosis_results import HoldCheckOut
 from palpate.config.emulation import EmulatedPartConfig
-from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
+from palpate.rig.bench import BenchRig, choose_placements, connect, set_up
 from palpate.rig.diagnostics.motion_checks import check_hold, least_threshold_n, with_light_touch
 
 
@@ -51,12 +51,10 @@ def measured(bench: BenchRig) -> HoldCheckOut:
 def run(seed: int, engine: str, feet: int) -> tuple[float, float] | None:
     """One part: part_holds_n and least_n as shares of the true force; None if there is no answer."""
     rig, part = drawn(seed, engine, feet)
-    lies = choose_placement(rig, load_objects(shipped_objects()), None, seed)
-    assert lies is not None
-    bench = set_up(rig, lies, seed)
+    (lies,) = choose_placements(rig, load_objects(shipped_objects()), None, seed)
+    bench = set_up(rig, [lies], seed)
     assert bench.emulated is not None
-    assert bench.emulated.part is not None
-    slip_n = bench.emulated.part.slip_n
+    slip_n = bench.emulated.parts[0].slip_n
     row = f"{seed:4}  {lies.model.name:8} {slip_n:6.3f}  {part.tip_friction:4.2f}"
     begin = time.perf_counter()
     try:
@@ -64,7 +62,7 @@ def run(seed: int, engine: str, feet: int) -> tuple[float, float] | None:
     except PalpateError as error:
         print(f"{row}  {error}", flush=True)
         return None
-    moved = bench.emulated.bench.part.displacement
+    moved = bench.emulated.bench.parts.displacements[0]
     fingers = "  ".join(
         f"{item.finger} {item.pressed_n / slip_n:.2f}/{(item.holds_n or 0) / slip_n:.2f}"
         + ("" if item.slid else " stood")

@@ -146,7 +146,7 @@ class Watch:
         )
         assert self._bench.mock is not None, "the rig is emulated"
         for finger in self._bench.mock.rig.bench.fingers:
-            finger.put(outline_at(self.placement, finger.truth.height_mm))
+            finger.put([outline_at(self.placement, finger.truth.height_mm)])
 
 
 def run(job: Job) -> Run:
@@ -156,7 +156,7 @@ def run(job: Job) -> Run:
     objects = load_objects(job.objects or shipped_objects())
     catalogue = Catalogue(objects.objects)
     placement = _placement(job, objects, rig.emulation.placement_radius_mm if rig.emulation else 0.0)
-    bench = set_up(rig, placement, job.seed)
+    bench = set_up(rig, [placement], job.seed)
     watch = Watch(bench, placement, job)
     with connect(bench) as hand:
         hand.prepare()

@@ -32,8 +32,8 @@ from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.part import FrictionSupport
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import BenchRig, choose_placement, connect, set_up
-from palpate.rig.emulated.hidden_truth import draw_part, support_of
+from palpate.rig.bench import BenchRig, choose_placements, connect, set_up
+from palpate.rig.emulated.hidden_truth import draw_parts, support_of
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.events import Event, Observers, StageEvent
 from palpate.rig.identification.identify import identify
@@ -80,7 +80,7 @@ class Hidden:
 
     def pose(self) -> list[float]:
         """Where the part is now: x, y (mm), θ (rad)."""
-        moved = self._bench.part.displacement
+        moved = self._bench.parts.displacements[0]
         x, y = moved.place(np.array([self._placement.x_mm, self._placement.y_mm])).tolist()
         return [x, y, self._placement.theta_rad + moved.turn_rad]
 
@@ -117,18 +117,16 @@ def run(job: Job) -> None:
     begin = time.perf_counter()
     objects = load_objects(job.objects)
     rig, rng = drawn(job, load_rig(job.rig))
-    placement = choose_placement(rig, objects, None, job.seed)
+    (placement,) = choose_placements(rig, objects, None, job.seed)
     assert rig.emulation is not None
-    assert placement is not None
-    truth = draw_part(rig.emulation.part, placement, job.seed)
-    assert truth is not None
+    (truth,) = draw_parts(rig.emulation.part, [placement], job.seed)
     try:
         support = support_of(truth, placement)
     except InputError as error:  # too narrow to stand on feet: no run
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "skipped.txt").write_text(str(error))
         return
-    bench = set_up(rig, placement, job.seed)
+    bench = set_up(rig, [placement], job.seed)
     assert bench.emulated is not None
     hidden = Hidden(bench.emulated.bench, placement, [finger.name for finger in rig.fingers])
     said = declared(job, rig, support, rng)
@@ -155,7 +153,7 @@ def run(job: Job) -> None:
         "rig_s": bench.clock.now(),
     }
     if result is not None:
-        begun = IdentificationJob(said, Catalogue(objects.objects), placement, Strategy.PLANNED, job.seed)
+        begun = IdentificationJob(said, Catalogue(objects.objects), (placement,), Strategy.PLANNED, job.seed)
         ended = IdentificationRun(begun, result, True, bench.clock.now(), None, None, None)
         out = ended.out(wall_seconds=time.perf_counter() - begin, session=None)
         (folder / "result.json").write_text(out.model_dump_json())

@@ -146,7 +146,7 @@ def run(seed: int, number: int, length_mm: float | None) -> str:
     model = models[int(rng.integers(len(models)))]
     x, y, theta = *rng.uniform(-6, 6, 2).tolist(), float(rng.uniform(-math.pi, math.pi))
     placement = Placement(model, model.states[0], x, y, theta)
-    bench = set_up(rig, placement, seed + number)
+    bench = set_up(rig, [placement], seed + number)
     with connect(bench) as hand:
         hand.prepare()
         result = identify(hand, Catalogue(models))

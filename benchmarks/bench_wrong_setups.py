@@ -46,10 +46,10 @@ def mounted(setup: SetUp) -> Iterator[list[EmulatedRig]]:
     emulate, taxels = bench.emulate, devices.Taxels
     true = RigFile.model_validate(setup.true)
 
-    def emulate_truth(_: RigFile, placement: Any, seed: int) -> EmulatedRig:
+    def emulate_truth(_: RigFile, placements: Any, seed: int) -> EmulatedRig:
         SpoiltTaxels.names = tuple(finger.name for finger in true.fingers)
         SpoiltTaxels.sensors, SpoiltTaxels.made = setup.sensors, 0
-        found = emulate(true, placement, seed)
+        found = emulate(true, placements, seed)
         chain, baudrate = found.devices[true.bus.port]
         for packet in setup.written:
             chain.feed_at(packet, 0.0, baudrate)  # type: ignore[attr-defined]

@@ -289,7 +289,7 @@ def test_what_cannot_be_told_is_not_told() -> None:
 
 
 def test_promises_are_the_deviations_behind_the_bounds() -> None:
-    file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
+    file = truth_calibration(RIG, emulate(RIG, (), 0).bench.fingers)
     promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None
     assert [item.scatter_mm for item in promises] == pytest.approx([0.003 * math.sqrt(160 / 140)] * 3)
@@ -302,7 +302,7 @@ def test_promises_are_the_deviations_behind_the_bounds() -> None:
 
 def test_slides_at_rest_may_be_half_a_step_from_where_they_seem() -> None:
     """Touches of a session scatter by steps that touches of the calibration, on the move, do not show."""
-    file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
+    file = truth_calibration(RIG, emulate(RIG, (), 0).bench.fingers)
     moving, resting = contact_uncertainties(file, at_rest=False), contact_uncertainties(file, at_rest=True)
     assert moving is not None
     assert resting is not None

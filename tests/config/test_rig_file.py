@@ -476,4 +476,4 @@ def test_flat_arrays_are_not_emulated(tmp_path: Path) -> None:
     file = tmp_path / "rig.toml"
     file.write_text(rig_text("weiss-wts", "counts_per_n = 9.0", 'shape = "flat"'), encoding="utf-8")
     with pytest.raises(InputError, match="finger f1: flat arrays cannot be emulated; leave"):
-        emulate(load_rig(file), None, 1)
+        emulate(load_rig(file), (), 1)

@@ -401,7 +401,7 @@ def pinged(rig_text: str, folder: Path) -> set[int]:
     path = folder / "rig.toml"
     path.write_text(rig_text)
     rig = load_rig(path)
-    mock = on_mock_wires(emulate(rig, None, seed=1))
+    mock = on_mock_wires(emulate(rig, (), seed=1))
     bus = Bus(open_port(mock.urls[rig.bus.port], rig.bus.baudrate_bps), mock.clock, rig.bus.baudrate_bps)
     numbers = {bus.ping(s.dxl_id).model_number for finger in rig.fingers for s in finger.servos.values()}
     bus.close()

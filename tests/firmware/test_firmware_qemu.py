@@ -20,7 +20,7 @@ from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.ports import open_port
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from support.campaign.sampling import sample
 from support.commands.command import run
 from support.devices.firmware import FIRMWARE, build_firmware, expected_counts, read_quiet, read_until
@@ -270,9 +270,8 @@ def test_what_it_costs_is_what_the_readme_says(machine: Machine) -> None:
 @pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}")
 def test_check_watch_and_identify(tmp_path: Path) -> None:
     rig, parts = slow_bench(tmp_path)
-    truth = choose_placement(load_rig(rig), load_objects(parts), None, 5)
-    assert truth is not None
-    with board_bench(load_rig(rig), truth, 5, tmp_path) as bench:
+    (truth,) = choose_placements(load_rig(rig), load_objects(parts), None, 5)
+    with board_bench(load_rig(rig), [truth], 5, tmp_path) as bench:
         real = write_real_rig(rig, bench.paths, tmp_path / "real.toml")
         checked = run("check", "--rig", real, "--json", cwd=tmp_path)
         watched = run("watch", "--rig", real, "--for", 3, "--json", cwd=tmp_path)

@@ -34,14 +34,14 @@ from palpate.config.diagnosis_results import Cause
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.patches import PatchFlag
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import choose_placement, connect, set_up
+from palpate.rig.bench import choose_placements, connect, set_up
 from palpate.rig.diagnostics.calibration_check import calibration_out, judge_calibration
 from palpate.rig.diagnostics.diagnosis import check_out, diagnose
 from palpate.rig.diagnostics.host_ports import Computer
 from palpate.rig.diagnostics.servo_bus import endpoint_of_rig
 from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.emulated.ground_truth import placement_in_hand_frame
+from palpate.rig.emulated.ground_truth import placements_in_hand_frame
 from palpate.rig.identification.identify import search
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.guarded_approach import GripPhase
@@ -166,7 +166,7 @@ def test_a_calibration_of_the_rig_before_it_was_changed_is_refused(
 
 def test_devices_are_told_apart() -> None:
     rig = load_rig(firm_rig())
-    with connect(set_up(rig, None, SEED)) as hand:
+    with connect(set_up(rig, (), SEED)) as hand:
         devices = devices_of(hand)
         file = full_calibration(rig, devices=devices)
         check_devices(file, hand)
@@ -187,15 +187,13 @@ def test_devices_are_told_apart() -> None:
 
 def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
     rig = load_rig(loose)
-    lying = choose_placement(rig, load_objects(shipped_objects()), None, SEED)
-    assert lying is not None
+    (lying,) = choose_placements(rig, load_objects(shipped_objects()), None, SEED)
     put_beside(loose, bench_calibration(rig, SEED))
     on_bench = load_calibrated(loose)
-    assert placement_in_hand_frame(load_calibrated(loose, calibration=False), lying, SEED) is lying
-    seen = placement_in_hand_frame(on_bench, lying, SEED)
-    assert seen is not None
+    assert placements_in_hand_frame(load_calibrated(loose, calibration=False), [lying], SEED) == (lying,)
+    (seen,) = placements_in_hand_frame(on_bench, [lying], SEED)
     assert math.dist((seen.x_mm, seen.y_mm), (lying.x_mm, lying.y_mm)) > 0.1
-    bench = set_up(rig, lying, SEED)
+    bench = set_up(rig, [lying], SEED)
     assert bench.emulated is not None
     for finger, emulated in zip(on_bench.rig.fingers, bench.emulated.bench.fingers, strict=True):
         truth = emulated.truth
@@ -220,7 +218,7 @@ def shipped() -> RigFile:
 def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Path) -> None:
     rig_path = tmp_path / "bench.toml"
     rig_path.write_bytes(firm_rig().read_bytes())
-    with connect(set_up(shipped, None, 0)) as hand:
+    with connect(set_up(shipped, (), 0)) as hand:
         file = full_calibration(shipped, devices=devices_of(hand))
     put_beside(rig_path, file)
     on_bench = load_calibrated(rig_path)
@@ -317,7 +315,7 @@ class Felt:
 
 @pytest.fixture(scope="module")
 def file() -> CalibrationFile:
-    return truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
+    return truth_calibration(RIG, emulate(RIG, (), 0).bench.fingers)
 
 
 @pytest.fixture(scope="module")

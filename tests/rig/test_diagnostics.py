@@ -34,7 +34,7 @@ from palpate.config.diagnosis_results import (
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.models import specification
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
 from palpate.rig.diagnostics.calibration_check import Retouch, judge_friction, judge_touch, retouch, touch_out
@@ -167,7 +167,7 @@ def test_a_part_holds_what_is_said_and_is_hardly_moved(seed: int, part: dict[str
     assert out.slid
     assert [item.finger for item in out.fingers] == ["f1", "f2"]
     assert all(item.moved_mm < 1.0 for item in out.fingers)
-    moved = session.bench.part.displacement
+    moved = session.bench.parts.displacements[0]
     assert np.hypot(*moved.shift_mm) < out.moved_mm + 0.2
     assert max(finger.hardest_n for finger in session.bench.fingers) < 1.1 * slip_n
     assert not any(session.torque().values())

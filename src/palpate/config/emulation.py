@@ -5,12 +5,13 @@ emulators use any of it. The seed draws values from ranges [lo, hi].
 """
 
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from palpate.config.fields import FileModel, Flag, Length, Name, Number, Positive, Text, in_order
+from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, Positive, Text, in_order
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import TAG, problem
 
@@ -151,32 +152,101 @@ class PartProperties(FileModel):
     friction: Friction | None = Field(default=None, description="Friction between part and table.")
 
 
+_StateName = Annotated[Name | None, Field(description="Stable state; may be left out if there is one only.")]
+_ObjectsPath = Annotated[
+    Text | None, Field(description="File the object comes from, beside this one; else the run's catalogue.")
+]
+_Properties = Annotated[
+    PartProperties, Field(description="Mass and friction, before those of the rig file's [emulation.part].")
+]
+
+
+class ScenePart(FileModel):
+    """One of several objects on the table."""
+
+    object: Name = Field(description="Name of the object.")
+    configuration: ConfigurationText
+    state: _StateName = None
+    objects: _ObjectsPath = None
+    part: _Properties = PartProperties()
+
+
+MAX_SCENE_PARTS = 8
+
+
 class Scene(FileModel):
-    """One object on the table, `palpate/scene@1`; `load_scene` seeks its `objects` beside the scene file."""
+    """One object on the table, or several `parts`, `palpate/scene@1`.
+
+    `load_scene` seeks files of `objects` beside the scene file.
+    """
 
     format: Literal["palpate/scene@1"]
-    object: Name = Field(description="Name of the object on the table.")
-    configuration: ConfigurationText
-    state: Name | None = Field(
-        default=None, description="Stable state; may be left out if there is one only."
+    object: Name | None = Field(default=None, description="Name of the object on the table.")
+    configuration: ConfigurationText | None = None
+    state: _StateName = None
+    objects: _ObjectsPath = None
+    part: _Properties = PartProperties()
+    parts: Items[ScenePart] | None = Field(
+        default=None,
+        min_length=1,
+        max_length=MAX_SCENE_PARTS,
+        description="Several objects, in place of object and configuration above.",
     )
-    objects: Text | None = Field(
-        default=None, description="File the object comes from, beside this one; else the run's catalogue."
-    )
-    part: PartProperties = Field(
-        default=PartProperties(),
-        description="Mass and friction, before those of the rig file's [emulation.part].",
-    )
+
+    @model_validator(mode="after")
+    def _check_form(self) -> Self:
+        beside = [key for key in ScenePart.model_fields if key in self.model_fields_set]
+        if self.parts is not None and beside:
+            raise problem(f'is there beside "{beside[0]}"; give one object, or a list of parts', "parts")
+        if self.parts is None:
+            for key in ("object", "configuration"):
+                if getattr(self, key) is None:
+                    raise problem(f'the key "{key}" is missing; or give several objects as "parts"')
+        return self
+
+    @property
+    def entries(self) -> tuple[ScenePart, ...]:
+        """The objects, of either form."""
+        if self.parts is not None:
+            return tuple(self.parts)
+        assert self.object is not None, "checked by _check_form"
+        assert self.configuration is not None, "checked by _check_form"
+        return (
+            ScenePart(
+                object=self.object,
+                configuration=self.configuration,
+                state=self.state,
+                objects=self.objects,
+                part=self.part,
+            ),
+        )
+
+    def with_files(self, renamed: Callable[[str, int], str]) -> "Scene":
+        """The scene with other files of objects: each by its name now and the number of its part, from 0."""
+
+        def moved(part: _PartT, number: int) -> _PartT:
+            if part.objects is None:
+                return part
+            return part.model_copy(update={"objects": renamed(part.objects, number)})
+
+        if self.parts is None:
+            return moved(self, 0)
+        parts = [moved(part, number) for number, part in enumerate(self.parts)]
+        return self.model_copy(update={"parts": parts})
+
+
+_PartT = TypeVar("_PartT", Scene, ScenePart)
 
 
 def load_scene(source: Source) -> Scene:
-    """Read and check the scene in `source`; its `objects` path is taken from the scene file's folder.
+    """Read and check the scene in `source`; its `objects` paths are taken from the scene file's folder.
 
     Raises:
         InputError: unreadable, wrong keys or values; one line.
 
     """
     scene = load_json(source, Scene, {})
-    if scene.objects is None or not isinstance(source, str | os.PathLike):
+    if not isinstance(source, str | os.PathLike):
         return scene
-    return scene.model_copy(update={"objects": str(Path(source).parent / scene.objects)})
+    folder = Path(source).parent
+    return scene.with_files(lambda name, _: str(folder / name))

@@ -276,6 +276,20 @@ class TruthOut(Out):
     at_measurement: tuple[ConfigurationOut, ...] | None = None
 
 
+class PlacedOut(Out):
+    """Part on an emulated table, as it lies when the fingers have left."""
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+
+
+class TruthOfSeveralOut(TruthOut):
+    """Truth of several parts: that of the part which the answer fits best, and the `others`."""
+
+    others: tuple[PlacedOut, ...]
+
+
 class CalibrationUsedOut(Out):
     """The calibration that a run used, and whether what it felt agrees with it.
 
@@ -426,7 +440,7 @@ class IdentificationOut(Out):
     wall_seconds: Rounded
     session: str | None
     calibration: CalibrationUsedOut | None = None
-    truth: TruthOut | None = None
+    truth: TruthOfSeveralOut | TruthOut | None = None
     motion_bounds: tuple[MotionBoundOut, ...] = ()
     assumed_holds_n: Rounded | None = None
     hold_contradicted: bool = False

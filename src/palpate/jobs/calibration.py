@@ -131,7 +131,7 @@ def calibrate_rig(
     keeper = RunRecordFile(paths.record)
     if request.restart:
         keeper.forget()
-    bench = set_up(rig, None, seed)
+    bench = set_up(rig, (), seed)
     table = request.table or emulated_table(bench, seed)
     if table is None:
         raise InputError(
@@ -202,7 +202,7 @@ def home_rig(on_bench: RigOnBench, seed: int, notice: Callable[[str], None]) -> 
     """Connect, home, disconnect. Arguments and errors as `Rig.home`."""
     check_homable(on_bench)
     names = _homable_fingers(on_bench)
-    bench = replace(set_up(on_bench.described, None, seed), rig=on_bench.rig)
+    bench = replace(set_up(on_bench.described, (), seed), rig=on_bench.rig)
     with connect(bench, notice=notice) as hand:
         hand.prepare(home=HomingPolicy.ALL)
         found = [(finger.name, finger.drive.servos[1]) for finger in hand.fingers if finger.name in names]

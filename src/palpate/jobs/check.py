@@ -27,7 +27,7 @@ from palpate.config.wiring_record import ConfirmedWiring
 from palpate.config.writers import change_rig, keep_confirmed
 from palpate.jobs.calibration import SHIPPED_RIG, references_from
 from palpate.jobs.files import PathLike
-from palpate.rig.bench import BenchRig, choose_placement, connect, emulated_table, environment, set_up
+from palpate.rig.bench import BenchRig, choose_placements, connect, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration_run import build_references, rig_connector
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.calibration_check import CALIBRATION, Retouch, judge_touch, retouch
@@ -216,12 +216,12 @@ def _push_part(
 ) -> HoldCheckOut:
     """Connect, push, disconnect. On an emulated table lies what `identify` finds there by the same seed."""
     described = on_bench.described
-    lies = (
-        choose_placement(described, load_objects(shipped_objects()), None, seed)
+    placements = (
+        choose_placements(described, load_objects(shipped_objects()), None, seed)
         if described.emulated
-        else None
+        else ()
     )
-    bench = replace(set_up(described, lies, seed), rig=on_bench.rig)
+    bench = replace(set_up(described, placements, seed), rig=on_bench.rig)
     with connect(bench, notice=notice) as hand:
         hand.prepare()
         quietest_n = least_threshold_n(hand)
@@ -256,7 +256,7 @@ def _touch_disc(
     assert on_bench.calibration is not None, "refused before"
     uncertainties = contact_uncertainties(on_bench.calibration, at_rest=False)
     assert uncertainties is not None, "refused before"
-    bench = set_up(on_bench.described, None, seed)
+    bench = set_up(on_bench.described, (), seed)
     table = table or emulated_table(bench, seed)
     if table is None:
         raise InputError(f'rig "{on_bench.rig.name}" is real: give the table, on which the disc is put')
@@ -373,5 +373,5 @@ def examine_rig(
 
 def _bench(place: BusEndpoint, on_bench: RigOnBench) -> BenchRig:
     """The devices that were examined: emulated ones are those of `place`."""
-    found = place.devices if isinstance(place.devices, BenchRig) else set_up(on_bench.described, None, 0)
+    found = place.devices if isinstance(place.devices, BenchRig) else set_up(on_bench.described, (), 0)
     return replace(found, urls=place.urls)

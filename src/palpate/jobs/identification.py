@@ -24,12 +24,12 @@ from palpate.config.recognition_results import UnknownStateOut
 from palpate.config.writers import file_text
 from palpate.jobs.files import select_known
 from palpate.jobs.recognition import Answer
-from palpate.rig.bench import BenchRig, choose_placement, environment, set_up
+from palpate.rig.bench import BenchRig, choose_placements, environment, set_up
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.conversion import finger_of
-from palpate.rig.emulated.ground_truth import placement_in_hand_frame, scene_lines
+from palpate.rig.emulated.ground_truth import placements_in_hand_frame, scene_lines
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
@@ -101,12 +101,12 @@ class IdentificationRequest:
         content.update(name_strategy(self.strategy).encode())
         return f"identify-seed-{self.seed}-{content.hexdigest()[:8]}"
 
-    def with_part(self) -> tuple[Self, Placement | None]:
+    def with_parts(self) -> tuple[Self, tuple[Placement, ...]]:
         """The request with the scene that a later run on an emulated table draws, and what lies there."""
         described = self.on_bench.described
-        lies = choose_placement(described, self.objects, self.scene, self.seed)
+        placements = choose_placements(described, self.objects, self.scene, self.seed)
         if not self.run or self.scene is not None or described.emulation is None:
-            return self, lies
+            return self, placements
         rng = np.random.default_rng([self.seed, 0, self.run])
         radii = described.emulation.placement_radius_mm, described.workspace.radius_mm
         lies = draw_placement(self.objects, radii[0], rng, radii[1])
@@ -114,17 +114,17 @@ class IdentificationRequest:
         scene = Scene(
             format="palpate/scene@1", object=lies.model.name, configuration=at, state=lies.state.name
         )
-        return replace(self, scene=scene), lies
+        return replace(self, scene=scene), (lies,)
 
 
 @dataclass(frozen=True)
 class _PreparedRun:
-    """A run that is about to begin, `begin_s` on the computer's clock; `lies`: what is on the table now."""
+    """A run that is about to begin, `begin_s` on the computer's clock; `lie`: the parts on the table now."""
 
     request: IdentificationRequest
     job: IdentificationJob
     bench: BenchRig
-    lies: Callable[[], Placement | None]
+    lie: Callable[[], tuple[Placement, ...]]
     begin_s: float
 
     def answer(self, run: IdentificationRun, session: Path | None) -> Answer:
@@ -141,31 +141,31 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
     on_bench.rig.require("identify")
     check_accuracy(on_bench.rig, str(on_bench.path))
     objects, left_out = select_known(request.objects, on_bench.rig.fingers, request.name, calls.warn)
-    request, lies = replace(request, objects=objects, left_out=left_out).with_part()
+    request, placements = replace(request, objects=objects, left_out=left_out).with_parts()
     for line in finding_lines(on_bench.rig, request.objects.objects, request.name):
         calls.warn(line)
-    for line in () if request.scene is None or lies is None else scene_lines(on_bench.described, lies):
+    for line in () if request.scene is None else scene_lines(on_bench.described, placements):
         calls.warn(line)
     # Before there are ports, which processes that prepare it would inherit.
     catalogue = prepare_catalogue(
         request.objects.objects, map(finger_of, on_bench.rig.fingers), calls.progress
     )
-    bench = set_up(on_bench.described, lies, request.seed)
-    lies_now = partial(placement_in_hand_frame, on_bench, lies, request.seed, bench.emulated)
+    bench = set_up(on_bench.described, placements, request.seed)
+    lie_now = partial(placements_in_hand_frame, on_bench, placements, request.seed, bench.emulated)
     job = IdentificationJob(
         on_bench.rig,
         catalogue,
-        lies_now(),
+        lie_now(),
         request.strategy,
         request.seed,
         on_bench.calibration,
         datetime.now(UTC).replace(microsecond=0),
         request.proof,
     )
-    prepared = _PreparedRun(request, job, bench, lies_now, begin)
+    prepared = _PreparedRun(request, job, bench, lie_now, begin)
     if sessions is not None:
         return _identify_with_log(prepared, sessions, calls)
-    run = run_identification(job, environment(bench), None, calls.observers, calls.notice, lies_now)
+    run = run_identification(job, environment(bench), None, calls.observers, calls.notice, lie_now)
     return prepared.answer(run, None)
 
 
@@ -182,10 +182,10 @@ def _identify_with_log(prepared: _PreparedRun, sessions: Path, calls: Callbacks)
             calls.on_session(folder)
             with HeldInterrupts() as held:
                 there = environment(bench, log, latency_s, held.check)
-                run = run_identification(job, there, log, calls.observers, calls.notice, prepared.lies)
+                run = run_identification(job, there, log, calls.observers, calls.notice, prepared.lie)
             if run.truth is not None:
-                part = None if bench.emulated is None else bench.emulated.part
-                log.event(TRUTH_EVENT, **run.truth.values(part))
+                parts = () if bench.emulated is None else bench.emulated.parts
+                log.event(TRUTH_EVENT, **run.truth.values(parts))
             answer = prepared.answer(run, folder)
             log.event("result", result=answer.result.model_dump(mode="json"))
         _write_results(answer, folder)

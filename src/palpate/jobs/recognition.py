@@ -134,8 +134,8 @@ class Answer:
     def picture(self) -> str:
         """SVG: the object found, contacts, approaches, and which grip eliminated what."""
         run = self.run
-        placement = None if run.truth is None else run.truth.placement
-        return identification_picture(run.result, placement, run.job.rig, self.result)
+        placements = () if run.truth is None else run.truth.placements
+        return identification_picture(run.result, placements, run.job.rig, self.result)
 
     def _repr_svg_(self) -> str:
         return self.picture()

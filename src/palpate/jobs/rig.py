@@ -49,7 +49,7 @@ from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
 from palpate.rig.array_monitor import find_array_ports, pace_clock, select_fingers, stream_arrays
-from palpate.rig.bench import choose_placement, environment, set_up
+from palpate.rig.bench import choose_placements, environment, set_up
 from palpate.rig.commissioning.calibration_run import STEPS
 from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.wiring_check import Onlooker
@@ -379,8 +379,8 @@ class Rig:
         request = IdentificationRequest(
             self._on_bench, models, name, given, self._seed, run, Strategy.PLANNED, unconfirmed
         )
-        lies = None if is_empty else request.with_part()[1]
-        there = environment(set_up(self.described, lies, self._seed))
+        placements = () if is_empty else request.with_parts()[1]
+        there = environment(set_up(self.described, placements, self._seed))
         with unwind_on_signals(), BackgroundCall("the display", notice) as beside, ExitStack() as connection:
             hand = prepared_hand(there, self.file, self._on_bench.calibration, request.proof, beside)
             yield ReadyRig(connection.enter_context(hand), connection)
@@ -405,9 +405,9 @@ class Rig:
         described = self._on_bench.described
         if described.emulation is None:
             raise InputError(f'rig "{described.name}" has no [emulation] table: there is nothing to emulate')
-        lies = choose_placement(described, objects_from(objects), scene_from(scene), self._seed)
+        placements = choose_placements(described, objects_from(objects), scene_from(scene), self._seed)
         devices, clock, done = (
-            emulate(described, lies, self._seed).devices,
+            emulate(described, placements, self._seed).devices,
             MonotonicClock(),
             threading.Event(),
         )

@@ -15,10 +15,10 @@ from palpate.drivers.transport import Clock
 from palpate.jobs.files import PathLike, check_arguments
 from palpate.jobs.monitor import Monitor
 from palpate.rig.array_monitor import open_recorded_arrays, pace_clock
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
-from palpate.rig.emulated.ground_truth import placement_in_hand_frame
+from palpate.rig.emulated.ground_truth import placements_in_hand_frame
 from palpate.rig.identification.result import IdentificationJob, WiringProof
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
@@ -109,8 +109,8 @@ class Session:
         on_bench, objects, given = load_kept_inputs(
             self.folder, scene=scene, calibration=used_calibration(self.log)
         )
-        seen = placement_in_hand_frame(
-            on_bench, choose_placement(on_bench.described, objects, given, seed), seed
+        seen = placements_in_hand_frame(
+            on_bench, choose_placements(on_bench.described, objects, given, seed), seed
         )
         started = None if on_bench.calibration is None else self._started()
         models = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))

@@ -217,7 +217,7 @@ def find_array_ports(rig: RigFile) -> ArrayPorts:
     """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
     if not rig.emulated:
         return ArrayPorts(MonotonicClock(), PortSharing(open_port).open)
-    bench = set_up(rig, None, 0)
+    bench = set_up(rig, (), 0)
     sharing = PortSharing(lambda port, baudrate: open_port(bench.urls(port), baudrate))
     return ArrayPorts(bench.clock, sharing.open, bench)
 

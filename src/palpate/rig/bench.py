@@ -4,7 +4,7 @@ With `emulated.devices` and `emulated.scene`, which it calls, the only part of a
 emulators.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,19 +24,22 @@ from palpate.drivers.transport import (
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
-from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placement_of
+from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placements_of
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
 
 
 @dataclass(frozen=True, eq=False)
 class BenchRig:
-    """A rig that is ready to be connected: its clock, how to open its ports, and what only emulators know."""
+    """A rig that is ready to be connected: its clock, how to open its ports, and what only emulators know.
+
+    `placements`: of the parts on an emulated table.
+    """
 
     rig: RigFile
     clock: Clock
     urls: Callable[[str], str]
-    placement: Placement | None
+    placements: tuple[Placement, ...]
     mock: MockRig | None
 
     @property
@@ -45,8 +48,10 @@ class BenchRig:
         return None if self.mock is None else self.mock.rig
 
 
-def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
-    """Choose what lies on the table of an emulated rig; None for a real one.
+def choose_placements(
+    rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int
+) -> tuple[Placement, ...]:
+    """Choose what lies on the table of an emulated rig; nothing for a real one.
 
     Raises InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that
     is too high for an arm's links to pass above it, and for one that is not known where a finger is.
@@ -56,13 +61,13 @@ def choose_placement(rig: RigFile, objects: ObjectsFile, scene: Scene | None, se
     if rig.emulation is None:
         if scene is not None:
             raise InputError(f'a scene is for emulated rigs; rig "{rig.name}" has real devices')
-        return None
+        return ()
     if scene is not None:
-        placement = placement_of(scene, objects)
-        check_known([placement.model], rig.fingers)  # it may come from a file of its own
-        return placement
+        placements = placements_of(scene, objects)
+        check_known([item.model for item in placements], rig.fingers)  # they may come from other files
+        return placements
     rng = np.random.default_rng([seed, 0])
-    return draw_placement(objects, rig.emulation.placement_radius_mm, rng, rig.workspace.radius_mm)
+    return (draw_placement(objects, rig.emulation.placement_radius_mm, rng, rig.workspace.radius_mm),)
 
 
 def check_heights(rig: RigFile, objects: ObjectsFile) -> None:
@@ -77,12 +82,12 @@ def check_heights(rig: RigFile, objects: ObjectsFile) -> None:
             )
 
 
-def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
+def set_up(rig: RigFile, placements: Sequence[Placement], seed: int) -> BenchRig:
     """Start the emulated devices of an emulated rig in virtual time; leave a real rig's ports alone."""
     if rig.emulation is None:
-        return BenchRig(rig, MonotonicClock(), str, None, None)
-    mock = on_mock_wires(emulate(rig, placement, seed))
-    return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
+        return BenchRig(rig, MonotonicClock(), str, (), None)
+    mock = on_mock_wires(emulate(rig, placements, seed))
+    return BenchRig(rig, mock.clock, mock.urls.__getitem__, tuple(placements), mock)
 
 
 def emulated_table(bench: BenchRig, seed: int) -> ReferencePlacer | None:

@@ -176,7 +176,7 @@ def touch_mark(grip: int, contact: Contact, points: Sequence[Contact] = ()) -> v
 
 
 def identification_picture(
-    result: Identification, placement: Placement | None, rig: RigFile, out: IdentificationOut
+    result: Identification, placements: Sequence[Placement], rig: RigFile, out: IdentificationOut
 ) -> str:
     """SVG of a run: the object found, if one was, contacts, approaches, and what was ruled out when."""
     hypotheses = hypotheses_of(result)
@@ -188,16 +188,15 @@ def identification_picture(
         values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
         for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
     ]
-    truth: tuple[Floats, ...] = ()
-    if placement is not None:
-        truth = tuple(rings_of(shape_of(placement, placement.state.sections[0])))
     return picture.draw(
         values.Picture(
             title=headline(out),
             subtitle=(f"rig {rig.name}",),
             found=() if found is None else rings_at(found),
             pose=None if placed is None else bounded_pose(placed.configuration, placed.bounds),
-            truth=truth,
+            truth=tuple(
+                ring for lies in placements for ring in rings_of(shape_of(lies, lies.state.sections[0]))
+            ),
             others=tuple(others),
             touches=tuple(
                 touch_mark(number, touch.contact, touch.touched_points)

@@ -30,7 +30,7 @@ from palpate.rig.catalogue.reachability import (
     untouched_lines,
 )
 from palpate.rig.emulated.ground_truth import scene_lines
-from palpate.rig.emulated.scene import Placement, placement_of
+from palpate.rig.emulated.scene import placements_of
 from palpate.rig.identification.identify import search
 from palpate.rig.reach.approaches import reach_of
 from support.benches.parts import OUTLINE, objects_file, part, scene_file
@@ -318,8 +318,8 @@ SCENES: dict[str, tuple[dict[str, Any], tuple[float, float], list[str]]] = {
 def test_scenes_that_fingers_cannot_feel(tmp_path: Path, name: str) -> None:
     entry, at, said = SCENES[name]
     objects = load_objects(objects_file(tmp_path / "parts.json", entry))
-    placement: Placement = placement_of(load_scene(scene_file(tmp_path / "scene.json", "p", *at)), objects)
-    lines = scene_lines(load_rig(firm_rig()), placement)
+    placements = placements_of(load_scene(scene_file(tmp_path / "scene.json", "p", *at)), objects)
+    lines = scene_lines(load_rig(firm_rig()), placements)
     assert len(lines) == bool(said)
     for words in said:
         assert words in lines[0]

@@ -26,7 +26,7 @@ from palpate.config import (
 from palpate.config.calibration_file import load_references
 from palpate.config.calibration_finger import ActuatorsCalibration, RotaryCalibration
 from palpate.config.calibration_overlay import frame_offset_bound_mm
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import EmulatedStage, FingerTruth
 from palpate.drivers.emulators.tip import PartSection
 from palpate.rig.bench import emulated_table, environment, set_up
@@ -105,7 +105,7 @@ def known_but_for_the_stage(rig: RigFile, seed: int) -> CalibrationFile:
 def test_a_stage_is_calibrated_on_the_emulated_bench(tmp_path: Path) -> None:
     """Its step alone, servos and all, with fingers that were calibrated before."""
     rig = loose_stage(tmp_path)
-    bench = set_up(rig, None, SEED)
+    bench = set_up(rig, (), SEED)
     before = known_but_for_the_stage(rig, SEED)
     table = emulated_table(bench, SEED)
     assert table is not None
@@ -144,7 +144,7 @@ def whole() -> Whole:
 
 
 def truth_of_stage(whole: Whole) -> EmulatedStage:
-    bench = set_up(whole.rig, None, SEED)
+    bench = set_up(whole.rig, (), SEED)
     assert bench.emulated is not None
     assert bench.emulated.bench.stage is not None
     return bench.emulated.bench.stage

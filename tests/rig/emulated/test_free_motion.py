@@ -11,12 +11,12 @@ from palpate.base.errors import InputError
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, encode_instruction
 from palpate.drivers.emulators.bench import Bench
-from palpate.drivers.emulators.part import StillPart
+from palpate.drivers.emulators.part import StillParts
 from palpate.drivers.emulators.servo_chain import ServoChain
 from palpate.drivers.tactile.codec import encode
 from palpate.drivers.tactile.messages import Hello, Message, Start
 from palpate.drivers.transport.wire import Emission
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from palpate.rig.contact_peak import bus_latency_s, expected_peak_n
 from palpate.rig.emulated.devices import emulate
 from support.benches.as_bought import ROWS, rig_of, run_row
@@ -34,7 +34,7 @@ EXTENDED_POSITION = 4
 EVENTS = 250
 
 
-class Restless(StillPart):
+class Restless(StillParts):
     at_rest = False
 
 
@@ -64,9 +64,9 @@ class World:
 
 def world(rig_file: str, seed: int, *, restless: bool) -> World:
     rig = load_rig(ROOT / rig_file)
-    placement = choose_placement(rig, load_objects(shipped_objects()), None, seed)
-    emulated = emulate(rig, placement, seed)
-    emulated.bench.part = Restless() if restless else StillPart()
+    (placement,) = choose_placements(rig, load_objects(shipped_objects()), None, seed)
+    emulated = emulate(rig, [placement], seed)
+    emulated.bench.parts = Restless(1) if restless else StillParts(1)
     chain = emulated.devices[rig.bus.port][0]
     assert isinstance(chain, ServoChain)
     return World(emulated.bench, chain, [finger.array for finger in emulated.bench.fingers])

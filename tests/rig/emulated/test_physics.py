@@ -15,10 +15,17 @@ from hypothesis import strategies as st
 import palpate
 from palpate.base.geometry import Floats
 from palpate.config import RigFile, SlideFingerConfig
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.mujoco_part import MassDistribution, MujocoPart
-from palpate.drivers.emulators.part import Displacement, FrictionSupport, Part, PointForce, QuasiStaticPart
+from palpate.drivers.emulators.mujoco_parts import MassDistribution, MujocoPart
+from palpate.drivers.emulators.part import (
+    Displacement,
+    Displacements,
+    FrictionSupport,
+    Parts,
+    PointForce,
+    QuasiStaticPart,
+)
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.skin import Shear, shear_skin
 from palpate.drivers.emulators.tip import PartSection, tip_load
@@ -43,11 +50,11 @@ SHARE = 0.05
 """By how much the start of motion may differ from an integral: for few feet, and steps of load."""
 
 
-def quasi_static(support: FrictionSupport) -> Part:
+def quasi_static(support: FrictionSupport) -> Parts:
     return QuasiStaticPart(support)
 
 
-def in_mujoco(support: FrictionSupport) -> Part:
+def in_mujoco(support: FrictionSupport) -> Parts:
     x, y = support.centre_mm.tolist()
     return MujocoPart(support, MassDistribution((x, y), 10.0, (2 * R, 2 * R, 20.0)))
 
@@ -73,16 +80,17 @@ def ring(count: int) -> Floats:
 
 
 def pushed(
-    part: Part, forces: list[tuple[tuple[float, float], tuple[float, float]]], seconds: float
+    part: Parts, forces: list[tuple[tuple[float, float], tuple[float, float]]], seconds: float
 ) -> float:
     """How far a part moves (mm, turn times R) under forces at points of it, at table height."""
 
-    def tips(displacement: Displacement) -> list[PointForce]:
-        return [PointForce(displacement.place(np.array(at)), 0.0, np.array(force)) for at, force in forces]
+    def tips(displacements: Displacements) -> list[list[PointForce]]:
+        (moved,) = displacements
+        return [[PointForce(moved.place(np.array(at)), 0.0, np.array(force)) for at, force in forces]]
 
     for _ in range(round(seconds / STEP_S)):
         part.step(tips, True, STEP_S)
-    moved = part.displacement
+    (moved,) = part.displacements
     return float(np.hypot(*moved.shift_mm)) + R * abs(moved.turn_rad)
 
 
@@ -116,7 +124,7 @@ def test_mujocos_part_does_not_creep_under_half_the_load() -> None:
 @ENGINES
 @pytest.mark.parametrize(("feet", "mean"), [(disc(30), 2 / 3), (ring(24), 1.0)])
 def test_the_moment_that_turns_a_disc_and_a_ring(
-    engine: Callable[[FrictionSupport], Part], feet: Floats, mean: float
+    engine: Callable[[FrictionSupport], Parts], feet: Floats, mean: float
 ) -> None:
     """About the centre: 2/3 μ m g R and μ m g R."""
 
@@ -143,7 +151,7 @@ def starts_at_n(lever_mm: float) -> float:
 @ENGINES
 @pytest.mark.parametrize("lever_mm", [0.3 * R, 0.9 * R])
 def test_a_force_beside_the_centre_starts_a_disc_on_its_limit_surface(
-    engine: Callable[[FrictionSupport], Part], lever_mm: float
+    engine: Callable[[FrictionSupport], Parts], lever_mm: float
 ) -> None:
     def moved(share: float) -> float:
         return pushed(engine(even(disc(30))), [((lever_mm, 0), (0, share * starts_at_n(lever_mm)))], 0.2)
@@ -183,14 +191,15 @@ class Tip:
             PointForce(displacement.place(self.tried.point_mm), 5.0, -drag),
         ]
 
-    def push(self, part: Part, start: Floats, end: Floats, seconds: float) -> Displacement:
+    def push(self, part: Parts, start: Floats, end: Floats, seconds: float) -> Displacement:
         steps = round(seconds / STEP_S)
         for k in range(steps):
             self.centre = start + (end - start) * (k + 1) / steps
-            part.step(self.forces, bool(self.forces(part.displacement)), STEP_S)
-            self.forces(part.displacement)
+            touched = bool(self.forces(part.displacements[0]))
+            part.step(lambda moved: [self.forces(moved[0])], touched, STEP_S)
+            self.forces(part.displacements[0])
             self.skin = self.tried
-        return part.displacement
+        return part.displacements[0]
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
@@ -222,9 +231,10 @@ def test_a_part_that_is_pushed_and_let_go_takes_energy_and_gives_none_back() -> 
         for k in range(60):
             before, held = start + (end - start) * k / 60, force
             tip.push(part, before, start + (end - start) * (k + 1) / 60, STEP_S)
-            force = np.sum([item.force_n for item in tip.forces(part.displacement)] or [np.zeros(2)], axis=0)
+            felt = [item.force_n for item in tip.forces(part.displacements[0])]
+            force = np.sum(felt or [np.zeros(2)], axis=0)
             work += float((force + held) / 2 @ (tip.centre - before))
-    slid = float(np.hypot(*part.displacement.shift_mm))
+    slid = float(np.hypot(*part.displacements[0].shift_mm))
     assert slid > 0.5
     assert work > 0.9 * SLIP_N * slid
 
@@ -371,13 +381,13 @@ def extended_finger(friction: float, seed: int) -> tuple[SlideFingerConfig, Emul
     data["fingers"][0]["tip"]["max_friction"] = TIP_FRICTION
     data["fingers"][0]["bounds"] |= {"deflection_mm_per_n": MM_PER_N, "deflection_deg_per_n": 0.15}
     rig = RigFile.model_validate(data)
-    spec, emulated = rig.fingers[0], emulate(rig, None, seed).bench.fingers[0]
+    spec, emulated = rig.fingers[0], emulate(rig, (), seed).bench.fingers[0]
     truth = emulated.truth
     assert isinstance(spec, SlideFingerConfig)
     assert isinstance(truth, FingerTruth)
     slide = EmulatedServo(2, start_rad=(spec.slide.range_mm[1] - truth.zero_mm) / truth.mm_per_rad)
     aim = EmulatedServo(1, start_rad=truth.aim_zero_rad)
-    return spec, EmulatedFinger(truth, (aim, slide), emulated.array, None, tip_friction=friction)
+    return spec, EmulatedFinger(truth, (aim, slide), emulated.array, [None], tip_friction=friction)
 
 
 def wall(centre: Floats, towards_rad: float, gap_mm: float) -> PartSection:
@@ -398,14 +408,14 @@ def shares(friction: float, seed: int, way: list[tuple[float, float]]) -> Floats
     spec, finger = extended_finger(friction, seed)
     centre, facing = finger.centre_mm, finger.facing_rad
     towards = facing + math.radians(80)
-    finger.outline = wall(centre, towards, finger.truth.tip_radius_mm + 0.01)
+    finger.put([wall(centre, towards, finger.truth.tip_radius_mm + 0.01)])
     turn = np.array([[math.cos(towards), -math.sin(towards)], [math.sin(towards), math.cos(towards)]])
     largest = np.zeros(3)
     at = np.zeros(2)
     for target in way:
         path = np.vstack([np.linspace(at, target, 30), np.tile(target, (_SETTLED, 1))])
         for along, ahead in path:
-            finger.touch(Displacement(np.zeros(2), turn @ np.array([-ahead, along]), 0.0))
+            finger.touch((Displacement(np.zeros(2), turn @ np.array([-ahead, along]), 0.0),))
             finger.step(1e-3)
         at = np.array(target)
         if finger.press is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from palpate.config import load_objects, load_rig
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
 from support.benches.rigs import firm_rig, quick_bench, small
@@ -57,8 +57,7 @@ json.dump({"models": models, "start": start, "seen": seen, "sdk": dynamixel_sdk.
 
 def drawn(rig: Path, objects: Path, seed: int) -> Placement:
     """What the emulator puts on its table for a seed."""
-    placement = choose_placement(load_rig(rig), load_objects(objects), None, seed)
-    assert placement is not None
+    (placement,) = choose_placements(load_rig(rig), load_objects(objects), None, seed)
     return placement
 
 

@@ -14,7 +14,7 @@ from palpate.base.errors import DeviceError, InputError
 from palpate.base.tips import TipShape
 from palpate.base.vocabulary import IdentificationVerdict, PartMotion
 from palpate.config import RigFile, load_contacts, load_rig
-from palpate.drivers.emulators.bench import facing_row_shares
+from palpate.drivers.emulators.finger import facing_row_shares
 from palpate.drivers.emulators.part import IN_PLACE
 from palpate.drivers.emulators.skin import Skin
 from palpate.drivers.emulators.tip import separation_mm

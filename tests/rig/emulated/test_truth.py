@@ -23,12 +23,12 @@ from palpate.config import (
 from palpate.config.calibration_overlay import frame_offset_bound_mm
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.part import Displacement, QuasiStaticPart, StillPart
+from palpate.drivers.emulators.part import Displacement, QuasiStaticPart, StillParts
 from palpate.drivers.kinematics import Turn
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.finger_truth import dead_taxels
 from palpate.rig.emulated.ground_truth import in_hand_frame
-from palpate.rig.emulated.hidden_truth import PartTruth, draw_part, part_of, support_of
+from palpate.rig.emulated.hidden_truth import PartTruth, draw_parts, parts_of, support_of
 from palpate.rig.emulated.scene import Placement, displace, draw_placement, shape_of
 from palpate.rig.mechanisms import mechanism_of
 from support.benches.rigs import firm_rig
@@ -42,7 +42,7 @@ BENCH = load_rig(firm_rig())
 
 
 def truths_of(seed: int) -> list[FingerTruth]:
-    fingers = emulate(FRESH, None, seed).bench.fingers
+    fingers = emulate(FRESH, (), seed).bench.fingers
     return [finger.truth for finger in fingers if isinstance(finger.truth, FingerTruth)]
 
 
@@ -77,8 +77,8 @@ def test_what_fresh_rigs_add_leaves_the_other_draws_alone() -> None:
     assert FRESH.emulation is not None
     newer = ("tip_radius_error_mm", "array_heading_error_deg", "zero_error_mm", "mm_per_turn_error")
     plain = FRESH.emulation.model_copy(update=dict.fromkeys((*newer, "dead_taxels"), 0))
-    without = emulate(FRESH.model_copy(update={"emulation": plain}), None, 3)
-    for one, other in zip(emulate(FRESH, None, 3).bench.fingers, without.bench.fingers, strict=True):
+    without = emulate(FRESH.model_copy(update={"emulation": plain}), (), 3)
+    for one, other in zip(emulate(FRESH, (), 3).bench.fingers, without.bench.fingers, strict=True):
         assert one.truth.base_mm == other.truth.base_mm
         assert one.truth.heading_rad == other.truth.heading_rad
         assert one.truth.stiffness_n_per_mm == other.truth.stiffness_n_per_mm
@@ -87,7 +87,7 @@ def test_what_fresh_rigs_add_leaves_the_other_draws_alone() -> None:
 
 
 def test_slides_start_where_the_host_takes_them_for_retracted() -> None:
-    for spec, finger in zip(slides(), emulate(FRESH, None, 2).bench.fingers, strict=True):
+    for spec, finger in zip(slides(), emulate(FRESH, (), 2).bench.fingers, strict=True):
         aim, slide = mechanism_of(spec).start_rad(FRESH.clear_radius_mm)
         assert [servo.shaft_rad for servo in finger.servos] == [aim, slide]
         # 1 mm out of the retracted end by the file's numbers: 46 mm = 40 mm + 100 mm · 0.06 turns.
@@ -99,14 +99,14 @@ def test_arms_draw_tips_and_arrays_too() -> None:
     assert rig.emulation is not None
     off = {"tip_radius_error_mm": 0.3, "array_heading_error_deg": 2.0}
     changed = rig.model_copy(update={"emulation": rig.emulation.model_copy(update=off)})
-    for spec, finger in zip(rig.fingers, emulate(changed, None, 1).bench.fingers, strict=True):
+    for spec, finger in zip(rig.fingers, emulate(changed, (), 1).bench.fingers, strict=True):
         assert isinstance(spec, ArmFingerConfig)
         assert 0 < abs(finger.truth.tip_radius_mm - spec.tip.radius_mm) <= 0.3
         assert 0 < abs(math.degrees(finger.truth.array_heading_rad) - spec.array.heading_deg) <= 2.0
 
 
 def test_dead_taxels_are_where_touches_are_felt() -> None:
-    d = emulate(FRESH, None, 0).bench.fingers[0].array.description
+    d = emulate(FRESH, (), 0).bench.fingers[0].array.description
     # 20 columns over 270°: 13.5° apart, four and a half steps to either side are 60.75°.
     felt = {(row, col) for row in range(8) for col in range(6, 14)}
     assert set(dead_taxels(d, len(felt), np.random.default_rng(0))) == felt
@@ -119,12 +119,12 @@ def test_another_seed_is_another_array() -> None:
     ids = [
         finger.array.description.unique_id
         for seed in range(3)
-        for finger in emulate(BENCH, None, seed).bench.fingers
+        for finger in emulate(BENCH, (), seed).bench.fingers
     ]
     assert len(set(ids)) == 9
     assert ids[0][:8] == b"f1\0\0\0\0\0\0"
     assert {len(item) for item in ids} == {16}
-    again = emulate(BENCH, None, 0).bench.fingers[0].array.description
+    again = emulate(BENCH, (), 0).bench.fingers[0].array.description
     assert again.unique_id == ids[0]
 
 
@@ -232,8 +232,7 @@ WITHOUT_RECTANGLE = (
 
 
 def drawn(seed: int, **keys: Any) -> PartTruth:
-    part = draw_part(EmulatedPartConfig.model_validate({"engine": "still"} | keys), None, seed)
-    assert part is not None
+    (part,) = draw_parts(EmulatedPartConfig.model_validate({"engine": "still"} | keys), [STEP], seed)
     return part
 
 
@@ -251,7 +250,7 @@ def test_masses_are_drawn_log_uniformly_and_frictions_uniformly() -> None:
 
 def test_what_a_scene_says_goes_before_the_draw() -> None:
     config = EmulatedPartConfig(engine="still", mass_kg=(0.1, 0.2), friction=0.3)
-    part = draw_part(config, replace(STEP, mass_kg=0.7, friction=0.5), 1)
+    (part,) = draw_parts(config, [replace(STEP, mass_kg=0.7, friction=0.5)], 1)
     assert part is not None
     assert (part.mass_kg, part.friction, part.slip_n) == (0.7, 0.5, pytest.approx(0.7 * 0.5 * 9.80665))
 
@@ -322,11 +321,11 @@ def test_a_part_that_would_fall_over_is_refused() -> None:
 
 
 def test_engines_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert isinstance(part_of(replace(TRUTH, engine="still"), STEP), StillPart)
-    assert isinstance(part_of(TRUTH, STEP), QuasiStaticPart)
+    assert isinstance(parts_of([replace(TRUTH, engine="still")], [STEP]), StillParts)
+    assert isinstance(parts_of([TRUTH], [STEP]), QuasiStaticPart)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r"mujoco.* -m pip install .*\[physics\]'"):
-        part_of(replace(TRUTH, engine="mujoco"), STEP)
+        parts_of([replace(TRUTH, engine="mujoco")], [STEP])
 
 
 def test_a_displaced_part_lies_where_its_points_are() -> None:
@@ -340,6 +339,6 @@ def test_a_displaced_part_lies_where_its_points_are() -> None:
 
 def test_no_table_stands_still_as_before_and_draws_nothing() -> None:
     rig = load_rig(firm_rig())
-    made = emulate(rig, draw_placement(OBJECTS, 20.0, np.random.default_rng(1)), 1)
-    assert made.part is None
-    assert isinstance(made.bench.part, StillPart)
+    made = emulate(rig, [draw_placement(OBJECTS, 20.0, np.random.default_rng(1))], 1)
+    assert made.parts == ()
+    assert isinstance(made.bench.parts, StillParts)

@@ -27,8 +27,8 @@ PART = OBJECTS.objects[0]
 def run(truth: RigFile, objects: ObjectsFile = OBJECTS, seed: int = 3) -> IdentificationRun:
     """A run told the small rig, on a bench as it really is."""
     placement = Placement(PART, PART.states[0], 5.0, -4.0, 0.7)
-    bench = replace(set_up(truth, placement, seed), rig=TOLD)
-    job = IdentificationJob(TOLD, Catalogue(objects.objects), placement, Strategy.PLANNED, seed)
+    bench = replace(set_up(truth, [placement], seed), rig=TOLD)
+    job = IdentificationJob(TOLD, Catalogue(objects.objects), (placement,), Strategy.PLANNED, seed)
     return run_identification(job, environment(bench))
 
 

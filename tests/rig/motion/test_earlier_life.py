@@ -83,7 +83,7 @@ def test_a_weak_servo_is_not_blamed_for_its_friction() -> None:
 
 
 def test_a_servo_at_another_rate_is_found_there() -> None:
-    bench = set_up(small_rig(), None, 3)
+    bench = set_up(small_rig(), (), 3)
     assert bench.emulated is not None
     (servo,) = [item for item in bench.emulated.bench.servos if item.dxl_id == 31]
     servo._unit.table.set("Baud Rate", 7)

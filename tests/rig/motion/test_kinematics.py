@@ -20,7 +20,7 @@ from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTru
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.kinematics import TICK_RAD, Line
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import choose_placement, connect
+from palpate.rig.bench import choose_placements, connect
 from palpate.rig.conversion import line_of
 from palpate.rig.mechanisms.arm import arm_kinematics
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
@@ -158,7 +158,7 @@ def test_a_catalogue_with_a_part_that_is_too_high_is_refused() -> None:
     rig = RigFile.model_validate(data)
     wanted = 'object "tr-1" is 20 mm high; the links of finger "a1" pass 20 mm above the table'
     with pytest.raises(InputError, match=wanted):
-        choose_placement(rig, load_objects(shipped_objects()), None, 1)
+        choose_placements(rig, load_objects(shipped_objects()), None, 1)
 
 
 def test_no_arm_meets_a_post() -> None:

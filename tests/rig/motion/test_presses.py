@@ -180,7 +180,7 @@ def test_an_arm_touches_and_presses_on_the_bench() -> None:
     with probed_rig(1, seed=3, rig=ALONE) as rig:
         rig.put_disc()
         finger = rig.session.bench.fingers[0]
-        truth, outline = finger.truth, finger.outline
+        truth, (outline,) = finger.truth, finger.outlines
         assert isinstance(truth, ArmTruth)
         assert outline is not None
         disc = shapely.Polygon(outline.start)

@@ -16,7 +16,7 @@ from palpate.config import load_objects, load_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo_firmware import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
-from palpate.rig.bench import choose_placement
+from palpate.rig.bench import choose_placements
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Environment
@@ -161,8 +161,7 @@ def test_the_truth_of_a_part_that_was_pushed_is_read_from_the_log(tmp_path: Path
     assert event["part"]["slip_n"] == pytest.approx(0.3 * 0.5 * 9.80665)
     (measured,) = truth["at_measurement"]
     assert measured["x"] == pytest.approx(event["at_measurement"][0]["x_mm"], abs=1e-6)
-    put = choose_placement(load_rig(rig), load_objects(parts), None, 7)
-    assert put is not None
+    (put,) = choose_placements(load_rig(rig), load_objects(parts), None, 7)
     assert 0.01 < math.dist((put.x_mm, put.y_mm), (measured["x"], measured["y"])) < 2
     assert truth["configuration"] != measured
     again = here("replay", session)

@@ -14,7 +14,7 @@ from palpate.base.vocabulary import IdentificationVerdict, Strategy
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import choose_placement, environment, set_up
+from palpate.rig.bench import choose_placements, environment, set_up
 from palpate.rig.identification.result import IdentificationJob
 from palpate.rig.session.run import run_identification
 from support.benches.rigs import STAGE, firm_rig, small, small_objects, small_rig
@@ -151,9 +151,9 @@ def rig_of(row: Row) -> RigFile:
 def run_row(row: Row, seed: int) -> Outcome:
     """Identify a part of the small catalogue, drawn by the seed."""
     rig, objects, notices = rig_of(row), small_objects(), list[str]()
-    placement = choose_placement(rig, objects, None, seed)
-    bench = set_up(rig, placement, seed)
-    job = IdentificationJob(rig, Catalogue(objects.objects), placement, Strategy.PLANNED, seed, None)
+    (placement,) = choose_placements(rig, objects, None, seed)
+    bench = set_up(rig, [placement], seed)
+    job = IdentificationJob(rig, Catalogue(objects.objects), (placement,), Strategy.PLANNED, seed, None)
     rig_s = 0.0
     try:
         run = run_identification(job, environment(bench), notice=notices.append)
@@ -259,11 +259,11 @@ def _session(seed: int, kind: str = "slides") -> EmulatedSession:
 def _run(session: EmulatedSession, seed: int) -> HomingOutcome:
     begun, first, pushed = session.clock.now(), [0.0], [0.0, 0.0]
     job = IdentificationJob(
-        session.rig, Catalogue(small_objects().objects), session.placement, Strategy.PLANNED, seed
+        session.rig, Catalogue(small_objects().objects), session.bench_rig.placements, Strategy.PLANNED, seed
     )
 
     def push() -> None:
-        displaced = session.bench.part.displacement
+        displaced = session.bench.parts.displacements[0]
         pushed[:] = hardest(), float(np.hypot(*displaced.shift_mm))
 
     def hardest() -> float:

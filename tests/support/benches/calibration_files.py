@@ -31,7 +31,7 @@ from palpate.config import (
     load_rig,
 )
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
 from palpate.rig.session.calibration_drift import devices_of
@@ -236,7 +236,7 @@ def truth_calibration(
 
 def bench_calibration(rig: RigFile, seed: int) -> CalibrationFile:
     """Of the emulated bench of a seed, with its devices."""
-    bench = set_up(rig, None, seed)
+    bench = set_up(rig, (), seed)
     assert bench.emulated is not None
     with connect(bench) as hand:
         devices = devices_of(hand)

@@ -185,14 +185,14 @@ def set_up_with(fault: Fault, root: Path, seed: int = 3) -> SetUp:
     data = described.model_dump(mode="json", exclude_none=True)
     fault.build(data)
     built = RigFile.model_validate(data)
-    emulated = emulate(built, None, seed)
+    emulated = emulate(built, (), seed)
     wires: dict[str, FaultyWire] = {}
     for number, (port, (device, _)) in enumerate(emulated.devices.items()):
         kind = RatedFaultyWire if isinstance(device, ServoChain) else FaultyWire
         wires[port] = kind(device, seed + number, WireRates())
     devices = {port: (wires[port], rate) for port, (_, rate) in emulated.devices.items()}
     mock = on_mock_wires(replace(emulated, devices=devices))
-    bench = BenchRig(built, mock.clock, mock.urls.__getitem__, None, mock)
+    bench = BenchRig(built, mock.clock, mock.urls.__getitem__, (), mock)
     with connect(bench) as hand:
         hand.prepare()
         known = devices_of(hand)

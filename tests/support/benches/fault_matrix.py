@@ -61,9 +61,8 @@ _INERTIA_N = 2.0  # of a finger that runs into the part unstopped at 20 mm/s; it
 
 def _identify(host: Host, folder: Path) -> None:
     session = host.session
-    job = IdentificationJob(
-        session.rig, Catalogue(host.objects.objects), session.placement, Strategy.PLANNED, SEED, None
-    )
+    put = session.bench_rig.placements
+    job = IdentificationJob(session.rig, Catalogue(host.objects.objects), put, Strategy.PLANNED, SEED, None)
     with SessionLog(folder, session.clock, {}, stalled_s=0.3) as log:
         host.log = log
         run = run_identification(job, environment(session.bench_rig, log), log, [lambda _: host.observer()])

@@ -92,7 +92,7 @@ def shove(host: Host) -> None:
     """Something hard is pushed 4.5 mm deep into the first tip."""
     finger = host.session.bench.fingers[0]
     x, y = finger.centre_mm
-    finger.put(_box(x + 0.5, y))
+    finger.put([_box(x + 0.5, y)])
 
 
 def _box(x_mm: float, y_mm: float) -> PartSection:

@@ -16,13 +16,14 @@ from palpate.base.errors import PalpateError
 from palpate.base.geometry.plane import wrap_angle
 from palpate.config import RigFile
 from palpate.config.emulation import EmulatedPartConfig
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger
+from palpate.drivers.emulators.bench import Bench
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.recognizer import Catalogue, FingerApproach
-from palpate.rig.bench import BenchRig, choose_placement, connect
+from palpate.rig.bench import BenchRig, choose_placements, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
-from palpate.rig.emulated.hidden_truth import draw_part
+from palpate.rig.emulated.hidden_truth import draw_parts
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
@@ -158,7 +159,7 @@ def rig_of(kind: str, row: Row, part: EmulatedPartConfig) -> RigFile:
 
 def bench_of(rig: RigFile, row: Row, placement: Placement, seed: int) -> BenchRig:
     """The emulated rig behind what the row says."""
-    emulated = emulate(rig, placement, seed)
+    emulated = emulate(rig, [placement], seed)
     clock, devices = AlarmClock(), dict(emulated.devices)
     hub = MockHub(clock, f"age-{seed}")
     urls = {}
@@ -167,7 +168,7 @@ def bench_of(rig: RigFile, row: Row, placement: Placement, seed: int) -> BenchRi
         some: Device = LateFrames(device, row.late_s, seed * 10 + number) if late else device
         urls[port] = hub.attach(port.partition("://")[2], some, baudrate)
     mock = MockRig(EmulatedRig(emulated.bench, emulated.devices), hub, clock, urls)
-    return BenchRig(rig, clock, urls.__getitem__, placement, mock)
+    return BenchRig(rig, clock, urls.__getitem__, (placement,), mock)
 
 
 def grip_of(rig: RigFile, shape: shapely.Polygon, rng: np.random.Generator) -> list[FingerApproach]:
@@ -207,7 +208,7 @@ def carried_out(bench: BenchRig, shape: shapely.Polygon, rng: np.random.Generato
 
     def tell(phase: GripPhase) -> None:
         if phase is GripPhase.RETRACTING:
-            poses.append(emulated.part.displacement)
+            poses.append(emulated.parts.displacements[0])
 
     with connect(bench) as hand:
         hand.prepare()
@@ -215,7 +216,7 @@ def carried_out(bench: BenchRig, shape: shapely.Polygon, rng: np.random.Generato
         for _ in range(20):
             bench.clock.sleep(0.01)
             emulated.advance(bench.clock.now())
-    final = emulated.part.displacement
+    final = emulated.parts.displacements[0]
     measured = any(touch.contact.touched for touch in touches)
     return Grip(touches, hidden, poses[-1] if measured else final, final)  # misses are of the end
 
@@ -299,10 +300,8 @@ def run_grip(kind: str, row: Row, seed: int) -> dict[str, float] | str:
         tip_friction=rng.uniform(0.0, 0.6),
     )
     rig, objects = rig_of(kind, row, part), small_objects()
-    placement = choose_placement(rig, objects, None, seed)
-    assert placement is not None
-    truth = draw_part(part, placement, seed)
-    assert truth is not None
+    (placement,) = choose_placements(rig, objects, None, seed)
+    (truth,) = draw_parts(part, [placement], seed)
     rig = rig.model_copy(update={"search": rig.search.model_copy(update={"part_holds_n": truth.slip_n})})
     bench = bench_of(rig, row, placement, seed)
     try:

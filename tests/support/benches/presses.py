@@ -20,7 +20,7 @@ from palpate.calibration.measurements import (
     ServoPath,
 )
 from palpate.config import RigFile
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import PartSection, tip_load
@@ -276,7 +276,7 @@ class ProbedRig:
         return all(np.hypot(*finger.centre_mm) > FRESH.workspace.radius_mm for finger in fingers)
 
     def _shape(self) -> shapely.Polygon:
-        outline = self.session.bench.fingers[0].outline
+        (outline,) = self.session.bench.fingers[0].outlines
         assert outline is not None
         return shapely.Polygon(outline.start)
 

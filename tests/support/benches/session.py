@@ -177,7 +177,8 @@ def emulated_session(
         objects = objects or load_objects(shipped_objects())
         rng = np.random.default_rng([seed, 0])
         placement = draw_placement(objects, rig.emulation.placement_radius_mm, rng)
-    emulated = emulate(rig, placement, seed)
+    placements = () if placement is None else (placement,)
+    emulated = emulate(rig, placements, seed)
     clock = AlarmClock()
     hub = MockHub(clock, "session")
     cables = {port: Cable(device) for port, (device, _) in emulated.devices.items()}
@@ -186,7 +187,7 @@ def emulated_session(
         for port, cable in cables.items()
     }
     mock = MockRig(EmulatedRig(emulated.bench, emulated.devices), hub, clock, urls)
-    bench_rig = BenchRig(rig, clock, urls.__getitem__, placement, mock)
+    bench_rig = BenchRig(rig, clock, urls.__getitem__, placements, mock)
     return EmulatedSession(rig, bench_rig, clock, emulated.bench, cables, placement, hub)
 
 

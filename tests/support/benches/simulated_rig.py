@@ -24,13 +24,14 @@ from palpate.calibration.measurements import (
 )
 from palpate.calibration.rig_models import nominal_models
 from palpate.config import ArmFingerConfig, CalibrationDevice, RigFile, SlideFingerConfig
-from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import ArmTruth, EmulatedStage, FingerTruth, Play
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.kinematics import TICK_RAD, Servos
 from palpate.rig.commissioning.calibration_run import ConnectedRig
 from palpate.rig.commissioning.hand_prober import approaches_of, joint_sides
 from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.hidden_truth import draw_tip_friction
 from palpate.rig.emulated.scene import reference_outline
 from support.benches.simulated_tips import (
     LoadedTip,
@@ -114,9 +115,10 @@ class SimulatedRig:
         self, rig: RigFile, seed: int, spoil: Callable[[Reference, int], Reference] = lambda item, _: item
     ) -> None:
         self.rig = rig
-        emulated = emulate(rig, None, seed)
+        emulated = emulate(rig, (), seed)
         self.fingers: tuple[EmulatedFinger, ...] = emulated.bench.fingers
-        self.friction = 0.0 if emulated.part is None else emulated.part.tip_friction
+        assert rig.emulation is not None
+        self.friction = draw_tip_friction(rig.emulation.part, seed)
         self.rng = np.random.default_rng([seed, 7])
         self.spoil = spoil
         self.puts = 0

@@ -9,7 +9,7 @@ import struct
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -312,9 +312,11 @@ class BoardBench:
 
 
 @contextmanager
-def board_bench(rig: RigFile, placement: Placement | None, seed: int, folder: Path) -> Iterator[BoardBench]:
+def board_bench(
+    rig: RigFile, placements: Sequence[Placement], seed: int, folder: Path
+) -> Iterator[BoardBench]:
     """Serve the rig until the block ends. `folder` should be short: sockets are made in it."""
-    emulated = emulate(rig, placement, seed)
+    emulated = emulate(rig, placements, seed)
     devices: dict[str, tuple[Device, int]] = dict(emulated.devices)
     paths: dict[str, str] = {}
     boards: dict[str, QemuBoard] = {}

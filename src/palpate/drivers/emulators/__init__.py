@@ -5,8 +5,9 @@ They take the place of a real rig's hardware. Only rig's composition root and te
 """
 
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
+from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_tcp
+from palpate.drivers.emulators.finger import EmulatedFinger, SampledArray
 from palpate.drivers.emulators.free_running import EmulatedFreeRunningArray, SharedWire
 from palpate.drivers.emulators.mechanics import (
     ArmTruth,
@@ -19,11 +20,12 @@ from palpate.drivers.emulators.part import (
     GRAVITY_M_S2,
     IN_PLACE,
     Displacement,
+    Displacements,
     FrictionSupport,
-    Part,
+    Parts,
     PointForce,
     QuasiStaticPart,
-    StillPart,
+    StillParts,
 )
 from palpate.drivers.emulators.pseudo_terminal import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -56,6 +58,7 @@ __all__ = [
     "BootingBoard",
     "DeviceServer",
     "Displacement",
+    "Displacements",
     "EmulatedArray",
     "EmulatedFinger",
     "EmulatedFreeRunningArray",
@@ -68,8 +71,8 @@ __all__ = [
     "HubStalls",
     "JointCompliance",
     "JointTruth",
-    "Part",
     "PartSection",
+    "Parts",
     "PluggedPort",
     "PointForce",
     "PortIntruder",
@@ -80,7 +83,7 @@ __all__ = [
     "ServoChain",
     "SharedWire",
     "Skin",
-    "StillPart",
+    "StillParts",
     "Taxels",
     "TipLoad",
     "UsbAdapter",

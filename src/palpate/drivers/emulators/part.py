@@ -1,8 +1,8 @@
-"""Emulated part: its points of support on the table, and how far tips have pushed it.
+"""Emulated parts: their points of support on the table, and how far tips have pushed them.
 
-The interface between the emulated bench and the engines that move a part. The bench calls `displacement`
+The interface between the emulated bench and the engines that move parts. The bench reads `displacements`
 before it computes what tips touch, and calls `step` once in each of its steps with a function that gives the
-forces of tips on the part for any displacement. An engine decides what motion that makes; `mujoco_part` is
+forces of tips on each part for any displacements. An engine decides what motion that makes; `mujoco_parts` is
 another one.
 
 `Support` has Coulomb friction at any number of points (Goyal, Ruina and Papadopoulos, Wear 143, 1991). A
@@ -79,21 +79,24 @@ class PointForce:
     force_n: Floats
 
 
-TipForces = Callable[[Displacement], Sequence[PointForce]]
-"""What tips, where they are now, would do to the part at a displacement."""
+Displacements = tuple[Displacement, ...]
+"""Displacement of each part on the table."""
+
+TipForces = Callable[[Displacements], Sequence[Sequence[PointForce]]]
+"""What tips, where they are now, would do to each part with the parts at some displacements."""
 
 
-class Part(Protocol):
-    """Part on the table."""
+class Parts(Protocol):
+    """Parts on the table, which one engine moves."""
 
     @property
-    def displacement(self) -> Displacement:
-        """Displacement since the start; the same value as long as it stands still."""
+    def displacements(self) -> Displacements:
+        """Displacements since the start; the same value as long as all parts stand still."""
         ...
 
     @property
     def at_rest(self) -> bool:
-        """True if it stays where it is as long as no tip pushes it."""
+        """True if all stay where they are as long as no tip pushes them."""
         ...
 
     def step(self, tip_forces: TipForces, touched: bool, dt_s: float, /) -> None:
@@ -101,14 +104,16 @@ class Part(Protocol):
         ...
 
 
-class StillPart:
-    """A part that nothing moves: clamped, or far heavier than tips can push."""
+class StillParts:
+    """Parts that nothing moves: clamped, or far heavier than tips can push."""
 
-    displacement = IN_PLACE
     at_rest = True
 
+    def __init__(self, count: int) -> None:
+        self.displacements: Displacements = (IN_PLACE,) * count
+
     def step(self, _tip_forces: TipForces, _touched: bool, _dt_s: float) -> None:
-        """Do nothing: it stays where it is."""
+        """Do nothing: they stay where they are."""
 
 
 GRAVITY_M_S2 = 9.80665
@@ -155,9 +160,14 @@ _MAX_RESIDUAL_SHARE = 0.2  # what a Newton step leaves of the forces if the stif
 _FORCE_TOLERANCE_N = 1e-5
 _MAX_STEP_MM = 0.05  # of a Newton step
 
+_ForcesOnPart = Callable[[Displacement], Sequence[PointForce]]
+
 
 class QuasiStaticPart:
-    """A part on its support. Motions are (x, y, a): shift (mm) and turn times `_lever_mm` (mm)."""
+    """A part on its support, alone on the table.
+
+    Motions are (x, y, a): shift (mm) and turn times `_lever_mm` (mm).
+    """
 
     at_rest = True
 
@@ -169,17 +179,25 @@ class QuasiStaticPart:
         self._feet = feet
         self._stiffness: Floats | None = None
         self._last_motion = np.zeros(3)
-        self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
+        self.displacements: Displacements = (Displacement(self._centre, np.zeros(2), 0.0),)
 
     def step(self, tip_forces: TipForces, touched: bool, _dt_s: float) -> None:
         """Go where skin and friction cost least."""
+
+        def forces_on_part(displacement: Displacement) -> Sequence[PointForce]:
+            return tip_forces((displacement,))[0]
+
         motion = np.zeros(3)
-        forces = tip_forces(self.displacement) if touched else ()
+        forces = forces_on_part(self._displacement) if touched else ()
         if forces and not self._holds(forces):
-            motion = self._least_motion(tip_forces, self._sum(forces, self.displacement))
+            motion = self._least_motion(forces_on_part, self._sum(forces, self._displacement))
             if np.hypot(*motion[:2]) + abs(motion[2]) > _STILL_MM:
-                self.displacement = self._displace(motion)
+                self.displacements = (self._displace(motion),)
         self._last_motion = motion
+
+    @property
+    def _displacement(self) -> Displacement:
+        return self.displacements[0]
 
     def _holds(self, forces: Sequence[PointForce]) -> bool:
         """True if friction holds for certain, whatever the forces' directions."""
@@ -191,9 +209,9 @@ class QuasiStaticPart:
 
     def _lever(self, force: PointForce) -> float:
         """Distance (mm) of a force's point from the centre of friction."""
-        return float(np.hypot(*(force.point_mm - self.displacement.place(self._centre))))
+        return float(np.hypot(*(force.point_mm - self._displacement.place(self._centre))))
 
-    def _least_motion(self, tip_forces: TipForces, pull: Floats) -> Floats:
+    def _least_motion(self, tip_forces: _ForcesOnPart, pull: Floats) -> Floats:
         """The motion (3,) to the minimum, by Newton's steps; `pull` is the tips' wrench before it.
 
         Tips' forces take most of the time: the skin's stiffness is that of the last step as long as it leads
@@ -230,7 +248,7 @@ class QuasiStaticPart:
             fresh = False
         return motion
 
-    def _wrench(self, tip_forces: TipForces, motion: Floats) -> Floats:
+    def _wrench(self, tip_forces: _ForcesOnPart, motion: Floats) -> Floats:
         """Force and moment / lever (3,) N of all tips, with the part moved by `motion`."""
         moved = self._displace(motion)
         return self._sum(tip_forces(moved), moved)
@@ -245,7 +263,7 @@ class QuasiStaticPart:
             total[2] += (x * force.force_n[1] - y * force.force_n[0]) / self._lever_mm
         return total
 
-    def _skin_stiffness(self, tip_forces: TipForces, motion: Floats, pull: Floats) -> Floats:
+    def _skin_stiffness(self, tip_forces: _ForcesOnPart, motion: Floats, pull: Floats) -> Floats:
         """Stiffness (3, 3), made positive, by which the tips' wrench falls from `pull` as the part
         moves on.
         """
@@ -267,7 +285,7 @@ class QuasiStaticPart:
 
     def _ways(self) -> Floats:
         """Motion of each foot (n, 2, 3) with that of the part, as it is turned now."""
-        c, s = np.cos(self.displacement.turn_rad), np.sin(self.displacement.turn_rad)
+        c, s = np.cos(self._displacement.turn_rad), np.sin(self._displacement.turn_rad)
         feet = self._feet @ np.array([[c, s], [-s, c]]) / self._lever_mm
         ways = np.zeros((len(feet), 2, 3))
         ways[:, 0, 0] = ways[:, 1, 1] = 1.0
@@ -275,7 +293,7 @@ class QuasiStaticPart:
         return ways
 
     def _displace(self, motion: Floats) -> Displacement:
-        now = self.displacement
+        now = self._displacement
         return Displacement(
             self._centre, now.shift_mm + motion[:2], now.turn_rad + float(motion[2]) / self._lever_mm
         )

@@ -92,6 +92,24 @@ class SkinLoad(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class SkinLoads:
+    """Loads of two or more parts on one tip."""
+
+    loads: tuple[SkinLoad, ...]
+
+    @property
+    def force_n(self) -> Floats:
+        """The whole force (2,) N on the tip."""
+        result: Floats = np.sum([load.force_n for load in self.loads], axis=0)
+        return result
+
+    @property
+    def on_skin_n(self) -> Floats:
+        """Force on each place of the skin (m,), part after part."""
+        return np.concatenate([load.on_skin_n for load in self.loads])
+
+
 _L_co = TypeVar("_L_co", bound=SkinLoad, covariant=True)
 
 

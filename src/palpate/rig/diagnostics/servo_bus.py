@@ -103,7 +103,7 @@ def endpoint_of_rig(rig: RigFile, seed: int = 0) -> BusEndpoint:
     # half a second of imports, for which an emergency stop of a real rig must not wait
     from palpate.rig.bench import set_up  # noqa: PLC0415
 
-    bench = set_up(rig, None, seed)
+    bench = set_up(rig, (), seed)
     return BusEndpoint(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
 
 

@@ -82,7 +82,8 @@ class EmulatedOnlooker:
         """Raises ValueError for a real rig."""
         if bench.emulated is None:
             raise ValueError("only an emulated bench has an emulated person")
-        self._fingers = bench.emulated.bench.fingers
+        self._bench = bench.emulated.bench
+        self._fingers = self._bench.fingers
         self._bases = [finger.truth.base_mm for finger in self._fingers]
         self._before: list[Floats] = []
 
@@ -90,15 +91,17 @@ class EmulatedOnlooker:
         """Press with a square fingertip, as high as the tip's middle in front, else all along it."""
         index = standing_at(self._bases, finger.base_mm)
         if index is not None:
-            self._fingers[index].is_held = True
-            self._fingers[index].put(_fingertip(self._fingers[index], side))
+            held = self._fingers[index]
+            held.is_held = True
+            tip = _fingertip(held, side)
+            self._bench.put_beside(tip if finger is held else None for finger in self._fingers)
         return index is not None
 
     def release(self) -> None:
         """Take the fingertip away."""
         for finger in self._fingers:
             finger.is_held = False
-            finger.put(None)
+        self._bench.put_beside(None for _ in self._fingers)
 
     def watch(self) -> None:
         """Remember where tips are."""

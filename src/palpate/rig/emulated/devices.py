@@ -6,7 +6,7 @@ Builds the emulated servos, arrays, adapters and mechanics with their hidden tru
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,8 +44,9 @@ from palpate.rig.emulated.finger_truth import dead_taxels, draws_of, joint_truth
 from palpate.rig.emulated.hidden_truth import (
     PartTruth,
     add_imperfections,
-    draw_part,
-    part_of,
+    draw_parts,
+    draw_tip_friction,
+    parts_of,
     start_postures,
     start_stage_rad,
 )
@@ -117,13 +118,13 @@ _BOOT_TEXT = b"boot: palpate emulator\r\n"
 class EmulatedRig:
     """Emulated devices by the port that the rig file names, with each wire's baud rate.
 
-    `part`: how what lies on the table moves, None if the rig file does not say. `renamed`: the names under
+    `parts`: how each part on the table moves; empty if the rig file does not say. `renamed`: the names under
     which adapters come back that come back under another one, by the rig file's.
     """
 
     bench: Bench
     devices: Mapping[str, tuple[Device, int]]
-    part: PartTruth | None = None
+    parts: tuple[PartTruth, ...] = ()
     renamed: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -155,10 +156,10 @@ class MockRig:
         return not isinstance(device, PluggedPort) or device.is_there(self.clock.now())
 
 
-def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig:
+def emulate(rig: RigFile, placements: Sequence[Placement], seed: int) -> EmulatedRig:
     """Build the emulated devices of `rig` round what lies on the table; same seed, same devices.
 
-    Raises InputError if the rig file has no `[emulation]` table, or as `part_of` does.
+    Raises InputError if the rig file has no `[emulation]` table, or as `parts_of` does.
     """
     if rig.emulation is None:
         raise InputError(
@@ -174,9 +175,9 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         bench_of[0].advance(now)
 
     turned = start_stage_rad(rig, np.random.default_rng([seed, 15]))
-    stage, part = _stage(rig, turned, seed), draw_part(rig.emulation.part, placement, seed)
-    tip_friction = 0.0 if part is None else part.tip_friction
-    postures = start_postures(rig, placement, turned, np.random.default_rng([seed, 14]))
+    stage, parts = _stage(rig, turned, seed), draw_parts(rig.emulation.part, placements, seed)
+    tip_friction = draw_tip_friction(rig.emulation.part, seed)
+    postures = start_postures(rig, placements, turned, np.random.default_rng([seed, 14]))
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
@@ -200,9 +201,9 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         )
         array = emulated_array(finger, taxels, advance)
         beside = truth.height_mm, truth.half_length_mm, truth.tip_radius_mm, truth.shape
-        outline = None if placement is None else outline_at(placement, *beside)
-        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
-    bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
+        outlines = [outline_at(placement, *beside) for placement in placements]
+        fingers.append(EmulatedFinger(truth, (near, far), array, outlines, stage, tip_friction))
+    bench = Bench(fingers, stage, parts_of(parts, placements))
     bench_of.append(bench)
     add_imperfections(bench, rig, seed)
     chain = ServoChain(bench.servos, advance, baudrate=rig.bus.baudrate_bps)
@@ -218,7 +219,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         shared = board if len(boards[port]) == 1 else SharedWire(boards[port])
         devices[port] = (shared, finger.array.baudrate_bps)
     on_wires, renamed = _attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
-    return EmulatedRig(bench, on_wires, part, renamed)
+    return EmulatedRig(bench, on_wires, parts, renamed)
 
 
 def _on_bad_wires(

@@ -1,12 +1,12 @@
-"""Driven tips: an emulated part and tips on given paths, in the emulated bench's engines, without devices.
+"""Driven tips: emulated parts and tips on given paths, in the emulated bench's engines, without devices.
 
 There are no servos, arrays, bytes or frames. Where tips are is given, what they press with and where the
-part slides come out. `noise_of` says which forces an array does not notice, as the rig's own extractor does
+parts slide come out. `noise_of` says which forces an array does not notice, as the rig's own extractor does
 when it is tared.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,8 @@ from palpate.base.geometry import Floats
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.emulators import (
     Displacement,
-    Part,
+    Displacements,
+    Parts,
     PartSection,
     PointForce,
     Press,
@@ -31,35 +32,27 @@ from palpate.rig.emulated.devices import description_of
 _NOWHERE = np.full(2, np.inf)
 
 
-class DrivenTip:
-    """One tip, against the outline of a part at its height, as it was put; None for nothing."""
+class _DrivenContact:
+    """A tip and one part: `outline`, its section at the tip's height as it was put."""
 
-    def __init__(self, skin: Skin, height_mm: float, outline: PartSection | None) -> None:
-        self.skin = skin
+    def __init__(self, skin: Skin, height_mm: float, outline: PartSection) -> None:
         self.press: Press[TipLoad] | None = None
-        self._height_mm, self._outline = height_mm, outline
+        self._skin, self._height_mm, self._outline = skin, height_mm, outline
         self._centre = _NOWHERE
         self._before: Press[TipLoad] | None = None
         self._found: dict[tuple[float, ...], Press[TipLoad] | None] = {}  # of this step
 
-    @property
-    def force_n(self) -> float:
-        """Force that its taxels bear together."""
-        return 0.0 if self.press is None else float(self.press.load.by_ray_n.sum())
-
     def move_to(self, centre_mm: Floats) -> None:
-        """Be elsewhere (2,), in W."""
+        """Let the tip be elsewhere (2,), in W."""
         self._centre, self._before = centre_mm, self.press
         self._found.clear()
 
     def gap_mm(self, displacement: Displacement) -> float:
-        """Distance from touching the part; negative where it does."""
-        if self._outline is None:
-            return math.inf
-        return separation_mm(self._outline, displacement.back(self._centre)) - self.skin.radius_mm
+        """Distance from touching; negative where they touch."""
+        return separation_mm(self._outline, displacement.back(self._centre)) - self._skin.radius_mm
 
     def meet(self, displacement: Displacement) -> None:
-        """Meet the part where it has come to lie."""
+        """Let the tip meet the part where it has come to lie."""
         self.press = self._press(displacement)
 
     def forces_on(self, displacement: Displacement) -> list[PointForce]:
@@ -68,48 +61,90 @@ class DrivenTip:
         return [] if found is None else found.on_part(self._centre, displacement, self._height_mm)
 
     def _press(self, displacement: Displacement) -> Press[TipLoad] | None:
-        if self._outline is None:
-            return None
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._found:
             shear = None if self._before is None else self._before.shear
-            found = self.skin.press(self._outline, self._centre, displacement, shear)
+            found = self._skin.press(self._outline, self._centre, displacement, shear)
             self._found[place] = found
         return self._found[place]
 
 
-class DrivenTips:
-    """All tips and the part, in one time."""
+class DrivenTip:
+    """One tip, against the outlines of parts at its height, as they were put; None of one that is lower."""
 
-    def __init__(self, part: Part, tips: Sequence[DrivenTip]) -> None:
-        self.part, self.tips = part, tuple(tips)
+    def __init__(self, skin: Skin, height_mm: float, outlines: Iterable[PartSection | None]) -> None:
+        self.skin = skin
+        self._contacts = [
+            None if outline is None else _DrivenContact(skin, height_mm, outline) for outline in outlines
+        ]
+
+    @property
+    def loads(self) -> list[TipLoad]:
+        """Loads of the parts that it touches."""
+        presses = (None if contact is None else contact.press for contact in self._contacts)
+        return [press.load for press in presses if press is not None]
+
+    @property
+    def force_n(self) -> float:
+        """Force that its taxels bear together."""
+        return sum((float(load.by_ray_n.sum()) for load in self.loads), 0.0)
+
+    def move_to(self, centre_mm: Floats) -> None:
+        """Be elsewhere (2,), in W."""
+        for contact in self._contacts:
+            if contact is not None:
+                contact.move_to(centre_mm)
+
+    def gap_mm(self, displacements: Displacements) -> float:
+        """Distance from touching the nearest part; negative where it does."""
+        return min((contact.gap_mm(by) for contact, by in self._contacts_at(displacements)), default=math.inf)
+
+    def meet(self, displacements: Displacements) -> None:
+        """Meet the parts where they have come to lie."""
+        for contact, displacement in self._contacts_at(displacements):
+            contact.meet(displacement)
+
+    def forces_on(self, number: int, displacement: Displacement) -> list[PointForce]:
+        """Forces on a part at a displacement."""
+        contact = self._contacts[number]
+        return [] if contact is None else contact.forces_on(displacement)
+
+    def _contacts_at(self, displacements: Displacements) -> Iterator[tuple[_DrivenContact, Displacement]]:
+        for contact, displacement in zip(self._contacts, displacements, strict=True):
+            if contact is not None:
+                yield contact, displacement
+
+
+class DrivenTips:
+    """All tips and the parts, in one time."""
+
+    def __init__(self, parts: Parts, tips: Sequence[DrivenTip]) -> None:
+        self.parts, self.tips = parts, tuple(tips)
         self._at_rest = True
 
     @property
-    def displacement(self) -> Displacement:
-        """Displacement of the part."""
-        return self.part.displacement
-
-    @property
     def is_at_rest(self) -> bool:
-        """True if nothing has moved the part in the last step."""
+        """True if nothing has moved a part in the last step."""
         return self._at_rest
 
     def step(self, centres_mm: Sequence[Floats], dt_s: float) -> None:
-        """Bring the tips to where they are then, (2,) each, and let the part give way."""
-        before = self.part.displacement
+        """Bring the tips to where they are then, (2,) each, and let the parts give way."""
+        before = self.parts.displacements
         for tip, centre in zip(self.tips, centres_mm, strict=True):
             tip.move_to(centre)
             tip.meet(before)
-        touched = any(tip.press is not None for tip in self.tips)
-        self.part.step(self._forces, touched, dt_s)
-        self._at_rest = self.part.displacement is before
+        touched = any(tip.loads for tip in self.tips)
+        self.parts.step(self._forces, touched, dt_s)
+        self._at_rest = self.parts.displacements is before
         if not self._at_rest:
             for tip in self.tips:
-                tip.meet(self.part.displacement)
+                tip.meet(self.parts.displacements)
 
-    def _forces(self, displacement: Displacement) -> list[PointForce]:
-        return [force for tip in self.tips for force in tip.forces_on(displacement)]
+    def _forces(self, displacements: Displacements) -> list[list[PointForce]]:
+        return [
+            [force for tip in self.tips for force in tip.forces_on(number, displacement)]
+            for number, displacement in enumerate(displacements)
+        ]
 
 
 _TARE_FRAMES = 64

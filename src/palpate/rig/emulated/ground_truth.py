@@ -15,7 +15,7 @@ from shapely import affinity
 
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import FingerConfig, RigFile, RigOnBench
-from palpate.config.recognition_results import TruthOut
+from palpate.config.recognition_results import PlacedOut, TruthOfSeveralOut, TruthOut
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
 from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
@@ -51,6 +51,28 @@ def compare_answer(
         if (item.state.object_name, item.state.state.name) == (truth.object, truth.state)
     ]
     return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm), default=truth)
+
+
+def compare_answers(
+    placements: Sequence[Placement],
+    hypotheses: Sequence[Hypothesis],
+    at_measurement: Sequence[Sequence[Configuration]] | None = None,
+) -> TruthOut | None:
+    """Compare the part that the hypotheses fit best with them, the others beside it; None for an empty table.
+
+    `at_measurement`: where each part was when each grip's contacts were measured.
+    """
+    found = [
+        compare_answer(lies, hypotheses, None if at_measurement is None else at_measurement[number])
+        for number, lies in enumerate(placements)
+    ]
+    if not found:
+        return None
+    best = min(
+        found, key=lambda item: (not item.named, not item.inside_bounds, item.position_error_mm or 0.0)
+    )
+    others = tuple(PlacedOut.of(item) for item in found if item is not best)
+    return TruthOfSeveralOut.of(best, others=others) if others else best
 
 
 def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis, truth: TruthOut) -> TruthOut:
@@ -89,22 +111,24 @@ def _rotated_x(x: float, y: float, angle: float) -> float:
     return math.cos(angle) * x - math.sin(angle) * y
 
 
-def placement_in_hand_frame(
-    on_bench: RigOnBench, placement: Placement | None, seed: int, emulated: EmulatedRig | None = None
-) -> Placement | None:
-    """The placement in the frame that the rig's answers are in: the hand frame once fingers' places were
+def placements_in_hand_frame(
+    on_bench: RigOnBench, placements: Sequence[Placement], seed: int, emulated: EmulatedRig | None = None
+) -> tuple[Placement, ...]:
+    """The placements in the frame that the rig's answers are in: the hand frame once fingers' places were
     calibrated, else that of the rig file.
 
     `emulated`: the rig as described, as it was made for this seed; made anew without it.
-    With it, the part is where fingers have pushed it by now.
+    With it, the parts are where fingers have pushed them by now.
     """
-    if placement is not None and emulated is not None:
-        placement = displace(placement, emulated.bench.part.displacement)
+    if emulated is not None:
+        moved = emulated.bench.parts.displacements
+        placements = [displace(lies, by) for lies, by in zip(placements, moved, strict=True)]
     file = on_bench.calibration
-    if placement is None or file is None or all(finger.place is None for finger in file.fingers):
-        return placement
-    devices = emulated or emulate(on_bench.described, None, seed)
-    return in_hand_frame(placement, on_bench.described, [item.truth for item in devices.bench.fingers])
+    if not placements or file is None or all(finger.place is None for finger in file.fingers):
+        return tuple(placements)
+    devices = emulated or emulate(on_bench.described, (), seed)
+    truths = [item.truth for item in devices.bench.fingers]
+    return tuple(in_hand_frame(lies, on_bench.described, truths) for lies in placements)
 
 
 def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
@@ -127,19 +151,25 @@ def built_pose(spec: FingerConfig, truth: FingerTruth | ArmTruth) -> BasePose:
 _ORIGIN = shapely.Point(0, 0)
 _TOLERANCE_MM = 0.01
 _EMPTY = "the table will seem empty"
+_NOT_THERE = "it will seem not to be there"
 
 
-def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
-    """A line if the part that a scene puts on an emulated table cannot be touched as it should; else none."""
+def scene_lines(rig: RigFile, placements: Sequence[Placement]) -> list[str]:
+    """A line for each part that a scene puts on an emulated table and that cannot be touched as it should."""
+    return [line for lies in placements for line in _placement_lines(rig, lies, alone=len(placements) == 1)]
+
+
+def _placement_lines(rig: RigFile, placement: Placement, *, alone: bool) -> list[str]:
     name = f"scene: {placement.model.name}, {placement.state.name}"
+    unseen = _EMPTY if alone else _NOT_THERE
     heights = at_heights(rig)
     met = shapely.union_all([_region(placement, at.span_mm) for at in heights])
     if met.is_empty:
         high = f"{placement.state.top_mm:.3g} mm high"
         fingers = finger_heights_text(heights)
-        return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {_EMPTY}"]
+        return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {unseen}"]
     if shapely.distance(met, _ORIGIN) >= rig.workspace.radius_mm:
-        return [f"{name}: lies outside of {workspace_words(rig)}; {_EMPTY}"]
+        return [f"{name}: lies outside of {workspace_words(rig)}; {unseen}"]
     beyond = sticks_out_mm(rig, placement)
     if beyond > 0:
         return [f"{name}: sticks out of {workspace_words(rig)}, by {beyond:.3g} mm; fingers may start on it"]

@@ -2,7 +2,7 @@
 
 Friction, cogging and lost torque, which are each servo's own, and a supply
 with a resistance, which all share (`[emulation.mechanics]`); and where fingers stand when they are switched
-on: as a person has put them, or anywhere, drawn again while fingers would cross, or one would stand in the
+on: as a person has put them, or anywhere, drawn again while fingers would cross, or one would stand in a
 part or in an obstacle.
 
 *Part.* The centre of mass is that of the state's sections, as of one material. On its whole base the part
@@ -28,9 +28,9 @@ from palpate.drivers.emulators import (
     Bench,
     EmulatedServo,
     FrictionSupport,
-    Part,
+    Parts,
     QuasiStaticPart,
-    StillPart,
+    StillParts,
 )
 from palpate.drivers.kinematics import FingerBody, Servos, Turn
 from palpate.rig.emulated.finger_truth import draw
@@ -66,22 +66,38 @@ class PartTruth:
         return self.friction * self.mass_kg * GRAVITY_M_S2
 
 
-def draw_part(config: EmulatedPartConfig | None, placement: Placement | None, seed: int) -> PartTruth | None:
-    """Draw what a rig file leaves open; what the placement says of its part goes before it."""
+def draw_parts(
+    config: EmulatedPartConfig | None, placements: Sequence[Placement], seed: int
+) -> tuple[PartTruth, ...]:
+    """Draw what a rig file leaves open; what a placement says of its part goes before it."""
     if config is None:
-        return None
-    rng = np.random.default_rng([seed, 6])
-    mass = _draw(config.mass_kg, rng.uniform(), logarithmic=True)
-    friction = _draw(config.friction, rng.uniform())
-    tip_friction = _draw(config.tip_friction, rng.uniform())
+        return ()
+    tip_friction = draw_tip_friction(config, seed)
+    return tuple(
+        _draw_part(config, placement, tip_friction, np.random.default_rng([seed, 6, number]))
+        for number, placement in enumerate(placements)
+    )
+
+
+def _draw_part(
+    config: EmulatedPartConfig, placement: Placement, tip_friction: float, rng: np.random.Generator
+) -> PartTruth:
+    mass_share, friction_share, _ = rng.uniform(size=3)
     return PartTruth(
         config.engine,
-        (placement and placement.mass_kg) or mass,
-        (placement and placement.friction) or friction,
+        placement.mass_kg or _draw(config.mass_kg, float(mass_share), logarithmic=True),
+        placement.friction or _draw(config.friction, float(friction_share)),
         tip_friction,
         config.feet,
         int(rng.integers(2**31)),
     )
+
+
+def draw_tip_friction(config: EmulatedPartConfig | None, seed: int) -> float:
+    """Draw the friction between tips and whatever they touch: the third number of the first part's draw."""
+    if config is None:
+        return 0.0
+    return _draw(config.tip_friction, float(np.random.default_rng([seed, 6]).uniform(size=3)[2]))
 
 
 def _draw(value: float | Range, share: float, *, logarithmic: bool = False) -> float:
@@ -91,19 +107,26 @@ def _draw(value: float | Range, share: float, *, logarithmic: bool = False) -> f
     return lo * (hi / lo) ** share if logarithmic else lo + share * (hi - lo)
 
 
-def part_of(truth: PartTruth, placement: Placement) -> Part:
-    """The part in its engine.
+def parts_of(truths: Sequence[PartTruth], placements: Sequence[Placement]) -> Parts:
+    """The parts in their engine; without truths they stand still.
 
-    Raises InputError for one whose centre of mass is not above its base, and if MuJoCo is not installed.
+    Raises InputError for one whose centre of mass is not above its base, for several in an engine that moves
+    one only, and if MuJoCo is not installed.
     """
-    if truth.engine == "still":
-        return StillPart()
-    support = support_of(truth, placement)
-    if truth.engine == "quasi-static":
-        return QuasiStaticPart(support)
+    if not truths or truths[0].engine == "still":
+        return StillParts(len(placements))
+    if len(placements) > 1:
+        raise InputError(
+            f'emulation.part.engine: is "{truths[0].engine}", which moves one part, and there are '
+            f'{len(placements)} on the table; let it be "still"'
+        )
+    supports = [support_of(truth, lies) for truth, lies in zip(truths, placements, strict=True)]
+    if truths[0].engine == "quasi-static":
+        return QuasiStaticPart(supports[0])
     import_extra("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
-    from palpate.drivers.emulators.mujoco_part import MassDistribution, MujocoPart  # noqa: PLC0415  # an extra
+    from palpate.drivers.emulators.mujoco_parts import MassDistribution, MujocoPart  # noqa: PLC0415  # an extra
 
+    (placement,), (support,) = placements, supports
     centre, height = _centre_of_mass(placement)
     low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
     x, y = (high - low).tolist()
@@ -302,7 +325,7 @@ def start_stage_rad(rig: RigFile, rng: np.random.Generator) -> float:
 
 
 def start_postures(
-    rig: RigFile, placement: Placement | None, stage_rad: float, rng: np.random.Generator
+    rig: RigFile, placements: Sequence[Placement], stage_rad: float, rng: np.random.Generator
 ) -> list[Servos]:
     """Shaft angles (rad) of each finger's servos, turns counted, with the stage at an angle.
 
@@ -312,7 +335,7 @@ def start_postures(
     if rig.emulation is None or rig.emulation.start == "waiting":
         return [item.start_rad(rig.clear_radius_mm) for item in mechanisms]
     turn = Turn(Stage.of(rig).centre_mm, stage_rad)
-    parts = [] if placement is None else [shape_of(placement, part) for part in placement.state.sections]
+    parts = [shape_of(lies, section) for lies in placements for section in lies.state.sections]
     posts: list[shapely.Geometry] = [shapely.Polygon(item.outline_mm) for item in rig.obstacles]
     for _ in range(_MAX_DRAWS):
         drawn = [item.draw_posture(rng) for item in mechanisms]
@@ -331,7 +354,7 @@ def _is_free(
     parts: Sequence[shapely.Geometry],
     posts: Sequence[shapely.Geometry],
 ) -> bool:
-    """True if fingers are apart, and clear of the part, above which links of arms pass, and of posts."""
+    """True if fingers are apart, and clear of parts, above which links of arms pass, and of posts."""
     bodies = [
         finger.kinematics.body(angles, finger.spec.tip.radius_mm)
         for finger, angles in zip(fingers, postures, strict=True)

@@ -1,4 +1,4 @@
-"""Scene: the part on an emulated table, given by a file, drawn from the catalogue by a seed, or placed.
+"""Scene: the parts on an emulated table, given by a file, drawn from the catalogue by a seed, or placed.
 
 Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so
 that the emulated bench shares no geometry with the recogniser: beside a ball, each section is met by a
@@ -8,9 +8,10 @@ where asked, never exactly, as by a person with a disc in the hand who tells nob
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -22,6 +23,7 @@ from palpate.base.geometry.outlines import EdgeRings, region_of, rings_of
 from palpate.base.tips import TipShape, implementation_for
 from palpate.calibration.measurements import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import ObjectsFile, Scene, load_objects
+from palpate.config.emulation import ScenePart
 from palpate.drivers.emulators import Bench, Displacement, PartSection
 from palpate.recognizer import Configuration
 
@@ -111,6 +113,7 @@ def _owners(grown: Sequence[shapely.Geometry], middle: Floats) -> np.ndarray[tup
 _MAX_PLACING_TRIES = 50  # times, until a part lies inside the workspace
 _SAME_PLACE_MM = 1e-9
 _ON_EDGE_MM = 1e-6
+_TOUCHING_MM = 1e-3  # parts that touch overlap by no more than twice that
 
 
 @dataclass(frozen=True)
@@ -146,20 +149,62 @@ class Placement:
         return self._regions[span_mm]
 
 
-def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
-    """Placement by a scene file. Raises InputError for an object or a state that there is none of."""
-    objects = catalogue if scene.objects is None else load_objects(scene.objects)
+def placements_of(scene: Scene, catalogue: ObjectsFile) -> tuple[Placement, ...]:
+    """Placements by a scene file.
+
+    Raises InputError for an object or a state that there is none of, and for parts that overlap.
+    """
+    found = tuple(_placement_of(entry, catalogue) for entry in scene.entries)
+    check_apart(found)
+    return found
+
+
+def _placement_of(entry: ScenePart, catalogue: ObjectsFile) -> Placement:
+    objects = catalogue if entry.objects is None else load_objects(entry.objects)
     models = {model.name: model for model in objects.objects}
-    model = models.get(scene.object)
+    model = models.get(entry.object)
     if model is None:
-        raise InputError(f'scene: no object "{scene.object}"; there are {_name_list(models)}')
+        raise InputError(f'scene: no object "{entry.object}"; there are {_name_list(models)}')
     states = {state.name: state for state in model.states}
-    name = scene.state or (model.states[0].name if len(model.states) == 1 else "")
+    name = entry.state or (model.states[0].name if len(model.states) == 1 else "")
     if name not in states:
-        what = f'no state "{scene.state}"' if scene.state else "give the state"
-        raise InputError(f'scene: object "{scene.object}": {what}; there are {_name_list(states)}')
-    at, part = scene.configuration, scene.part
+        what = f'no state "{entry.state}"' if entry.state else "give the state"
+        raise InputError(f'scene: object "{entry.object}": {what}; there are {_name_list(states)}')
+    at, part = entry.configuration, entry.part
     return Placement(model, states[name], at.x, at.y, at.theta, part.mass_kg, part.friction)
+
+
+def check_apart(placements: Sequence[Placement]) -> None:
+    """Raise InputError if two parts overlap at any height; they may touch."""
+    for (k, one), (m, other) in combinations(enumerate(placements), 2):
+        if overlap(one, other):
+            names = [f'parts[{number}] ("{lies.model.name}")' for number, lies in ((k, one), (m, other))]
+            raise InputError(f"scene: {names[0]} and {names[1]} overlap; move one away, they may touch")
+
+
+def overlap(one: Placement, other: Placement) -> bool:
+    """Return whether two parts overlap at a height at which both have a section, by more than rounding."""
+    return any(
+        not shapely.intersection(shape, beside).buffer(-_TOUCHING_MM).is_empty
+        for shape, beside in _shapes_side_by_side(one, other)
+    )
+
+
+def gap_mm(one: Placement, other: Placement) -> float:
+    """Least distance between two parts over the heights at which both have a section."""
+    return min(
+        (float(shapely.distance(*pair)) for pair in _shapes_side_by_side(one, other)), default=math.inf
+    )
+
+
+def _shapes_side_by_side(
+    one: Placement, other: Placement
+) -> Iterator[tuple[shapely.Geometry, shapely.Geometry]]:
+    """Shapes in W of each two sections of two parts that share heights."""
+    for section in one.state.sections:
+        for beside in other.state.sections:
+            if max(section.z_mm[0], beside.z_mm[0]) < min(section.z_mm[1], beside.z_mm[1]):
+                yield shape_of(one, section), shape_of(other, beside)
 
 
 def draw_placement(

@@ -26,7 +26,7 @@ from palpate.config.recognition_results import (
 from palpate.config.wiring_record import ConfirmedWiring
 from palpate.recognizer import Catalogue, Configuration, Hypothesis, Recognition, near_equal
 from palpate.rig.conversion import goals_of
-from palpate.rig.emulated.ground_truth import compare_answer
+from palpate.rig.emulated.ground_truth import compare_answers
 from palpate.rig.emulated.hidden_truth import PartTruth
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.accuracy import widths_by_source
@@ -42,20 +42,31 @@ from palpate.rig.identification.rig_recognition import GripStrategy, name_strate
 class Truth:
     """What lay on an emulated table, in the frame of the answers.
 
-    `placement`: how it lay when the fingers had left. `at_measurement`: where it was when each grip's
-    contacts were measured, None if that was not noted.
+    `placements`: how the parts lay when the fingers had left. `at_measurement`: where each of them was when
+    each grip's contacts were measured, None if that was not noted.
     """
 
-    placement: Placement
-    at_measurement: Sequence[Configuration] | None = None
+    placements: tuple[Placement, ...]
+    at_measurement: Sequence[Sequence[Configuration]] | None = None
 
-    def values(self, part: PartTruth | None) -> dict[str, object]:
-        """Values of the event; `part`: how the part moves, None if nothing moves it."""
+    def values(self, parts: Sequence[PartTruth]) -> dict[str, object]:
+        """Values of the event: the first part's, and the `others`, if there are.
+
+        `parts`: how each of them moves, empty if nothing moves them.
+        """
+        first, *others = (
+            self._values_of(number, parts[number] if parts else None)
+            for number in range(len(self.placements))
+        )
+        return first | ({"others": others} if others else {})
+
+    def _values_of(self, number: int, part: PartTruth | None) -> dict[str, object]:
+        lies = self.placements[number]
         return {
-            "object": self.placement.model.name,
-            "state": self.placement.state.name,
-            "configuration": self.placement.configuration,
-            "at_measurement": self.at_measurement,
+            "object": lies.model.name,
+            "state": lies.state.name,
+            "configuration": lies.configuration,
+            "at_measurement": None if self.at_measurement is None else self.at_measurement[number],
             "part": part and asdict(part) | {"slip_n": part.slip_n},
         }
 
@@ -87,7 +98,7 @@ class WiringProof:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationJob(ShortRepr):
-    """What a run starts from; `placement`, in the answer's frame, is what an emulated table is set with.
+    """What a run starts from; `placements`, in the answer's frame: what an emulated table is set with.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
     `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
@@ -96,7 +107,7 @@ class IdentificationJob(ShortRepr):
 
     rig: RigFile
     catalogue: Catalogue
-    placement: Placement | None
+    placements: tuple[Placement, ...]
     strategy: Strategy | GripStrategy
     seed: int
     calibration: CalibrationFile | None = None
@@ -174,7 +185,7 @@ class IdentificationRun(ShortRepr):
             altered_probability=result.altered_probability,
             contradictions=tuple(_contradiction(item) for item in result.contradictions),
             narrower_without=self._narrower_without(),
-            truth=truth and compare_answer(truth.placement, hypotheses, truth.at_measurement),
+            truth=truth and compare_answers(truth.placements, hypotheses, truth.at_measurement),
         )
 
     def _alternatives(self, hypotheses: Sequence[Hypothesis]) -> tuple[AlternativeOut, ...]:

@@ -16,6 +16,7 @@ from typing import Any
 from palpate.base.errors import InputError, OutputError
 from palpate.base.vocabulary import Strategy
 from palpate.config import FingerConfig, RigFile, load_rig
+from palpate.config.emulation import MAX_SCENE_PARTS
 from palpate.config.session_results import (
     EndOut,
     PortOfSessionOut,
@@ -162,6 +163,7 @@ _RECORDED_NAMES = frozenset(
         "rig.calibration.toml",
         "rig.toml",
         "scene-objects.json",
+        *(f"scene-objects-{number}.json" for number in range(1, MAX_SCENE_PARTS + 1)),
         "scene.json",
         "session.jsonl",
         "session.jsonl.zst",

@@ -46,21 +46,26 @@ from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.session.log_reader import SessionFile
 
-_RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects.json"
+_RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects"
 
 
 def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene: Scene | None) -> None:
     """Keep the inputs of a run in its session's folder; InputError if one cannot be written.
 
-    A scene whose object comes from a file of its own gets that file's copy instead.
+    A scene whose objects come from files of their own gets those files' copies instead.
     """
     keep_rig(folder, on_bench)
     write_text(folder / _OBJECTS, file_text(objects))
-    if scene is not None and scene.objects is not None:
-        write_text(folder / _SCENE_OBJECTS, file_text(load_objects(scene.objects)))
-        scene = scene.model_copy(update={"objects": _SCENE_OBJECTS})
-    if scene is not None:
-        write_text(folder / _SCENE, file_text(scene))
+    if scene is None:
+        return
+    several = scene.parts is not None
+
+    def keep(source: str, number: int) -> str:
+        name = f"{_SCENE_OBJECTS}-{number + 1}.json" if several else f"{_SCENE_OBJECTS}.json"
+        write_text(folder / name, file_text(load_objects(source)))
+        return name
+
+    write_text(folder / _SCENE, file_text(scene.with_files(keep)))
 
 
 def keep_rig(folder: Path, on_bench: RigOnBench) -> None:

@@ -48,15 +48,19 @@ class _ConfigurationText(BaseModel):
         return Configuration(self.x_mm, self.y_mm, self.theta_rad)
 
 
-class _TruthText(BaseModel):
+class _PartTruthText(BaseModel):
     configuration: _ConfigurationText
     at_measurement: list[_ConfigurationText]
 
 
-def recorded_truth(file: SessionFile, placement: Placement) -> Truth | None:
+class _TruthText(_PartTruthText):
+    others: list[_PartTruthText] = []
+
+
+def recorded_truth(file: SessionFile, placements: Sequence[Placement]) -> Truth | None:
     """The truth that a session's log holds; None if it was recorded before logs held it.
 
-    `placement`: what lay on the table and where it was put. Raises InputError for an event that palpate does
+    `placements`: what lay on the table and where it was put. Raises InputError for an event that palpate does
     not write.
     """
     events = file.told(TRUTH_EVENT)
@@ -68,9 +72,16 @@ def recorded_truth(file: SessionFile, placement: Placement) -> Truth | None:
         raise InputError(
             f'{file.path}: the event "{TRUTH_EVENT}" must have a configuration and the list at_measurement'
         ) from None
-    at = text.configuration
-    placement = replace(placement, x_mm=at.x_mm, y_mm=at.y_mm, theta_rad=at.theta_rad)
-    return Truth(placement, [item.value() for item in text.at_measurement])
+    parts = [text, *text.others]
+    if len(parts) != len(placements):
+        raise InputError(
+            f'{file.path}: the event "{TRUTH_EVENT}" has {len(parts)} parts; {len(placements)} were put there'
+        )
+    moved = tuple(
+        replace(lies, x_mm=at.x_mm, y_mm=at.y_mm, theta_rad=at.theta_rad)
+        for lies, at in zip(placements, (part.configuration for part in parts), strict=True)
+    )
+    return Truth(moved, [[item.value() for item in part.at_measurement] for part in parts])
 
 
 @contextmanager
@@ -102,21 +113,21 @@ def run_identification(
     record: Observer | None = None,
     observers: Sequence[Observer] = (),
     notice: Callable[[str], None] = lambda _: None,
-    placement_now: Callable[[], Placement | None] | None = None,
+    placements_now: Callable[[], tuple[Placement, ...]] | None = None,
 ) -> IdentificationRun:
     """Connect, identify, disconnect. `notice` is told what the operator should do now.
 
     `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it.
-    `placement_now`: how the part on an emulated table lies now, in the answer's frame; None: as it was put.
+    `placements_now`: how parts on an emulated table lie now, in the answer's frame; None: as they were put.
     Raises what `identify` raises; torque is off then, too.
     """
-    lies = placement_now or (lambda: job.placement)
-    at_measurement: list[Configuration] = []
+    lie = placements_now or (lambda: job.placements)
+    at_measurement: list[list[Configuration]] = [[] for _ in job.placements]
 
     def in_step(event: Event) -> None:
-        measured = isinstance(event, StageEvent) and event.stage is GripPhase.RETRACTING
-        if measured and (placement := lies()) is not None:
-            at_measurement.append(placement.configuration)
+        if isinstance(event, StageEvent) and event.stage is GripPhase.RETRACTING:
+            for trace, placement in zip(at_measurement, lie(), strict=True):
+                trace.append(placement.configuration)
         if record is not None:
             record(event)
 
@@ -132,8 +143,8 @@ def run_identification(
         emulated, noted = hand.emulated, hand.checks.noted
     notices = tuple(noted)
     late = observed.late_failure or notice_beside.late_failure
-    placement = lies()
-    truth = None if placement is None else Truth(placement, at_measurement if placement_now else None)
+    placements = lie()
+    truth = Truth(placements, at_measurement if placements_now else None) if placements else None
     used = None
     if job.calibration is not None and job.started is not None:
         used = calibration_used(result, job.rig, job.calibration, job.started)
@@ -189,7 +200,7 @@ def replay(file: SessionFile, job: IdentificationJob, latency_s: float) -> Repla
     Raises only what comes from outside of the recording, a new interrupt, and InputError for a recorded truth
     that palpate does not write.
     """
-    truth = None if job.placement is None else recorded_truth(file, job.placement)
+    truth = recorded_truth(file, job.placements) if job.placements else None
 
     def again(replayer: Replayer, events: SessionEvents) -> IdentificationRun:
         run = run_identification(job, Environment(replayer.clock, replayer.open, latency_s), events)

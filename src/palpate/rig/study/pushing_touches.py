@@ -1,8 +1,8 @@
-"""Pushing touches: simulated grips on a part that slides when fingers push it.
+"""Pushing touches: simulated grips on parts that slide when fingers push them.
 
 Fingers move as in `guarded_approach`, at the rig's speeds, with its threshold, frame rate and latency, but
 without servos, bytes and frames: a finger is where its speed takes it. The emulated bench's engines say
-what it presses with and where the part goes; the load meter hears what arrays would read of it.
+what it presses with and where the parts go; the load meter hears what arrays would read of it.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
 from palpate.config import RigFile
-from palpate.drivers.emulators import Part, Skin
+from palpate.drivers.emulators import Parts, Skin
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Resolution
 from palpate.rig.contact_peak import deceleration_mm_s2
 from palpate.rig.conversion import undetected_dent_mm
@@ -99,9 +99,10 @@ class SimulatedFinger:
 
     def _dragging_n(self, force_n: float, steady_n: float) -> float:
         """Force that may drag the part as it goes back, and what noise may hide beside that."""
-        if self.tip.press is not None:
-            x, y = -self.tip.press.load.force_n
-            self._off_rad = abs(wrap_angle(math.atan2(y, x) - self.approach.direction_rad)) + _PITCH_RAD
+        if loads := self.tip.loads:
+            pushed = [math.atan2(*(-load.force_n)[::-1]) for load in loads]
+            off = max(abs(wrap_angle(angle - self.approach.direction_rad)) for angle in pushed)
+            self._off_rad = off + _PITCH_RAD
         sigma_n, sheared = self._noise.least_n / _NOTICED_SIGMAS, friction_factor(self._friction)
         if force_n <= 0.0:  # columns are not looked at one by one then
             is_ahead = not drag_shares(np.array(self._off_rad + _PITCH_RAD), self._friction)
@@ -155,7 +156,7 @@ class SimulatedFinger:
             back = math.copysign(self.speed_mm_s * ago_s, self.goal_mm - self.travel_mm)
             self.meter.see(self.travel_mm - back, at_s)
         self._frames += 1
-        if self.tip.press is None and not self._lately_n:
+        if not self.tip.loads and not self._lately_n:
             self.meter.feel(0.0, at_s + self._period_s)  # as nearly always
             self._free_frames += 1
             return False
@@ -206,25 +207,26 @@ _TIME_TOLERANCE_S = 1e-9
 
 
 class PushingTouches:
-    """Carries out grips on a part that they may move, as `search` has them carried out."""
+    """Carries out grips on parts that they may move, as `search` has them carried out."""
 
     def __init__(
         self,
         rig: RigFile,
-        placement: Placement,
-        part: Part,
+        placements: Sequence[Placement],
+        parts: Parts,
         tip_friction: float,
         noise: Sequence[ArrayNoise],
         rng: np.random.Generator,
         resolution: Resolution | None = None,
     ) -> None:
-        """`part`: as placed; `noise`: of each finger's array. Tips and gains are drawn in their bounds."""
+        """`parts`: as placed; `noise`: of each finger's array. Tips and gains are drawn in their bounds."""
         self.seconds = 0.0  # rig time in grips; turning to the next aims is not in it
-        self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
+        self._rig, self._put, self._parts = rig, tuple(placements), parts
+        self._noise, self._rng = noise, rng
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
         # Of cylinders alone: others are not simulated.
         spans = {item.span_mm: (item.height_mm, item.tip.half_length_mm) for item in rig.fingers}
-        self._outlines = {span: outline_at(placement, *at) for span, at in spans.items()}
+        self._outlines = {span: [outline_at(lies, *at) for lies in placements] for span, at in spans.items()}
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))
             for item in rig.fingers
@@ -236,17 +238,18 @@ class PushingTouches:
         self._gains = [1 + item.array.gain_spread * rng.uniform(-1, 1) for item in rig.fingers]
 
     @property
-    def placement(self) -> Placement:
-        """Placement of the part now."""
-        return displace(self._put, self._part.displacement)
+    def placements(self) -> tuple[Placement, ...]:
+        """Placements of the parts now."""
+        moved = zip(self._put, self._parts.displacements, strict=True)
+        return tuple(displace(lies, displacement) for lies, displacement in moved)
 
     def __call__(
         self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
     ) -> list[Touch]:
-        """Touches of a grip's fingers, with the loads that they put on the part."""
+        """Touches of a grip's fingers, with the loads that they put on the parts."""
         del tell
         fingers = [self._finger(approach) for approach in grip]
-        tips = DrivenTips(self._part, [finger.tip for finger in fingers])
+        tips = DrivenTips(self._parts, [finger.tip for finger in fingers])
         under_way = _Grip(self._rig, fingers, tips)
         under_way.touch()
         contacts = [self._contact(finger) for finger in fingers]
@@ -274,11 +277,12 @@ class PushingTouches:
         return SimulatedFinger(self._rig, approach, tip, error, gain, noise, self._rng)
 
     def _contact(self, finger: SimulatedFinger) -> Contact:
-        """Contact as the part lies now; a way was free as far as nothing was noticed on it."""
+        """Contact as the parts lie now; a way was free as far as nothing was noticed on it."""
         approach = finger.approach
         if finger.touched:
-            shape = self._put.region_within(approach.finger.span_mm)
-            contact = finger.error.contact(approach, shape, self._part.displacement, finger.travel_mm)
+            shapes = [lies.region_within(approach.finger.span_mm) for lies in self._put]
+            parts = zip(shapes, self._parts.displacements, strict=True)
+            contact = finger.error.contact(approach, parts, finger.travel_mm)
             if contact is not None:
                 return contact
         trace = finger.meter.trace()
@@ -373,8 +377,8 @@ class _Grip:
         for finger in fingers:
             if not finger.is_moving:
                 continue
-            pressed = finger.tip.press is not None
-            way = _STEP_MM if pressed else max(finger.tip.gap_mm(self._tips.displacement), 0.0)
+            gap = 0.0 if finger.tip.loads else finger.tip.gap_mm(self._tips.parts.displacements)
+            way = _STEP_MM if finger.tip.loads else max(gap, 0.0)
             step = min(step, max(way / finger.speed_mm_s, _STEP_S))
         return step if self._tips.is_at_rest else min(step, self._period_s)
 

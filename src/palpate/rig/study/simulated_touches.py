@@ -1,7 +1,8 @@
-"""Simulated touches of a part that does not move: straight paths against its outline, with errors.
+"""Simulated touches of parts that do not move: straight paths against their outlines, with errors.
 
 Without devices: a thousand identifications in the time of a few on emulated ones. Where a tip on a straight
-path meets the part is worked out with shapely alone, so that nothing of it is shared with the recogniser.
+path meets the first part is worked out with shapely alone, so that nothing of it is shared with the
+recogniser.
 
 Contacts are off within the rig's bounds, as devices are. A position's bound is the sum of its causes'
 bounds, and causes seldom conspire; most of them a finger keeps for a whole run. On the emulated bench
@@ -11,7 +12,7 @@ than real ones do: what all contacts allow would be cut from all sides.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,10 @@ _CAUSES_OF_FINGER = 4  # of these: the finger's own for a whole run
 _NORMAL_CAUSES = 3  # gains, noise, and where the edge lies between taxels
 
 
+LyingShape = tuple[shapely.Geometry, Displacement]
+"""A part in W as it was put, and where it has been pushed from there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mismeasurement:
     """Error of one finger in one grip: it is `offset_mm` (2,) from where it is said to be.
@@ -50,19 +55,21 @@ class Mismeasurement:
     half_rad: float
     unnoticed_mm: float = 0.0
 
-    def contact(
-        self, approach: FingerApproach, shape: shapely.Geometry, displacement: Displacement, far_mm: float
-    ) -> Contact | None:
-        """Contact with a part: `shape` in W as it was put; None if the way is free up to `far_mm`."""
+    def contact(self, approach: FingerApproach, parts: Iterable[LyingShape], far_mm: float) -> Contact | None:
+        """Contact with the part that is met first; None if the way is free up to `far_mm`."""
         start = np.array(approach.start_mm)
         heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
         radius = approach.finger.tip_radius_mm
-        begin = displacement.back(start + self.offset_mm)
-        along = displacement.back(start + self.offset_mm + heading) - begin
-        travel = _travel_mm(shape, begin, along, radius, far_mm)
+        travel, normal = math.inf, 0.0
+        for shape, displacement in parts:
+            begin = displacement.back(start + self.offset_mm)
+            along = displacement.back(start + self.offset_mm + heading) - begin
+            stop = _travel_mm(shape, begin, along, radius, far_mm)
+            if stop < travel:
+                travel = stop
+                normal = _outward_rad(shape, begin + travel * along) + displacement.turn_rad + self.turn_rad
         if not math.isfinite(travel):
             return None
-        normal = _outward_rad(shape, begin + travel * along) + displacement.turn_rad + self.turn_rad
         end = start + travel * heading
         return self._contact(approach, end, NormalRange(normal - self.half_rad, normal + self.half_rad))
 
@@ -139,13 +146,15 @@ def _outward_rad(shape: shapely.Geometry, centre: Floats) -> float:
 
 
 class SimulatedTouches:
-    """Carries out grips on a part, as `search` has them carried out.
+    """Carries out grips on parts, as `search` has them carried out.
 
     A touch declares the rig's `resolution`; its place and its normal are off by less than that.
     """
 
-    def __init__(self, placement: Placement, resolution: Resolution, rng: np.random.Generator) -> None:
-        self.placement = placement
+    def __init__(
+        self, placements: Sequence[Placement], resolution: Resolution, rng: np.random.Generator
+    ) -> None:
+        self.placements = tuple(placements)
         self.seconds: float | None = None  # no time passes
         self._errors = FingerErrors(resolution, rng)
 
@@ -158,6 +167,7 @@ class SimulatedTouches:
 
     def _touch(self, approach: FingerApproach) -> Touch:
         error = self._errors.draw(approach)
-        shape, far = self.placement.region_within(approach.finger.span_mm), approach.travel_mm
-        contact = error.contact(approach, shape, IN_PLACE, far) or error.miss(approach, far)
+        span, far = approach.finger.span_mm, approach.travel_mm
+        parts = [(placement.region_within(span), IN_PLACE) for placement in self.placements]
+        contact = error.contact(approach, parts, far) or error.miss(approach, far)
         return Touch(approach.finger_index, contact, None, (math.nan, math.nan))

@@ -12,13 +12,13 @@ from palpate.base.vocabulary import ErrorSource, PartMotion, Strategy
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.study_result import RivalOut, StudyRunOut
-from palpate.drivers.emulators import Part
+from palpate.drivers.emulators import Parts
 from palpate.recognizer import Catalogue, Recognition, Resolution, fewest_touches
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of, goals_of
 from palpate.rig.emulated.driven_tips import ArrayNoise, noise_of
 from palpate.rig.emulated.ground_truth import compare_answer, sticks_out_mm
-from palpate.rig.emulated.hidden_truth import draw_part, part_of
+from palpate.rig.emulated.hidden_truth import draw_parts, parts_of
 from palpate.rig.emulated.scene import Placement, put_down
 from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.events import Event, Observers, RecognitionEvent, TouchEvent
@@ -193,7 +193,8 @@ class Simulation:
             lambda: touches.seconds or 0.0,
         )
         hypotheses = hypotheses_of(result)
-        truth = compare_answer(touches.placement, hypotheses)
+        (lies,) = touches.placements
+        truth = compare_answer(lies, hypotheses)
         best = hypotheses[0] if hypotheses else None
         return StudyRunOut(
             number=number,
@@ -207,9 +208,7 @@ class Simulation:
             position_error=truth.position_error_mm,
             position_bound=best.bounds.position_half_mm if best else None,
             orientation_bound=best.bounds.orientation_half_rad if best else None,
-            moved=float(
-                np.hypot(touches.placement.x_mm - placement.x_mm, touches.placement.y_mm - placement.y_mm)
-            ),
+            moved=float(np.hypot(lies.x_mm - placement.x_mm, lies.y_mm - placement.y_mm)),
             grips=len(result.grips),
             touches=result.touches,
             left=tuple(sorted({(item.state.object_name, item.state.state.name) for item in hypotheses})),
@@ -238,20 +237,19 @@ class Simulation:
     def _touches(self, placement: Placement, rng: np.random.Generator) -> SimulatedTouches | PushingTouches:
         emulation = self.rig.emulation
         if emulation is None or motion_of(self.rig) is PartMotion.STILL:
-            return SimulatedTouches(placement, self._resolution, rng)
-        part, tip_friction = _part(emulation.part, placement, rng)
-        return PushingTouches(self.rig, placement, part, tip_friction, self._noise, rng, self._resolution)
+            return SimulatedTouches([placement], self._resolution, rng)
+        parts, tip_friction = _part(emulation.part, placement, rng)
+        return PushingTouches(self.rig, [placement], parts, tip_friction, self._noise, rng, self._resolution)
 
 
 def _part(
     config: EmulatedPartConfig | None, placement: Placement, rng: np.random.Generator
-) -> tuple[Part, float]:
+) -> tuple[Parts, float]:
     """A part that stands, and the friction at tips."""
     for draw in range(_MAX_DRAWS):
-        truth = draw_part(config, placement, int(rng.integers(2**31)))
-        assert truth is not None, "parts are to move"
+        (truth,) = draw_parts(config, [placement], int(rng.integers(2**31)))
         try:
-            return part_of(truth, placement), truth.tip_friction
+            return parts_of([truth], [placement]), truth.tip_friction
         except InputError:
             if draw == _MAX_DRAWS - 1:
                 raise

@@ -102,7 +102,7 @@ def servo(wanted_servo: RigServo, diagnosis: Diagnosis) -> RigServo:
 def resting_hand(rig: RigFile) -> Iterator[Hand]:
     """The hand, connected, torque off; an error if a device is missing. Torque is off at the end."""
     try:
-        connected = connect(set_up(rig, None, 0))
+        connected = connect(set_up(rig, (), 0))
     except DeviceError as error:
         _missing(error)
     with connected:

@@ -15,7 +15,13 @@ import mujoco
 import numpy as np
 
 from palpate.base.geometry import Floats
-from palpate.drivers.emulators.part import GRAVITY_M_S2, Displacement, FrictionSupport, TipForces
+from palpate.drivers.emulators.part import (
+    GRAVITY_M_S2,
+    Displacement,
+    Displacements,
+    FrictionSupport,
+    TipForces,
+)
 
 _STEP_S = 0.25e-3
 _FOOT_RADIUS_M = 1e-3  # radius of a foot: feet are small spheres
@@ -73,7 +79,7 @@ class MujocoPart:
                 break
         self._rest = self._pose()
         self._awake = False
-        self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
+        self.displacements: Displacements = (Displacement(self._centre, np.zeros(2), 0.0),)
 
     def step(self, tip_forces: TipForces, touched: bool, dt_s: float) -> None:
         """Let the engine run for `dt_s`; a part that nothing touches and that stands still sleeps."""
@@ -84,9 +90,9 @@ class MujocoPart:
             mujoco.mj_step(self._model, self._data)
         moved = self._current_displacement()
         self._awake = float(np.abs(self._data.qvel).max()) > _STILL_M_S
-        now = self.displacement
+        (now,) = self.displacements
         if max(*np.abs(moved.shift_mm - now.shift_mm), abs(moved.turn_rad - now.turn_rad)) > _SAME_MM:
-            self.displacement = moved
+            self.displacements = (moved,)
 
     @property
     def at_rest(self) -> bool:
@@ -124,7 +130,7 @@ class MujocoPart:
         moved = self._current_displacement()
         middle = moved.place(self._centre)
         total = np.zeros(6)
-        for force in tip_forces(moved):
+        for force in tip_forces((moved,))[0]:
             arm = np.array([*(force.point_mm - middle), force.height_mm - self._height_mm]) * _M_PER_MM
             push = np.array([*force.force_n, 0.0])
             total[:3] += push

@@ -1,0 +1,161 @@
+"""Several parts on one emulated table: scenes, what a tip between them feels, and truth."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.base.errors import InputError
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.config import load_objects, load_rig, load_scene, shipped_objects
+from palpate.config.writers import file_text
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.scene import Placement, check_apart, placements_of
+from support.benches.rigs import firm_rig, quick_bench
+from support.commands.command import Here
+
+RIG = load_rig(firm_rig())
+OBJECTS = load_objects(shipped_objects())
+
+
+def block(x_mm: float, y_mm: float, theta_rad: float = 0.0, **sizes: Any) -> Placement:
+    """A block with its middle at a place."""
+    half = sizes.get("wide_mm", 40.0) / 2
+    corners = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+    state = State("flat", (Section(sizes.get("z_mm", (0.0, 20.0)), (Polygon(corners, ()),)),))
+    return Placement(ObjectModel(sizes.get("name", "block"), (state,)), state, x_mm, y_mm, theta_rad)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Scene files.
+
+PART: dict[str, Any] = {"object": "plate", "configuration": {"x": 1.0, "y": -2.5, "theta": 0.3}}
+ONE = {"format": "palpate/scene@1"} | PART
+OTHER: dict[str, Any] = {"object": "tee", "configuration": {"x": 90.0, "y": 0.0, "theta": 0.0}}
+
+
+def written(folder: Path, content: dict[str, Any]) -> Path:
+    (folder / "scene.json").write_text(json.dumps(content), encoding="utf-8")
+    return folder / "scene.json"
+
+
+def several(*parts: dict[str, Any]) -> dict[str, Any]:
+    return {"format": "palpate/scene@1", "parts": list(parts)}
+
+
+def test_both_forms_of_a_scene_have_entries(tmp_path: Path) -> None:
+    one = load_scene(written(tmp_path, ONE))
+    two = load_scene(written(tmp_path, several(PART, OTHER | {"objects": "own.json"})))
+    assert one.entries == two.entries[:1]
+    assert [item.object for item in two.entries] == ["plate", "tee"]
+    assert two.entries[1].objects == str(tmp_path / "own.json")
+    assert json.loads(file_text(one)) == ONE
+    (tmp_path / "again.json").write_text(file_text(two), encoding="utf-8")
+    assert load_scene(tmp_path / "again.json") == two
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (ONE | {"parts": [OTHER]}, 'parts: is there beside "object"; give one object, or a list of parts'),
+        ({"format": "palpate/scene@1"}, 'the key "object" is missing; or give several objects as "parts"'),
+        (several(*[PART] * 9), "parts: has 9 values; it must have at most 8"),
+        (several(), "parts: "),
+        (several(PART, OTHER | {"state": 3}), "parts[1].state: is 3; it must be a text"),
+        (several(PART, {"object": "tee"}), 'parts[1]: the key "configuration" is missing'),
+    ],
+)
+def test_a_scene_has_exactly_one_form(tmp_path: Path, content: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scene(written(tmp_path, content))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_parts_that_overlap_are_refused_by_their_names(tmp_path: Path) -> None:
+    names = [model.name for model in OBJECTS.objects[:2]]
+    states = [model.states[0].name for model in OBJECTS.objects[:2]]
+    at = {"configuration": {"x": 0.0, "y": 0.0, "theta": 0.0}}
+    parts = [{"object": name, "state": state} | at for name, state in zip(names, states, strict=True)]
+    scene = load_scene(written(tmp_path, several(*parts)))
+    with pytest.raises(
+        InputError, match=rf'parts\[0\] \("{names[0]}"\) and parts\[1\] \("{names[1]}"\) overlap'
+    ):
+        placements_of(scene, OBJECTS)
+
+
+def test_parts_may_touch_and_reach_over_each_other() -> None:
+    turned = 0.7
+    beside = 40.0 * np.array([math.cos(turned), math.sin(turned)])
+    check_apart([block(0.0, 0.0, turned), block(*beside, turned)])
+    check_apart([block(0.0, 0.0), block(5.0, 5.0, z_mm=(20.0, 30.0))])
+    with pytest.raises(InputError):
+        check_apart([block(0.0, 0.0, turned), block(*(0.999 * beside), turned)])
+    with pytest.raises(InputError):
+        check_apart([block(0.0, 0.0), block(5.0, 5.0, z_mm=(19.0, 30.0))])
+
+
+# ----------------------------------------------------------------------------------------------------
+# What a tip feels.
+
+
+def felt(*placements: Placement) -> tuple[Floats, Floats]:
+    """Force on the first finger's tip, where it stands at the start, and what its taxels bear."""
+    bench = emulate(RIG, placements, 3).bench
+    finger, sampled = bench.fingers[0], []
+    finger.array.sample = lambda _, force_n: sampled.append(force_n)  # type: ignore[method-assign]
+    finger.touch(bench.parts.displacements)
+    finger.sample(0.0)
+    return np.zeros(2) if finger.press is None else finger.press.force_n, sampled[0]
+
+
+def against_the_tip(bearing_deg: float, dent_mm: float) -> Placement:
+    """A narrow block with a face that dents the tip from a bearing, counted from where its array looks."""
+    finger = emulate(RIG, (), 3).bench.fingers[0]
+    angle = finger.facing_rad + finger.truth.array_heading_rad + math.radians(bearing_deg)
+    away = finger.truth.tip_radius_mm - dent_mm + 2.0
+    x, y = finger.centre_mm + away * np.array([math.cos(angle), math.sin(angle)])
+    return block(x, y, angle, wide_mm=4.0)
+
+
+def test_a_tip_between_two_parts_feels_both() -> None:
+    left, right = against_the_tip(45.0, 0.2), against_the_tip(-45.0, 0.3)
+    check_apart([left, right])
+    (left_n, left_taxels), (right_n, right_taxels) = felt(left), felt(right)
+    assert np.hypot(*left_n) > 0.3
+    both_n, both_taxels = felt(left, right)
+    assert both_n == pytest.approx(left_n + right_n)
+    assert both_taxels == pytest.approx(left_taxels + right_taxels)
+    columns = np.flatnonzero(both_taxels.sum(axis=0))
+    assert np.diff(columns).max() > 2, "two patches"
+
+
+def test_a_tip_that_is_pinched_feels_its_skin_but_no_force() -> None:
+    pinched_n, _ = felt(against_the_tip(90.0, 0.2), against_the_tip(-90.0, 0.2))
+    assert np.hypot(*pinched_n) < 1e-3
+
+
+# ----------------------------------------------------------------------------------------------------
+# A run.
+
+
+def test_a_run_beside_a_second_part_knows_the_truth_of_both(tmp_path: Path, here: Here) -> None:
+    rig, _ = quick_bench(tmp_path)
+    outlines = {"chip": [[0, 0], [34, 0], [34, 22], [0, 22]], "fin": [[0, 0], [30, 4], [10, 28]]}
+    models = [{"name": name, "height": 20.0, "outline": ring} for name, ring in outlines.items()]
+    parts = tmp_path / "parts.json"
+    parts.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": models}))
+    small = list(outlines)
+    at = [{"x": -42.0, "y": -12.0, "theta": 0.3}, {"x": 18.0, "y": -14.0, "theta": 0.5}]
+    entries = [{"object": name, "configuration": pose} for name, pose in zip(small, at, strict=True)]
+    scene = written(tmp_path, several(*entries))
+    done = here("identify", "--rig", rig, "--objects", parts, "--scene", scene, "--seed", 7, "--json")
+    truth = done.json["truth"]
+    others = truth["others"]
+    assert {truth["object"], *(other["object"] for other in others)} == set(small)
+    assert [other["configuration"] for other in others] == [at[small.index(others[0]["object"])]]
+    again = here("replay", tmp_path / done.json["session"])
+    assert (again.code, again.err) == (0, "")
