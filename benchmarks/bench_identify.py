@@ -36,7 +36,7 @@ from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.events import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.identification.identify import identify
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.reach.approaches import reach_of
 from support.oracles.plans import as_predicted
 from support.oracles.shapely_touches import outward_normal, placed_as, stop, unit

@@ -37,7 +37,7 @@ from palpate.rig.emulated.hidden_truth import draw_parts, support_of
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.events import Event, Observers, StageEvent
 from palpate.rig.identification.identify import identify
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json

@@ -37,7 +37,7 @@ from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.events import Event, MoveEvent, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.grip_evidence import normal_halves_rad, paths_of
 from palpate.rig.identification.identify import search
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.reach.approaches import Reach, reach_of
 from support.campaign.objects import random_model
 from support.commands.repository import SHARED_OUTLINES

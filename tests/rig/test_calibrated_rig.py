@@ -43,7 +43,7 @@ from palpate.rig.diagnostics.steps import DiagnosisCase
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame
 from palpate.rig.identification.identify import search
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach, reach_of

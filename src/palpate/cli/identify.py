@@ -45,6 +45,9 @@ def identify(
     json: JsonOption = False,
     picture: PictureOption = None,
     strategy: StrategyOption = Strategy.PLANNED,
+    parts: Annotated[
+        str, typer.Option("--parts", metavar="N|up-to-N", help="How many parts lie on the table.")
+    ] = "1",
     sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = _SESSIONS,
     no_calibration: NoCalibrationOption = False,
     unconfirmed: Annotated[
@@ -87,6 +90,7 @@ def identify(
             objects,
             scene=scene,
             strategy=strategy.value,
+            parts=parts,
             unconfirmed=unconfirmed,
             sessions=sessions,
             on_event=progress,

@@ -50,8 +50,9 @@ class IdentificationProgress(StatusLine):
                 contacts = [touch.contact for touch in touches]
                 each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
                 self.console.print(f"grip {grip}: {', '.join(each)}")
-            case RecognitionEvent():
-                self.console.print(f"        {_hypotheses(event.recognition)}")
+            case RecognitionEvent(_, recognition, others):
+                known = "; ".join(map(_hypotheses, (recognition, *others)))
+                self.console.print(f"        {known}")
             case MoveEvent(_, float() as furthest_mm):
                 far = f"by {furthest_mm:.1f} mm" if math.isfinite(furthest_mm) else "without a bound"
                 moved = f"fingers may have moved the part {far}"

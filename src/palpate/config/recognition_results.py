@@ -385,6 +385,42 @@ class ContradictionOut(Out):
     hidden: Rounded | None = None
 
 
+class PartOut(Out):
+    """One of several parts on a table: its verdict, and the answer as `IdentificationOut` has it.
+
+    `agreed`: every way that is left to divide the touches among parts has this part, with these touches.
+    """
+
+    verdict: IdentificationVerdict
+    agreed: bool
+    object: str | None
+    state: str | None
+    configuration: ConfigurationOut | None
+    bounds: BoundsOut | None
+    alternatives: tuple[AlternativeOut, ...]
+    symmetry_order: int
+    contacts: int
+    predicted: int
+    stranger_probability: Rounded | None
+    goal_met: bool | None
+    truth: TruthOut | None
+
+
+class TableOut(Out):
+    """The table on which several parts were sought: how many, as asked, and what else may be there.
+
+    `divisions`: ways that are left to divide the touches among parts. `complete`: as many as were asked for
+    were found, or no state of the catalogue has room for one more. `rest_radius` (mm): in the rest of the
+    workspace nothing has a section, at the heights `rest_heights`, in which a larger circle fits.
+    """
+
+    asked: str
+    divisions: int
+    complete: bool
+    rest_radius: Rounded
+    rest_heights: Interval
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -413,7 +449,9 @@ class IdentificationOut(Out):
     it much more finely. `contradictions`: grips that contradicted earlier ones, and why. `narrower_without`:
     half-widths of `bounds` if one source were nil: fingers' places, dents of tips, normals, motion of the
     part, its tolerance; those that matter, the most costly first; an estimate, to first order. `left_out`:
-    states of the file that were not looked for.
+    states of the file that were not looked for. Where several parts were sought, `verdict` is that of the
+    whole table, `parts` holds each of them, and object, configuration and what belongs to them are those of
+    the first one; `table` is null where one was.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -454,3 +492,5 @@ class IdentificationOut(Out):
     altered_probability: Rounded | None = None
     narrower_without: tuple[WidthsWithoutOut, ...] = ()
     left_out: tuple[UnknownStateOut, ...] = ()
+    parts: tuple[PartOut, ...] = ()
+    table: TableOut | None = None

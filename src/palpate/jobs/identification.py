@@ -35,6 +35,7 @@ from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
 from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
+from palpate.rig.identification.several_parts import ONE_PART, PartCount, check_parts
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.recorded_session import confirmed_of, keep_inputs
@@ -76,6 +77,7 @@ class IdentificationRequest:
     run: int
     strategy: Strategy | GripStrategy
     unconfirmed: bool
+    parts: PartCount = ONE_PART
     left_out: tuple[UnknownStateOut, ...] = ()
 
     @property
@@ -99,6 +101,7 @@ class IdentificationRequest:
         content.update(file_text(self.objects).encode())
         content.update(b"" if self.scene is None else file_text(self.scene).encode())
         content.update(name_strategy(self.strategy).encode())
+        content.update(b"" if self.parts.is_single else str(self.parts).encode())
         return f"identify-seed-{self.seed}-{content.hexdigest()[:8]}"
 
     def with_parts(self) -> tuple[Self, tuple[Placement, ...]]:
@@ -140,6 +143,7 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
     begin, on_bench = time.perf_counter(), request.on_bench
     on_bench.rig.require("identify")
     check_accuracy(on_bench.rig, str(on_bench.path))
+    check_parts(on_bench.rig, request.parts, request.strategy)
     objects, left_out = select_known(request.objects, on_bench.rig.fingers, request.name, calls.warn)
     request, placements = replace(request, objects=objects, left_out=left_out).with_parts()
     for line in finding_lines(on_bench.rig, request.objects.objects, request.name):
@@ -161,6 +165,7 @@ def identify_on(request: IdentificationRequest, sessions: Path | None, calls: Ca
         on_bench.calibration,
         datetime.now(UTC).replace(microsecond=0),
         request.proof,
+        request.parts,
     )
     prepared = _PreparedRun(request, job, bench, lie_now, begin)
     if sessions is not None:
@@ -212,7 +217,7 @@ def _header(request: IdentificationRequest, job: IdentificationJob, latency_s: f
         "started": job.started.isoformat(),
         "bus_latency_s": latency_s,
         "proof": None if job.proof is None else job.proof.command,
-    }
+    } | ({} if job.parts.is_single else {"parts": str(job.parts)})
 
 
 def _write_results(answer: Answer, folder: Path) -> None:

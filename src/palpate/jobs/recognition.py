@@ -11,7 +11,13 @@ from palpate.base.errors import InputError, PalpateError, quantity, warn_operato
 from palpate.base.vocabulary import DEFAULT_BUDGET, IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.config.fields import BoundsOut, ConfigurationOut, to_json
-from palpate.config.recognition_results import AlternativeOut, GripOut, IdentificationOut, UnknownStateOut
+from palpate.config.recognition_results import (
+    AlternativeOut,
+    GripOut,
+    IdentificationOut,
+    PartOut,
+    UnknownStateOut,
+)
 from palpate.jobs.files import PathLike, check_arguments, load_contacts, objects_from, select_known
 from palpate.recognizer import (
     Budget,
@@ -91,6 +97,11 @@ class Answer:
     def alternatives(self) -> Sequence[AlternativeOut]:
         """Hypotheses that are left beside the first one."""
         return self.result.alternatives
+
+    @property
+    def parts(self) -> Sequence[PartOut]:
+        """The parts that were found, where several were sought."""
+        return self.result.parts
 
     @property
     def goal_met(self) -> bool | None:

@@ -56,6 +56,7 @@ from palpate.rig.diagnostics.wiring_check import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.events import Observer
 from palpate.rig.identification.rig_recognition import GripStrategy
+from palpate.rig.identification.several_parts import PartCount
 from palpate.rig.session.calibration_drift import check_arrays
 from palpate.rig.session.run import prepared_hand
 from palpate.rig.session.signals import unwind_on_signals
@@ -139,6 +140,7 @@ class Rig:
         *,
         scene: Scene | PathLike | None = None,
         strategy: Strategy | str | GripStrategy = Strategy.PLANNED,
+        parts: int | str = 1,
         unconfirmed: bool = False,
         sessions: PathLike | None = None,
         on_event: Observer | None = None,
@@ -154,6 +156,7 @@ class Rig:
             scene: what lies on an emulated table; else each call draws the next part by the rig's seed.
             strategy: how grips are chosen (memo §3.2): "planned", "random", "rotate", or a function of
                 (recognition, planner): approaches of the next grip, or None to end.
+            parts: how many lie on the table: a number, or "up-to-3" and the like; `answer.parts` holds them.
             unconfirmed: the wiring of a real rig need not have been proven, by `check` or `calibrate`.
             sessions: where a folder with log, answer, contacts and picture is made; None keeps none.
             on_event: called with every event of the run, beside the thread that drives the devices.
@@ -176,7 +179,15 @@ class Rig:
         with unwind_on_signals():
             chosen = strategy if callable(strategy) else recognition.parse_strategy(strategy)
             request = IdentificationRequest(
-                self._on_bench, models, name_of(objects), given, self._seed, run, chosen, unconfirmed
+                self._on_bench,
+                models,
+                name_of(objects),
+                given,
+                self._seed,
+                run,
+                chosen,
+                unconfirmed,
+                PartCount.parse(parts),
             )
             calls = Callbacks(on_event, on_session, notice, warn, progress)
             return identify_on(request, None if sessions is None else Path(sessions), calls)

@@ -20,6 +20,7 @@ from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame
 from palpate.rig.identification.result import IdentificationJob, WiringProof
+from palpate.rig.identification.several_parts import PartCount
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import confirmed_of, load_kept_inputs, used_calibration
@@ -118,7 +119,15 @@ class Session:
         if isinstance(command, str):
             proof = WiringProof(on_bench.described, confirmed_of(on_bench.path), command)
         return IdentificationJob(
-            on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started, proof
+            on_bench.rig,
+            models,
+            seen,
+            Strategy(strategy),
+            seed,
+            on_bench.calibration,
+            started,
+            proof,
+            PartCount.parse(str(header.get("parts", 1))),
         )
 
     def _started(self) -> datetime:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 
-from palpate.base.errors import quantity
+from palpate.base.errors import join_words, quantity
 from palpate.base.vocabulary import BoundSource, ContradictionCause, IdentificationVerdict, SetUpFault
 from palpate.config.fields import UnfinishedOut
 from palpate.config.recognition_results import (
@@ -11,13 +11,16 @@ from palpate.config.recognition_results import (
     CalibrationUsedOut,
     ContradictionOut,
     IdentificationOut,
+    PartOut,
     Relation,
     SetUpDoubtOut,
+    TableOut,
 )
 from palpate.views.numerals import ceil_to, floor_to
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12
+_ANSWERED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 _MIN_PROBABILITY = 1e-4  # the model of what is not in the catalogue is no better than that
 _RETOUCH_TIP = "`palpate check --touch` shows"
 
@@ -27,6 +30,8 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
 
     `advice`: what to check if hardly anything was touched (`untouched_lines`).
     """
+    if out.table is not None:
+        return _table_lines(out, out.table)
     lines = [*_verdict_lines(out), *(f"  {_doubt_words(item)}" for item in out.setup_doubts)]
     lines += [*place_lines(out), *_goal_lines(out)]
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
@@ -51,6 +56,8 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
 
 def headline(out: IdentificationOut) -> str:
     """The verdict, and the object only if it is the answer; else what there is instead of one."""
+    if out.table is not None:
+        return f"{out.verdict.value.capitalize()}: {_parts_words(out)}"
     name = f"{out.object}, {out.state}"
     match out.verdict:
         case IdentificationVerdict.IDENTIFIED:
@@ -66,6 +73,44 @@ def headline(out: IdentificationOut) -> str:
         case _:
             words = "no object can be named"
     return f"{out.verdict.value.capitalize()}: {words}"
+
+
+def part_answer(out: IdentificationOut, part: PartOut) -> IdentificationOut:
+    """One of several parts as an answer by itself."""
+    own = {name: getattr(part, name) for name in PartOut.model_fields if name in IdentificationOut.model_fields}
+    common = {"parts": (), "table": None, "limit": None, "narrower_without": (), "motion_bounds": ()}
+    return out.model_copy(update=common | own)
+
+
+def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
+    """The parts that were found, a paragraph each, and what else may be on the table."""
+    lines = [f"{out.verdict}: {_parts_words(out)}"]
+    if not table.divisions:
+        lines.append("  the touches are not those of so many parts of the catalogue, wherever they lie")
+    if table.divisions > 1:
+        lines.append(f"  touches may be those of one part or another in {table.divisions} ways")
+    if out.limit:
+        lines.append(f"  ended by {out.limit} of the rig file")
+    for number, part in enumerate(out.parts, start=1):
+        first, *others = answer_lines(part_answer(out, part))
+        doubt = "" if part.agreed else " (some of its touches may be another part's)"
+        lines += [f"part {number}, {first}{doubt}", *others]
+    low, high = table.rest_heights
+    lines.append(
+        f"elsewhere, from {low:g} to {high:g} mm above the table, nothing is left that a circle of "
+        f"{2 * ceil_to(table.rest_radius, 1):.1f} mm fits into"
+    )
+    return lines
+
+
+def _parts_words(out: IdentificationOut) -> str:
+    """The parts of a table in a few words."""
+    assert out.table is not None, "only called for tables"
+    named = [f"{part.object}, {part.state}" for part in out.parts if part.verdict in _ANSWERED and part.agreed]
+    others = len(out.parts) - len(named)
+    more = [f"{quantity(others, 'part', 'parts')} not named"] if others else []
+    missing = "" if out.table.complete or not out.table.divisions else "; there may be more"
+    return (join_words([*named, *more]) or "no part can be named") + missing
 
 
 def _confirmation_lines(out: IdentificationOut) -> list[str]:

@@ -37,7 +37,7 @@ from palpate.recognizer import (
     suspected_contacts,
 )
 from palpate.rig.emulated.scene import Placement, shape_of
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.result import hypotheses_of, state_names, unfinished_out
 from palpate.views.answer import headline, picture_facts
 from palpate.views.run_scene import placed_rings
@@ -179,15 +179,18 @@ def identification_picture(
     result: Identification, placements: Sequence[Placement], rig: RigFile, out: IdentificationOut
 ) -> str:
     """SVG of a run: the object found, if one was, contacts, approaches, and what was ruled out when."""
-    hypotheses = hypotheses_of(result)
-    is_answered = out.verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
-    found = hypotheses[0] if hypotheses and is_answered else None
-    placed = hypotheses[0] if len(hypotheses) == 1 else found
-    others = [_other_hypothesis(item) for item in hypotheses if item is not found]
-    others += [
-        values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
-        for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
-    ]
+    found, others = list[Hypothesis](), list[values.OtherHypothesis]()
+    for part in (result,) if result.table is None else result.table.parts:
+        hypotheses = hypotheses_of(part)
+        answered = hypotheses[:1] if part.outcome in _ANSWERED else ()
+        found += answered
+        others += [_other_hypothesis(item) for item in hypotheses if item not in answered]
+        others += [
+            values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
+            for grip, item in sorted(part.ruled_out, key=lambda pair: -pair[1].weight)
+        ]
+    only = hypotheses_of(result) if result.table is None else ()
+    placed = found[0] if found and only else only[0] if len(only) == 1 else None
     return picture.draw(
         values.Picture(
             title=headline(out),

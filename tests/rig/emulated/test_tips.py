@@ -31,7 +31,7 @@ from palpate.rig.emulated.devices import description_of
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.identify import identify
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.study.simulation import with_motion
 from palpate.views.recognition import contacts_json
 from support.benches.rigs import firm_rig, small, small_objects, small_rig

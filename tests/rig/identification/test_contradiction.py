@@ -13,7 +13,7 @@ from palpate.config import load_rig
 from palpate.recognizer import Catalogue, Contact, FingerApproach, NormalRange
 from palpate.rig.identification.contradiction import RepeatedTouches
 from palpate.rig.identification.identify import search
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of

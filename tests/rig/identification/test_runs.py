@@ -17,7 +17,7 @@ from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.events import Event, Observer, Observers, TouchEvent
 from palpate.rig.identification.identify import identify
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session, identify_checked
 from support.campaign.sampling import sample

@@ -23,7 +23,7 @@ from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.ground_truth import compare_answer
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.identify import identify
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch

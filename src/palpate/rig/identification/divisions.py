@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import shapely
+
 from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Contact, FingerApproach, Recognition
 from palpate.rig.identification.loop import Search
@@ -46,6 +48,11 @@ class PartSearch:
         if known is None or not 0 < len(known.hypotheses) <= _MOST_CORES:
             return None
         return tuple(map(Core, known.hypotheses))
+
+    def room(self, span_mm: tuple[float, float]) -> shapely.Geometry:
+        """Region in W, between two heights (mm), that the part fills wherever it is; empty if unknown."""
+        rooms = [core.within(span_mm) for core in self.cores or ()]
+        return shapely.intersection_all(rooms) if rooms else shapely.Polygon()
 
     def excludes(self, other: "PartSearch") -> bool:
         """Return whether the two cannot be on one table: all of their hypotheses overlap."""

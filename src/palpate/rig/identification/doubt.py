@@ -42,7 +42,7 @@ from palpate.recognizer import (
 )
 from palpate.rig.conversion import finger_of
 from palpate.rig.fingers import Stage
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.mechanisms import kinematics_of
 from palpate.rig.motion.touch import Touch
 

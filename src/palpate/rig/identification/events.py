@@ -31,10 +31,11 @@ class TouchEvent(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecognitionEvent(ShortRepr):
-    """All contacts so far were interpreted."""
+    """All contacts so far were interpreted; `others`: of further parts, where several are sought."""
 
     grip: int
     recognition: Recognition
+    others: tuple[Recognition, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -10,7 +10,9 @@ from palpate.config import RigFile
 from palpate.recognizer import Catalogue, FingerApproach, Goals
 from palpate.rig.identification.events import Observers, StageEvent
 from palpate.rig.identification.grip_choice import GripChooser, PushTables, strategy_rng
-from palpate.rig.identification.loop import Identification, OwnChoice, Search
+from palpate.rig.identification.loop import OwnChoice, Search
+from palpate.rig.identification.outcome import Identification
+from palpate.rig.identification.several_parts import PartCount, SeveralSearch
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch
@@ -28,14 +30,21 @@ def identify(
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
     own: OwnChoice | None = None,
+    parts: PartCount | None = None,
 ) -> Identification:
     """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
 
-    `seed` decides what the strategy `random` draws; `own` chooses in its place. The hand must be prepared.
-    Raises what `carry_out_grip` raises, and OutputError before a grip once an observer has raised.
+    `seed` decides what the strategy `random` draws; `own` chooses in its place. `parts`: how many lie on the
+    table, None: one. The hand must be prepared. Raises what `carry_out_grip` raises, and OutputError before a
+    grip once an observer has raised.
     """
-    observers = observers or Observers()
-    search = begin_search(hand.rig, reach_of(hand.rig), catalogue, observers, strategy, seed, own)
+    observers, reach = observers or Observers(), reach_of(hand.rig)
+    search: Search | SeveralSearch
+    if parts is None or parts.is_single:
+        search = begin_search(hand.rig, reach, catalogue, observers, strategy, seed, own)
+    else:
+        single = begin_search(hand.rig, reach, catalogue, None, strategy, seed)
+        search = SeveralSearch(single, parts, observers)
     return _run(search, partial(carry_out_grip, hand), observers, hand.clock.now)
 
 
@@ -96,7 +105,10 @@ def search_with(
 
 
 def _run(
-    search: Search, execute: GripExecutor, observers: Observers, now: Callable[[], float] = lambda: 0.0
+    search: Search | SeveralSearch,
+    execute: GripExecutor,
+    observers: Observers,
+    now: Callable[[], float] = lambda: 0.0,
 ) -> Identification:
     """Carry out the grips that a search asks for until it has a verdict, or the rig's limits are reached."""
     verdict, limit, begun_s = None, None, now()

@@ -67,6 +67,7 @@ from palpate.rig.identification.exploration import (
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.touch import Touch
 
 OwnChoice = Callable[["Search"], Sequence[FingerApproach] | None]
@@ -78,49 +79,6 @@ _LIGHTER_SPEED_SHARE = 0.5  # of the speed, once the part has moved, or while it
 _MANY_STATES = 50  # more are told apart only by contacts that motions have not widened by millimetres
 _LONGEST_CREEP_S = 8.0
 _MAX_CARRIED_MOTION_MM = 12.0  # a motion by more leaves nothing worth keeping of earlier contacts
-
-
-@dataclass(frozen=True, eq=False)
-class Identification:
-    """Result of a run. `grips` holds the touches of every grip; `ruled_out` what earlier grips allowed.
-
-    `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
-    (from 1) before which the part seems to have been moved. `predicted`: touches that came out as everything
-    that is left had predicted. `detectable_shift_mm`: a shift of the part by more before the last grip would
-    have been detected for certain. `swept`: nothing was touched (since a move), and no state that fingers can
-    feel has room in the rest of the workspace. `motions`: how far (mm, rad) each grip may have moved the
-    part at most, None where that has no bound; empty if `assumed_holds_n` is None: the part is taken to lie
-    still. `hold_contradicted`: it was moved by more than that force allows, or it is none of the catalogue.
-    `stranger_probability`: that something outside the catalogue which agreed with the first contacts would
-    have agreed with all touches since; None if nothing was predicted or nothing agrees;
-    `altered_probability`: the same of what differs by less, in one feature of a part. `goal_met`: the
-    answer is placed as finely as the rig's goals ask; None without an answer. `limit`: what the run
-    came to before its goal. `contradictions`: grips that contradicted earlier ones, and what touches made
-    again say of the reason.
-    """
-
-    outcome: IdentificationVerdict
-    recognition: Recognition | None
-    grips: tuple[tuple[Touch, ...], ...]
-    ruled_out: tuple[tuple[int, Hypothesis], ...]
-    moved_before: tuple[int, ...] = ()
-    predicted: int = 0
-    detectable_shift_mm: float = math.inf
-    swept: bool = False
-    motions: tuple[tuple[float, float] | None, ...] = ()
-    assumed_holds_n: float | None = None
-    hold_contradicted: bool = False
-    stranger_probability: float | None = None
-    goal_met: bool | None = None
-    limit: RunLimit | None = None
-    contradictions: tuple[Contradiction, ...] = ()
-    altered_probability: float | None = None
-    grip_motions: tuple[GripMotion, ...] = ()
-
-    @property
-    def touches(self) -> int:
-        """Approaches carried out, misses included."""
-        return sum(len(grip) for grip in self.grips)
 
 
 class Search:

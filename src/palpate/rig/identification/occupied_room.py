@@ -1,4 +1,7 @@
-"""Room that a part certainly takes up: what it fills in every configuration that is left. Parts never overlap."""
+"""Room that a part certainly takes up: what it fills in every configuration that is left.
+
+Parts never overlap, so what two parts fill has nothing in common.
+"""
 
 import math
 from collections.abc import Sequence
@@ -25,8 +28,9 @@ class Core:
 
     @cached_property
     def off_mm(self) -> float:
-        """Distance of any point of the part from where the hypothesis's own configuration puts it, at most."""
-        at, bounds, state = self.hypothesis.configuration, self.hypothesis.search_bounds, self.hypothesis.state
+        """Distance of any point of the part from where the hypothesis's configuration puts it, at most."""
+        at, bounds = self.hypothesis.configuration, self.hypothesis.search_bounds
+        state = self.hypothesis.state
         x, y, turn = (
             max(abs(lo - here), abs(hi - here))
             for (lo, hi), here in (

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from typing import Literal
 
@@ -18,8 +18,10 @@ from palpate.config.recognition_results import (
     IdentificationOut,
     MotionBoundOut,
     NotBoundedOut,
+    PartOut,
     Relation,
     SetUpDoubtOut,
+    TableOut,
     TouchRecordOut,
     WidthsWithoutOut,
 )
@@ -33,9 +35,10 @@ from palpate.rig.identification.accuracy import widths_by_source
 from palpate.rig.identification.contradiction import Contradiction
 from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
+from palpate.rig.identification.several_parts import ONE_PART, PartCount
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +116,7 @@ class IdentificationJob(ShortRepr):
     calibration: CalibrationFile | None = None
     started: datetime | None = None
     proof: WiringProof | None = None
+    parts: PartCount = ONE_PART
 
     @property
     def strategy_name(self) -> Strategy | Literal["own"]:
@@ -186,6 +190,27 @@ class IdentificationRun(ShortRepr):
             contradictions=tuple(_contradiction(item) for item in result.contradictions),
             narrower_without=self._narrower_without(),
             truth=truth and compare_answers(truth.placements, hypotheses, truth.at_measurement),
+            parts=self._parts(),
+            table=self._table(),
+        )
+
+    def _parts(self) -> tuple[PartOut, ...]:
+        table, found = self.result.table, []
+        for part, agreed in () if table is None else zip(table.parts, table.agreed, strict=True):
+            one = replace(self, result=part).out(wall_seconds=0.0, session=None)
+            found.append(PartOut.of(one, agreed=agreed))
+        return tuple(found)
+
+    def _table(self) -> TableOut | None:
+        table = self.result.table
+        if table is None:
+            return None
+        return TableOut(
+            asked=str(self.job.parts),
+            divisions=table.divisions,
+            complete=table.is_complete,
+            rest_radius=table.rest_mm,
+            rest_heights=table.rest_z_mm,
         )
 
     def _alternatives(self, hypotheses: Sequence[Hypothesis]) -> tuple[AlternativeOut, ...]:

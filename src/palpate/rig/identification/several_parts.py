@@ -1,24 +1,29 @@
 """Search for several parts on one table: as `loop` does for one, over all divisions of the touches.
 
-The division that explains most by least leads: a part of it that has been touched is touched further until it
-is told from all others, then what is missing is sought where it may still be, and then each part is placed and
-confirmed. Fingers keep away from all parts but the one that they are to touch, by what is proven of these.
-Nothing is concluded of a part unless every division that is left agrees.
+The likeliest division leads: a part of it that has been touched is touched further until it is told from all
+others, then what is missing is sought where it may still be, and then each part is placed and confirmed.
+Fingers keep away from all parts but the one that they are to touch, by what is proven of these. Nothing is
+concluded of a part unless every division that is left agrees.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import shapely
 
+from palpate.base.errors import InputError, printable_text
 from palpate.base.geometry import Floats
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit
-from palpate.recognizer import FREE_MARGIN_MM, Catalogue, FingerApproach, predict
+from palpate.config import RigFile
+from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, predict
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.divisions import Division, PartSearch, divide
+from palpate.rig.identification.events import Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.exploration import (
+    InscribedDisc,
     exploring_grip,
     fast_to_workspace,
     inscribed_discs,
@@ -27,53 +32,99 @@ from palpate.rig.identification.exploration import (
     unswept_places,
 )
 from palpate.rig.identification.grip_choice import GripChooser
-from palpate.rig.identification.loop import Identification, Search
+from palpate.rig.identification.loop import Search
+from palpate.rig.identification.outcome import Identification, TableParts
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach
 
+MAX_PARTS = 8
+ANSWERED = (IdentificationVerdict.INDISTINGUISHABLE, IdentificationVerdict.IDENTIFIED)  # the weaker one first
+_UNRESOLVED = IdentificationVerdict.UNRESOLVED
+_UP_TO = "up-to-"
 _LEAST_WAY_MM = 5.0  # a shorter approach meets nothing
+_CIRCLE_TOLERANCE_MM = 0.1
 _KEPT_APART_MM = 1.0  # fingers end so far before a part that they are not to touch
 
 
-@dataclass(frozen=True, eq=False)
-class SeveralParts:
-    """Parts that were found on a table: an identification of each, and what is known of the rest of it.
+@dataclass(frozen=True)
+class PartCount:
+    """Number of parts on the table: exactly, or at most, `most`."""
 
-    `parts`: those of the leading division; `certain` (n,): whether all divisions that are left agree on it.
-    `divisions`: how many are left. `is_complete`: there are as many as were asked for, or no room for more.
-    `rest_mm`: no disc of a larger radius is left in the rest of the workspace.
-    """
+    most: int = 1
+    exactly: bool = True
 
-    outcome: IdentificationVerdict
-    parts: tuple[Identification, ...]
-    certain: tuple[bool, ...]
-    divisions: int
-    is_complete: bool
-    grips: tuple[tuple[Touch, ...], ...]
-    limit: RunLimit | None = None
+    @classmethod
+    def parse(cls, text: "str | int | PartCount") -> Self:
+        """The number that a text such as "2" or "up-to-3" means; InputError for any other."""
+        if isinstance(text, cls):
+            return text
+        words = str(text)
+        number = words.removeprefix(_UP_TO)
+        if not number.isdecimal() or not 1 <= int(number) <= MAX_PARTS:
+            raise InputError(
+                f'parts is "{printable_text(words)}"; allowed: a number from 1 to {MAX_PARTS}, or '
+                f"{_UP_TO} and one, such as {_UP_TO}3"
+            )
+        return cls(int(number), number == words)
+
+    @property
+    def is_single(self) -> bool:
+        """True if one part is taken to be there, as `Search` does."""
+        return self.most == 1 and self.exactly
+
+    def __str__(self) -> str:
+        return f"{'' if self.exactly else _UP_TO}{self.most}"
+
+
+ONE_PART = PartCount()
+"""One part, which certainly is on the table."""
+
+
+def check_parts(rig: RigFile, count: PartCount, strategy: object) -> None:
+    """Refuse several parts where they are not sought: by tips with flat faces, or a strategy of one's own."""
+    if count.is_single:
+        return
+    for finger in rig.fingers:
+        if finger.tip.kind.has_face:
+            raise InputError(
+                f'finger "{finger.name}" has a flat face, which may touch two parts at once; several parts '
+                "are for round tips"
+            )
+    if callable(strategy):
+        raise InputError("a strategy of one's own chooses grips on one part; leave it out for several parts")
 
 
 class SeveralSearch:
-    """Search for `most` parts, or for up to as many, under way."""
+    """Search for several parts under way; used as `Search` is."""
 
-    def __init__(self, single: Search, most: int, *, exactly: bool = True) -> None:
+    def __init__(self, single: Search, count: PartCount, observers: Observers | None = None) -> None:
         """`single`: a search for one part that has no grips yet."""
-        self._most, self._exactly = most, exactly
-        self._chooser, self._catalogue = single.chooser, single.catalogue
+        self._most, self._exactly = count.most, count.exactly
+        self._observers = observers or Observers()
+        self._chooser: GripChooser = single.chooser
         self._reach: Reach = single.chooser.reach
-        self._rig = single.rig
+        self._rig: RigFile = single.rig
         self._untouched = PartSearch(single, frozenset())
         self._divisions = [Division(())]
-        self._last = self._divisions
         self._grips: list[tuple[Touch, ...]] = []
+        self._made: list[Sequence[FingerApproach]] = []
         self._no_room = False
         self._settled: dict[PartSearch, IdentificationVerdict | None] = {}  # no grip promises more of it
-        self._discs = inscribed_discs(self._catalogue, {finger_of(item) for item in self._rig.fingers})
+        self._discs = inscribed_discs(single.catalogue, {finger_of(item) for item in self._rig.fingers})
 
     @property
     def divisions(self) -> Sequence[Division]:
         """Divisions that nothing refutes, the leading one first."""
         return self._divisions
+
+    @property
+    def made_grips(self) -> Sequence[tuple[Sequence[FingerApproach], tuple[Touch, ...]]]:
+        """Approaches and touches of every grip that was taken."""
+        return list(zip(self._made, self._grips, strict=True))
+
+    def prepare(self) -> None:
+        """Work out what a touched part would have to wait for."""
+        self._untouched.search.prepare()
 
     def limit(self, passed_s: float) -> RunLimit | None:
         """The rig's limit, for as many parts, that is reached after so many seconds."""
@@ -86,10 +137,15 @@ class SeveralSearch:
     def take(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
         """Divide the touches of a grip that was carried out."""
         self._grips.append(touches)
+        self._made.append(grip)
+        self._observers(TouchEvent(len(self._grips), touches))
         found, self._untouched = divide(self._divisions, self._untouched, self._most, grip, touches)
-        self._last = self._divisions
         self._settled = {}
         self._divisions = sorted(found, key=lambda item: -item.log_volume)
+        parts = self._divisions[0].parts if self._divisions else ()
+        known = [item for part in parts if (item := part.search.evidence.recognition) is not None]
+        if known:
+            self._observers(RecognitionEvent(len(self._grips), known[0], tuple(known[1:])))
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
         """The verdict if there is one already, else the next grip."""
@@ -135,9 +191,8 @@ class SeveralSearch:
         left = unswept_places(contacts, self._discs, self._rig.workspace.radius_mm)
         for span, disc in self._discs.items():
             for part in division.parts:
-                rooms = [core.within(span) for core in part.cores or ()]
-                room = shapely.intersection_all(rooms) if rooms else shapely.Polygon()
-                left[span] = left[span].difference(room.buffer(max(disc.radius_mm, 0.0)))
+                room = part.room(span).buffer(max(disc.radius_mm, 0.0))
+                left[span] = left[span].difference(room)
         self._no_room = is_swept(left, self._discs)
         if self._no_room:
             return self._untouched, ()
@@ -189,7 +244,7 @@ class SeveralSearch:
         fast = np.maximum(np.maximum(free, 0.0), outside)
         speeds = [part.search.touch_mm_s(item) for item in grip]
         return tuple(
-            replace(item, fast_mm=min(far, item.travel_mm), touch_mm_s=min(speed, item.touch_mm_s or math.inf))
+            replace(item, fast_mm=min(far, item.travel_mm), touch_mm_s=speed)
             for item, far, speed in zip(grip, fast.tolist(), speeds, strict=True)
         )
 
@@ -208,24 +263,43 @@ class SeveralSearch:
         if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
         verdicts = {self._conclude(part).outcome for part in leading.parts}
-        if verdicts == {IdentificationVerdict.IDENTIFIED}:
-            return IdentificationVerdict.IDENTIFIED
-        if verdicts <= {IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE}:
-            return IdentificationVerdict.INDISTINGUISHABLE
-        return IdentificationVerdict.UNRESOLVED
+        return next((item for item in ANSWERED if verdicts <= {*ANSWERED} and item in verdicts), _UNRESOLVED)
 
-    def conclude(self, limit: RunLimit | None = None) -> SeveralParts:
-        """What is known of all parts."""
+    def conclude(
+        self, verdict: IdentificationVerdict | None = None, limit: RunLimit | None = None
+    ) -> Identification:
+        """The result, with the verdict that `next` gave, or the one that what is known allows."""
         parts = self._divisions[0].parts if self._divisions else ()
-        return SeveralParts(
-            self._verdict(),
-            tuple(map(self._conclude, parts)),
+        found = tuple(map(self._conclude, parts))
+        rest_mm, rest_z_mm = self._rest(parts)
+        table = TableParts(
+            found,
             tuple(map(self._agreed, parts)),
             len(self._divisions),
             len(parts) == self._most or self._no_room,
-            tuple(self._grips),
-            limit,
+            rest_mm,
+            rest_z_mm,
+        )
+        first = found[0] if found else self._untouched.search.copy().conclude()
+        outcome = verdict or self._verdict()
+        answered = outcome in ANSWERED
+        fine = answered and all(item.goal_met for item in found)
+        return replace(
+            first,
+            outcome=outcome,
+            grips=tuple(self._grips),
+            goal_met=fine if answered else None,
+            limit=None if fine else limit,
+            table=table,
         )
 
-
-Execute = Callable[[Sequence[FingerApproach]], Sequence[Touch]]
+    def _rest(self, parts: Sequence[PartSearch]) -> tuple[float, tuple[float, float]]:
+        """Radius (mm) of the largest circle that is left, and between which heights nothing else has room."""
+        contacts = self._untouched.search.evidence.contacts
+        points = {finger_of(item).span_mm: InscribedDisc(0.0, frozenset()) for item in self._rig.fingers}
+        found = []
+        for span, left in unswept_places(contacts, points, self._rig.workspace.radius_mm).items():
+            free = left.difference(shapely.union_all([part.room(span) for part in parts]))
+            circle = shapely.maximum_inscribed_circle(free, _CIRCLE_TOLERANCE_MM)
+            found.append((float(shapely.length(circle)) + _CIRCLE_TOLERANCE_MM if free.area else 0.0, span))
+        return min(found)

@@ -29,7 +29,7 @@ from palpate.config.recognition_results import CalibrationUsedOut
 from palpate.recognizer import Finger, Hypothesis
 from palpate.rig.conversion import deflection_mm
 from palpate.rig.fingers import Stage
-from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch, dent_range_mm, may_touch_two_edges
 

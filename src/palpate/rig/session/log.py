@@ -70,12 +70,17 @@ def _event_values(event: Event) -> tuple[str, dict[str, object]]:
             return "stage", {"grip": event.grip, "stage": event.stage}
         case TouchEvent():
             return "touches", {"grip": event.grip, "touches": event.touches}
-        case RecognitionEvent(grip, recognition):
+        case RecognitionEvent(grip, recognition, others):
             return "recognised", {
                 "grip": grip,
                 "verdict": recognition.verdict,
                 "levels": recognition.levels,
-                "hypotheses": [_hypothesis(item) for item in recognition.hypotheses],
+                "hypotheses": [_hypothesis(item) for item in recognition.hypotheses]
+                + [
+                    _hypothesis(item) | {"part": number}
+                    for number, other in enumerate(others, start=2)
+                    for item in other.hypotheses
+                ],
             }
         case PlanEvent(grip, plan):
             return "planned", {

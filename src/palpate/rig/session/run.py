@@ -139,16 +139,18 @@ def run_identification(
         chosen = job.strategy
         own = None if isinstance(chosen, Strategy) else own_choice(chosen)
         named = chosen if isinstance(chosen, Strategy) else Strategy.PLANNED
-        result = identify(hand, job.catalogue, observed, strategy=named, seed=job.seed, own=own)
+        result = identify(
+            hand, job.catalogue, observed, strategy=named, seed=job.seed, own=own, parts=job.parts
+        )
         emulated, noted = hand.emulated, hand.checks.noted
     notices = tuple(noted)
     late = observed.late_failure or notice_beside.late_failure
     placements = lie()
     truth = Truth(placements, at_measurement if placements_now else None) if placements else None
     used = None
-    if job.calibration is not None and job.started is not None:
+    if job.calibration is not None and job.started is not None and result.table is None:
         used = calibration_used(result, job.rig, job.calibration, job.started)
-    doubts = doubt_set_up(job.rig, job.catalogue, result)
+    doubts = doubt_set_up(job.rig, job.catalogue, result) if result.table is None else ()
     return IdentificationRun(
         job, result, emulated, environment.clock.now(), truth, used, late, doubts, notices
     )
