@@ -15,6 +15,8 @@ from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, 
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import TAG, problem
 
+MAX_SCENE_PARTS = 8
+
 Span = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 """[lo, hi], from which the seed draws."""
 
@@ -112,6 +114,16 @@ _TipFrictionOrRange = Annotated[
 ]
 
 
+_PartCount = Annotated[int, Field(strict=True, ge=1, le=MAX_SCENE_PARTS)]
+
+PartCountOrRange = Annotated[
+    Annotated[_PartCount, Tag(TAG + "number")]
+    | Annotated[tuple[_PartCount, _PartCount], AfterValidator(in_order), Tag(TAG + "range")],
+    Discriminator(_number_or_range),
+]
+"""Number of parts on the table, or [lo, hi] from which the seed draws."""
+
+
 def _check_feet(count: int) -> int:
     if count in (1, 2):
         raise problem(f"is {count}; a part stands on 3 feet at least, or on its whole base (0)")
@@ -169,9 +181,6 @@ class ScenePart(FileModel):
     state: _StateName = None
     objects: _ObjectsPath = None
     part: _Properties = PartProperties()
-
-
-MAX_SCENE_PARTS = 8
 
 
 class Scene(FileModel):

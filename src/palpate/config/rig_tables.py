@@ -11,7 +11,13 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.base.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
-from palpate.config.emulation import AdapterConfig, EmulatedPartConfig, MechanicsConfig, Span
+from palpate.config.emulation import (
+    AdapterConfig,
+    EmulatedPartConfig,
+    MechanicsConfig,
+    PartCountOrRange,
+    Span,
+)
 from palpate.config.fields import Count, FileModel, Flag, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outline_checks import outline_problem
 from palpate.config.problems import problem
@@ -260,6 +266,9 @@ class EmulationConfig(FileModel):
     )
     array_adapter: AdapterConfig | None = Field(
         default=None, description="Each array's USB adapter, likewise."
+    )
+    parts: PartCountOrRange = Field(
+        default=1, description="So many parts lie on the table; the seed draws from [lo, hi]."
     )
     placement_radius_mm: Positive = Field(
         description="Parts are put with their centre of area inside this circle, "

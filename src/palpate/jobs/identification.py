@@ -18,19 +18,19 @@ from palpate.base.errors import PalpateError
 from palpate.base.file_io import write_text
 from palpate.base.vocabulary import Strategy
 from palpate.config import ObjectsFile, RigOnBench, Scene
-from palpate.config.emulation import ConfigurationText
 from palpate.config.fields import to_json
 from palpate.config.recognition_results import UnknownStateOut
 from palpate.config.writers import file_text
 from palpate.jobs.files import select_known
 from palpate.jobs.recognition import Answer
-from palpate.rig.bench import BenchRig, choose_placements, environment, set_up
+from palpate.rig.bench import BenchRig, choose_placements, draw_table, environment, set_up
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.catalogue.reachability import finding_lines
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame, scene_lines
-from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.emulated.table import scene_of
 from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
@@ -110,14 +110,8 @@ class IdentificationRequest:
         placements = choose_placements(described, self.objects, self.scene, self.seed)
         if not self.run or self.scene is not None or described.emulation is None:
             return self, placements
-        rng = np.random.default_rng([self.seed, 0, self.run])
-        radii = described.emulation.placement_radius_mm, described.workspace.radius_mm
-        lies = draw_placement(self.objects, radii[0], rng, radii[1])
-        at = ConfigurationText(x=lies.x_mm, y=lies.y_mm, theta=lies.theta_rad)
-        scene = Scene(
-            format="palpate/scene@1", object=lies.model.name, configuration=at, state=lies.state.name
-        )
-        return replace(self, scene=scene), (lies,)
+        placements = draw_table(described, self.objects, np.random.default_rng([self.seed, 0, self.run]))
+        return replace(self, scene=scene_of(placements)), placements
 
 
 @dataclass(frozen=True)

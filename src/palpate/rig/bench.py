@@ -24,7 +24,8 @@ from palpate.drivers.transport import (
 from palpate.rig.catalogue.finger_model import check_known
 from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
-from palpate.rig.emulated.scene import Placement, ReferencePlacer, draw_placement, placements_of
+from palpate.rig.emulated.scene import Placement, ReferencePlacer
+from palpate.rig.emulated.table import draw_placements, placements_of
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
 
@@ -66,8 +67,16 @@ def choose_placements(
         placements = placements_of(scene, objects)
         check_known([item.model for item in placements], rig.fingers)  # they may come from other files
         return placements
-    rng = np.random.default_rng([seed, 0])
-    return (draw_placement(objects, rig.emulation.placement_radius_mm, rng, rig.workspace.radius_mm),)
+    return draw_table(rig, objects, np.random.default_rng([seed, 0]))
+
+
+def draw_table(rig: RigFile, objects: ObjectsFile, rng: np.random.Generator) -> tuple[Placement, ...]:
+    """Draw what lies on the table of an emulated rig; InputError if there is no room for so many parts."""
+    assert rig.emulation is not None, "only emulated tables are drawn"
+    parts = rig.emulation.parts
+    count = parts if isinstance(parts, int) else int(rng.integers(parts[0], parts[1] + 1))
+    within, workspace = rig.emulation.placement_radius_mm, rig.workspace.radius_mm
+    return draw_placements(objects, count, within, rng, workspace)
 
 
 def check_heights(rig: RigFile, objects: ObjectsFile) -> None:

@@ -30,7 +30,7 @@ from palpate.rig.catalogue.reachability import (
     untouched_lines,
 )
 from palpate.rig.emulated.ground_truth import scene_lines
-from palpate.rig.emulated.scene import placements_of
+from palpate.rig.emulated.table import placements_of
 from palpate.rig.identification.identify import search
 from palpate.rig.reach.approaches import reach_of
 from support.benches.parts import OUTLINE, objects_file, part, scene_file

@@ -2,19 +2,33 @@
 
 import json
 import math
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
-from palpate.config import load_objects, load_rig, load_scene, shipped_objects
+from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.writers import file_text
+from palpate.drivers.emulators import StillParts
+from palpate.rig.bench import choose_placements
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.emulated.scene import Placement, check_apart, placements_of
-from support.benches.rigs import firm_rig, quick_bench
+from palpate.rig.emulated.driven_tips import noise_of
+from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.emulated.table import check_apart, draw_placements, placements_of
+from palpate.rig.fingers import resolution_of
+from palpate.rig.reach.approaches import reach_of
+from palpate.rig.study.pushing_touches import PushingTouches
+from palpate.rig.study.simulated_touches import SimulatedTouches
+from support.benches.rigs import firm_rig, quick_bench, small_objects
 from support.commands.command import Here
 
 RIG = load_rig(firm_rig())
@@ -139,6 +153,39 @@ def test_a_tip_that_is_pinched_feels_its_skin_but_no_force() -> None:
 
 
 # ----------------------------------------------------------------------------------------------------
+# Grips without devices.
+
+
+@pytest.mark.parametrize("slides", [False, True])
+def test_simulated_grips_stop_at_the_first_of_several_parts(*, slides: bool) -> None:
+    """Whatever each part alone lets a finger reach, the nearest stop of them is the one that is met."""
+    turned = draw_placements(small_objects(), 3, 70.0, np.random.default_rng(5), 125.0)
+    reach = reach_of(RIG)
+    own = reach.of_finger(0)
+
+    def ends(placements: Sequence[Placement]) -> list[tuple[bool, float]]:
+        found = []
+        for k in range(0, len(own), 3):
+            approach, rng = reach.approaches[own[k]], np.random.default_rng(k)
+            touches = SimulatedTouches(placements, resolution_of(RIG), rng)
+            if slides:
+                noise = [noise_of(RIG, finger) for finger in RIG.fingers]
+                still = StillParts(len(placements))
+                touches = PushingTouches(RIG, placements, still, 0.3, noise, rng)  # type: ignore[assignment]
+            (touch,) = touches([approach])
+            assert bool(touch.loads) == (slides and touch.contact.touched)
+            found.append((touch.contact.touched, math.dist(touch.contact.end_mm, approach.start_mm)))
+        return found
+
+    together, alone = ends(turned), [ends([lies]) for lies in turned]
+    for k, (touched, way) in enumerate(together):
+        first = min(item[k][1] for item in alone)
+        assert touched == any(item[k][0] for item in alone)
+        assert way == pytest.approx(first, abs=0.3 if slides else 1e-9), "noise is drawn frame by frame"
+    assert sum(touched for touched, _ in together) > 5
+
+
+# ----------------------------------------------------------------------------------------------------
 # A run.
 
 
@@ -159,3 +206,63 @@ def test_a_run_beside_a_second_part_knows_the_truth_of_both(tmp_path: Path, here
     assert [other["configuration"] for other in others] == [at[small.index(others[0]["object"])]]
     again = here("replay", tmp_path / done.json["session"])
     assert (again.code, again.err) == (0, "")
+
+
+# ----------------------------------------------------------------------------------------------------
+# Tables that are drawn.
+
+
+def shapes(lies: Placement) -> list[shapely.Geometry]:
+    """Sections in W, made here from the corners."""
+    c, s = math.cos(lies.theta_rad), math.sin(lies.theta_rad)
+    turn, shift = np.array([[c, s], [-s, c]]), [lies.x_mm, lies.y_mm]
+    return [
+        shapely.union_all([shapely.Polygon(item.outer @ turn + shift) for item in section.polygons])
+        for section in lies.state.sections
+    ]
+
+
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
+@given(
+    st.integers(2, 5), st.sampled_from([None, (0.0, 0.5), (0.0, 0.0), (11.0, math.inf)]), st.integers(0, 999)
+)
+def test_drawn_parts_lie_as_far_apart_as_asked_and_never_overlap(
+    count: int, gap_mm: tuple[float, float] | None, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    placements = draw_placements(small_objects(), count, 90.0, rng, 130.0, gap_mm)
+    outlines = [shapely.union_all(shapes(lies)) for lies in placements]
+    for one, other in combinations(outlines, 2):
+        assert shapely.intersection(one, other).area < 0.05
+        assert gap_mm is None or shapely.distance(one, other) >= gap_mm[0]
+    if gap_mm is not None:
+        for number in range(1, count):
+            nearest = min(shapely.distance(outlines[number], other) for other in outlines[:number])
+            assert nearest <= gap_mm[1] + 0.002
+    assert all(np.hypot(*shapely.get_coordinates(item).T).max() <= 130.0 for item in outlines)
+    assert all(np.hypot(*shapely.get_coordinates(item.centroid)[0]) <= 90.0 for item in outlines)
+
+
+def test_one_drawn_part_lies_as_ever_and_too_many_are_refused() -> None:
+    rngs = np.random.default_rng(4), np.random.default_rng(4)
+    assert draw_placements(OBJECTS, 1, 20.0, rngs[0], 125.0) == (
+        draw_placement(OBJECTS, 20.0, rngs[1], 125.0),
+    )
+    with pytest.raises(InputError, match="no room was found for 3 parts with their middles within 20 mm"):
+        draw_placements(OBJECTS, 3, 20.0, rngs[0])
+
+
+def test_a_rig_file_says_how_many_parts_its_table_holds() -> None:
+    assert RIG.emulation is not None
+
+    def counts(parts: object) -> list[int]:
+        data = RIG.model_dump(mode="json", exclude_unset=True)
+        data["emulation"] |= {"parts": parts, "placement_radius_mm": 80.0}
+        rig = RigFile.model_validate(data)
+        return [len(choose_placements(rig, small_objects(), None, seed)) for seed in range(12)]
+
+    assert set(counts(2)) == {2}
+    assert set(counts([1, 3])) == {1, 2, 3}
+    for wrong in (0, 9, [2, 2], 1.5):
+        with pytest.raises(ValidationError):
+            counts(wrong)

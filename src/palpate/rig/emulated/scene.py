@@ -1,4 +1,4 @@
-"""Scene: the parts on an emulated table, given by a file, drawn from the catalogue by a seed, or placed.
+"""Scene: a part on an emulated table, drawn from the catalogue by a seed or placed, and its outlines.
 
 Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so
 that the emulated bench shares no geometry with the recogniser: beside a ball, each section is met by a
@@ -8,22 +8,19 @@ where asked, never exactly, as by a person with a disc in the hand who tells nob
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Section, State
 from palpate.base.geometry.outlines import EdgeRings, region_of, rings_of
 from palpate.base.tips import TipShape, implementation_for
 from palpate.calibration.measurements import Reference, ReferenceDisc, ReferencePlate
-from palpate.config import ObjectsFile, Scene, load_objects
-from palpate.config.emulation import ScenePart
+from palpate.config import ObjectsFile
 from palpate.drivers.emulators import Bench, Displacement, PartSection
 from palpate.recognizer import Configuration
 
@@ -113,7 +110,6 @@ def _owners(grown: Sequence[shapely.Geometry], middle: Floats) -> np.ndarray[tup
 _MAX_PLACING_TRIES = 50  # times, until a part lies inside the workspace
 _SAME_PLACE_MM = 1e-9
 _ON_EDGE_MM = 1e-6
-_TOUCHING_MM = 1e-3  # parts that touch overlap by no more than twice that
 
 
 @dataclass(frozen=True)
@@ -149,64 +145,6 @@ class Placement:
         return self._regions[span_mm]
 
 
-def placements_of(scene: Scene, catalogue: ObjectsFile) -> tuple[Placement, ...]:
-    """Placements by a scene file.
-
-    Raises InputError for an object or a state that there is none of, and for parts that overlap.
-    """
-    found = tuple(_placement_of(entry, catalogue) for entry in scene.entries)
-    check_apart(found)
-    return found
-
-
-def _placement_of(entry: ScenePart, catalogue: ObjectsFile) -> Placement:
-    objects = catalogue if entry.objects is None else load_objects(entry.objects)
-    models = {model.name: model for model in objects.objects}
-    model = models.get(entry.object)
-    if model is None:
-        raise InputError(f'scene: no object "{entry.object}"; there are {_name_list(models)}')
-    states = {state.name: state for state in model.states}
-    name = entry.state or (model.states[0].name if len(model.states) == 1 else "")
-    if name not in states:
-        what = f'no state "{entry.state}"' if entry.state else "give the state"
-        raise InputError(f'scene: object "{entry.object}": {what}; there are {_name_list(states)}')
-    at, part = entry.configuration, entry.part
-    return Placement(model, states[name], at.x, at.y, at.theta, part.mass_kg, part.friction)
-
-
-def check_apart(placements: Sequence[Placement]) -> None:
-    """Raise InputError if two parts overlap at any height; they may touch."""
-    for (k, one), (m, other) in combinations(enumerate(placements), 2):
-        if overlap(one, other):
-            names = [f'parts[{number}] ("{lies.model.name}")' for number, lies in ((k, one), (m, other))]
-            raise InputError(f"scene: {names[0]} and {names[1]} overlap; move one away, they may touch")
-
-
-def overlap(one: Placement, other: Placement) -> bool:
-    """Return whether two parts overlap at a height at which both have a section, by more than rounding."""
-    return any(
-        not shapely.intersection(shape, beside).buffer(-_TOUCHING_MM).is_empty
-        for shape, beside in _shapes_side_by_side(one, other)
-    )
-
-
-def gap_mm(one: Placement, other: Placement) -> float:
-    """Least distance between two parts over the heights at which both have a section."""
-    return min(
-        (float(shapely.distance(*pair)) for pair in _shapes_side_by_side(one, other)), default=math.inf
-    )
-
-
-def _shapes_side_by_side(
-    one: Placement, other: Placement
-) -> Iterator[tuple[shapely.Geometry, shapely.Geometry]]:
-    """Shapes in W of each two sections of two parts that share heights."""
-    for section in one.state.sections:
-        for beside in other.state.sections:
-            if max(section.z_mm[0], beside.z_mm[0]) < min(section.z_mm[1], beside.z_mm[1]):
-                yield shape_of(one, section), shape_of(other, beside)
-
-
 def draw_placement(
     objects: ObjectsFile, radius_mm: float, rng: np.random.Generator, workspace_mm: float = math.inf
 ) -> Placement:
@@ -230,15 +168,16 @@ def put_down(
     """
     first = None
     for _ in range(_MAX_PLACING_TRIES):
-        lies = _draw_pose(model, state, radius_mm, rng)
+        lies = draw_pose(model, state, radius_mm, rng)
         first = first or lies
-        if all(_furthest_mm(lies, section) <= workspace_mm for section in state.sections):
+        if is_inside(lies, workspace_mm):
             return lies
     assert first is not None
     return first
 
 
-def _draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
+def draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
+    """A state with its centre of area anywhere within `radius_mm` of the middle."""
     theta = float(rng.uniform(-math.pi, math.pi))
     away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     centre = affinity.rotate(
@@ -248,9 +187,10 @@ def _draw_pose(model: ObjectModel, state: State, radius_mm: float, rng: np.rando
     return Placement(model, state, float(x), float(y), theta)
 
 
-def _furthest_mm(lies: Placement, section: Section) -> float:
-    """Distance from W's origin to the section's furthest point."""
-    return float(np.hypot(*shapely.get_coordinates(shape_of(lies, section)).T).max())
+def is_inside(lies: Placement, radius_mm: float) -> bool:
+    """Return whether all of a part is within a circle round W's origin."""
+    coordinates = [shapely.get_coordinates(shape_of(lies, section)) for section in lies.state.sections]
+    return all(float(np.hypot(*item.T).max()) <= radius_mm for item in coordinates)
 
 
 def outline_at(
@@ -336,11 +276,6 @@ def displace(placement: Placement, displacement: Displacement) -> Placement:
         return placement
     x, y = displacement.place(np.array([placement.x_mm, placement.y_mm])).tolist()
     return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + displacement.turn_rad)
-
-
-def _name_list(names: object) -> str:
-    every = sorted(str(name) for name in names)  # type: ignore[attr-defined]
-    return ", ".join(every[:12]) + (f" and {len(every) - 12} more" if len(every) > 12 else "")
 
 
 _PLACING_ERROR_MM = 8.0
