@@ -32,6 +32,11 @@ class IdentificationVerdict(StrEnum):
     UNRESOLVED = "unresolved"
     MOVING = "moving"
 
+    @property
+    def is_answer(self) -> bool:
+        """True if it names what lies on the table."""
+        return self in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+
 
 class ContradictionCause(StrEnum):
     """Reason why nothing in a catalogue explains grips together; the last where touches do not say which."""

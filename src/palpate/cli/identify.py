@@ -10,7 +10,6 @@ from palpate.base.vocabulary import (
     DEFAULT_BUDGET,
     LEAST_BUDGET,
     SESSIONS_FOLDER,
-    IdentificationVerdict,
     PartMotion,
     RecognitionVerdict,
     Strategy,
@@ -110,8 +109,7 @@ def identify(
     typer.echo(answer.to_json() if json else with_rig_given("\n".join(lines)))
     if failure is not None:
         raise failure
-    answered = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
-    return 0 if answer.verdict in answered else 1
+    return 0 if answer.verdict.is_answer else 1
 
 
 def recognize(

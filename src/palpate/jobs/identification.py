@@ -107,10 +107,11 @@ class IdentificationRequest:
     def with_parts(self) -> tuple[Self, tuple[Placement, ...]]:
         """The request with the scene that a later run on an emulated table draws, and what lies there."""
         described = self.on_bench.described
-        placements = choose_placements(described, self.objects, self.scene, self.seed)
+        placements = choose_placements(described, self.objects, self.scene, self.seed, self.parts)
         if not self.run or self.scene is not None or described.emulation is None:
             return self, placements
-        placements = draw_table(described, self.objects, np.random.default_rng([self.seed, 0, self.run]))
+        rng = np.random.default_rng([self.seed, 0, self.run])
+        placements = draw_table(described, self.objects, rng, self.parts)
         return replace(self, scene=scene_of(placements)), placements
 
 

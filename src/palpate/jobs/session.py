@@ -110,9 +110,9 @@ class Session:
         on_bench, objects, given = load_kept_inputs(
             self.folder, scene=scene, calibration=used_calibration(self.log)
         )
-        seen = placements_in_hand_frame(
-            on_bench, choose_placements(on_bench.described, objects, given, seed), seed
-        )
+        parts = PartCount.parse(str(header.get("parts", 1)))
+        placements = choose_placements(on_bench.described, objects, given, seed, parts)
+        seen = placements_in_hand_frame(on_bench, placements, seed)
         started = None if on_bench.calibration is None else self._started()
         models = prepare_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
         command, proof = header.get("proof"), None
@@ -127,7 +127,7 @@ class Session:
             on_bench.calibration,
             started,
             proof,
-            PartCount.parse(str(header.get("parts", 1))),
+            parts,
         )
 
     def _started(self) -> datetime:

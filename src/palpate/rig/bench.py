@@ -26,6 +26,7 @@ from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
 from palpate.rig.emulated.scene import Placement, ReferencePlacer
 from palpate.rig.emulated.table import draw_placements, placements_of
+from palpate.rig.identification.several_parts import ONE_PART, PartCount
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
 
@@ -50,12 +51,13 @@ class BenchRig:
 
 
 def choose_placements(
-    rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int
+    rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int, asked: PartCount = ONE_PART
 ) -> tuple[Placement, ...]:
     """Choose what lies on the table of an emulated rig; nothing for a real one.
 
-    Raises InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that
-    is too high for an arm's links to pass above it, and for one that is not known where a finger is.
+    `asked`: how many parts are sought; as many are drawn, unless the rig file says how many. Raises
+    InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that is too
+    high for an arm's links to pass above it, and for one that is not known where a finger is.
     """
     check_known(objects.objects, rig.fingers)
     check_heights(rig, objects)
@@ -67,15 +69,22 @@ def choose_placements(
         placements = placements_of(scene, objects)
         check_known([item.model for item in placements], rig.fingers)  # they may come from other files
         return placements
-    return draw_table(rig, objects, np.random.default_rng([seed, 0]))
+    return draw_table(rig, objects, np.random.default_rng([seed, 0]), asked)
 
 
-def draw_table(rig: RigFile, objects: ObjectsFile, rng: np.random.Generator) -> tuple[Placement, ...]:
-    """Draw what lies on the table of an emulated rig; InputError if there is no room for so many parts."""
+def draw_table(
+    rig: RigFile, objects: ObjectsFile, rng: np.random.Generator, asked: PartCount = ONE_PART
+) -> tuple[Placement, ...]:
+    """Draw what lies on the table of an emulated rig; InputError if there is no room for so many parts.
+
+    Several parts lie anywhere in the workspace if only `asked` says that there are several.
+    """
     assert rig.emulation is not None, "only emulated tables are drawn"
-    parts = rig.emulation.parts
-    count = parts if isinstance(parts, int) else int(rng.integers(parts[0], parts[1] + 1))
+    parts: int | tuple[int, int] = rig.emulation.parts
     within, workspace = rig.emulation.placement_radius_mm, rig.workspace.radius_mm
+    if parts == 1 and not asked.is_single:
+        parts, within = asked.most if asked.exactly else (1, asked.most), workspace
+    count = parts if isinstance(parts, int) else int(rng.integers(parts[0], parts[1] + 1))
     return draw_placements(objects, count, within, rng, workspace)
 
 

@@ -20,7 +20,6 @@ from palpate.views.numerals import ceil_to, floor_to
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12
-_ANSWERED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 _MIN_PROBABILITY = 1e-4  # the model of what is not in the catalogue is no better than that
 _RETOUCH_TIP = "`palpate check --touch` shows"
 
@@ -77,7 +76,9 @@ def headline(out: IdentificationOut) -> str:
 
 def part_answer(out: IdentificationOut, part: PartOut) -> IdentificationOut:
     """One of several parts as an answer by itself."""
-    own = {name: getattr(part, name) for name in PartOut.model_fields if name in IdentificationOut.model_fields}
+    own = {
+        name: getattr(part, name) for name in PartOut.model_fields if name in IdentificationOut.model_fields
+    }
     common = {"parts": (), "table": None, "limit": None, "narrower_without": (), "motion_bounds": ()}
     return out.model_copy(update=common | own)
 
@@ -96,9 +97,10 @@ def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
         doubt = "" if part.agreed else " (some of its touches may be another part's)"
         lines += [f"part {number}, {first}{doubt}", *others]
     low, high = table.rest_heights
+    heights = f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
     lines.append(
-        f"elsewhere, from {low:g} to {high:g} mm above the table, nothing is left that a circle of "
-        f"{2 * ceil_to(table.rest_radius, 1):.1f} mm fits into"
+        f"elsewhere, {heights} above the table, nothing is left into which a circle of "
+        f"{2 * ceil_to(table.rest_radius, 1):.1f} mm in diameter fits"
     )
     return lines
 
@@ -106,7 +108,7 @@ def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
 def _parts_words(out: IdentificationOut) -> str:
     """The parts of a table in a few words."""
     assert out.table is not None, "only called for tables"
-    named = [f"{part.object}, {part.state}" for part in out.parts if part.verdict in _ANSWERED and part.agreed]
+    named = [f"{part.object}, {part.state}" for part in out.parts if part.verdict.is_answer and part.agreed]
     others = len(out.parts) - len(named)
     more = [f"{quantity(others, 'part', 'parts')} not named"] if others else []
     missing = "" if out.table.complete or not out.table.divisions else "; there may be more"

@@ -9,7 +9,6 @@ from palpate.base.geometry import Floats
 from palpate.base.geometry.outlines import rings_of
 from palpate.base.short_repr import ShortRepr
 from palpate.base.tips import TipShape
-from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import RigFile
 from palpate.config.problems import excerpt, nearest
 from palpate.config.recognition_results import (
@@ -182,7 +181,7 @@ def identification_picture(
     found, others = list[Hypothesis](), list[values.OtherHypothesis]()
     for part in (result,) if result.table is None else result.table.parts:
         hypotheses = hypotheses_of(part)
-        answered = hypotheses[:1] if part.outcome in _ANSWERED else ()
+        answered = hypotheses[:1] if part.outcome.is_answer else ()
         found += answered
         others += [_other_hypothesis(item) for item in hypotheses if item not in answered]
         others += [
@@ -195,7 +194,7 @@ def identification_picture(
         values.Picture(
             title=headline(out),
             subtitle=(f"rig {rig.name}",),
-            found=() if found is None else rings_at(found),
+            found=tuple(ring for item in found for ring in rings_at(item)),
             pose=None if placed is None else bounded_pose(placed.configuration, placed.bounds),
             truth=tuple(
                 ring for lies in placements for ring in rings_of(shape_of(lies, lies.state.sections[0]))

@@ -17,7 +17,7 @@ refused beforehand.
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -177,7 +177,7 @@ class Search:
         stranger, altered = self._evidence.stranger_probability, self._evidence.altered_probability
         if verdict is IdentificationVerdict.UNKNOWN and self._refuted is not None:
             recognition, stranger, altered = self._refuted, None, None
-        answered = verdict in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+        answered = verdict.is_answer
         fine = recognition is not None and self._chooser.is_fine(recognition)
         states = self._states(recognition)
         assumed = self._bounds.holds_n(states)

@@ -35,8 +35,8 @@ from palpate.rig.identification.accuracy import widths_by_source
 from palpate.rig.identification.contradiction import Contradiction
 from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
-from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
 from palpate.rig.identification.several_parts import ONE_PART, PartCount
 

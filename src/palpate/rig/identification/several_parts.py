@@ -38,8 +38,6 @@ from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach
 
 MAX_PARTS = 8
-ANSWERED = (IdentificationVerdict.INDISTINGUISHABLE, IdentificationVerdict.IDENTIFIED)  # the weaker one first
-_UNRESOLVED = IdentificationVerdict.UNRESOLVED
 _UP_TO = "up-to-"
 _LEAST_WAY_MM = 5.0  # a shorter approach meets nothing
 _CIRCLE_TOLERANCE_MM = 0.1
@@ -263,7 +261,10 @@ class SeveralSearch:
         if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
         verdicts = {self._conclude(part).outcome for part in leading.parts}
-        return next((item for item in ANSWERED if verdicts <= {*ANSWERED} and item in verdicts), _UNRESOLVED)
+        if not all(item.is_answer for item in verdicts):
+            return IdentificationVerdict.UNRESOLVED
+        indistinguishable = IdentificationVerdict.INDISTINGUISHABLE
+        return indistinguishable if indistinguishable in verdicts else IdentificationVerdict.IDENTIFIED
 
     def conclude(
         self, verdict: IdentificationVerdict | None = None, limit: RunLimit | None = None
@@ -282,7 +283,7 @@ class SeveralSearch:
         )
         first = found[0] if found else self._untouched.search.copy().conclude()
         outcome = verdict or self._verdict()
-        answered = outcome in ANSWERED
+        answered = outcome.is_answer
         fine = answered and all(item.goal_met for item in found)
         return replace(
             first,

@@ -28,12 +28,11 @@ from palpate.config.study_result import (
 
 _MAX_PAIRS = 200
 _MAX_WRONG_RUNS = 20
-_NAMED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 
 
 def is_wrong(run: StudyRunOut) -> bool:
     """Return whether a run gave an answer that the truth is not in."""
-    return run.verdict in _NAMED and not run.inside_bounds
+    return run.verdict.is_answer and not run.inside_bounds
 
 
 @dataclass(frozen=True)
