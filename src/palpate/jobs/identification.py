@@ -33,9 +33,9 @@ from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import scene_of
 from palpate.rig.identification.accuracy import check_accuracy
 from palpate.rig.identification.events import Observer
+from palpate.rig.identification.part_count import ONE_PART, PartCount, check_parts
 from palpate.rig.identification.result import IdentificationJob, IdentificationRun, WiringProof
 from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
-from palpate.rig.identification.several_parts import ONE_PART, PartCount, check_parts
 from palpate.rig.session.archive import discard_session
 from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.recorded_session import confirmed_of, keep_inputs

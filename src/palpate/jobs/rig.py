@@ -55,8 +55,8 @@ from palpate.rig.commissioning.hand_prober import TableOperator
 from palpate.rig.diagnostics.wiring_check import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.events import Observer
+from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.rig_recognition import GripStrategy
-from palpate.rig.identification.several_parts import PartCount
 from palpate.rig.session.calibration_drift import check_arrays
 from palpate.rig.session.run import prepared_hand
 from palpate.rig.session.signals import unwind_on_signals

@@ -19,8 +19,8 @@ from palpate.rig.bench import choose_placements
 from palpate.rig.catalogue.preparation import prepare_catalogue
 from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.ground_truth import placements_in_hand_frame
+from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.result import IdentificationJob, WiringProof
-from palpate.rig.identification.several_parts import PartCount
 from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.recorded_session import confirmed_of, load_kept_inputs, used_calibration

@@ -26,7 +26,7 @@ from palpate.rig.contact_peak import bus_latency_s
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
 from palpate.rig.emulated.scene import Placement, ReferencePlacer
 from palpate.rig.emulated.table import draw_placements, placements_of
-from palpate.rig.identification.several_parts import ONE_PART, PartCount
+from palpate.rig.identification.part_count import ONE_PART, PartCount
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
 

@@ -1,6 +1,7 @@
 """The answer of `palpate identify` in words, with its alternatives, or the reason why there is none."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from palpate.base.errors import join_words, quantity
@@ -108,8 +109,9 @@ def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
 def _parts_words(out: IdentificationOut) -> str:
     """The parts of a table in a few words."""
     assert out.table is not None, "only called for tables"
-    named = [f"{part.object}, {part.state}" for part in out.parts if part.verdict.is_answer and part.agreed]
-    others = len(out.parts) - len(named)
+    names = [str(part.object) for part in out.parts if part.verdict.is_answer and part.agreed]
+    named = [f"{count} × {name}" if count > 1 else name for name, count in Counter(names).items()]
+    others = len(out.parts) - len(names)
     more = [f"{quantity(others, 'part', 'parts')} not named"] if others else []
     missing = "" if out.table.complete or not out.table.divisions else "; there may be more"
     return (join_words([*named, *more]) or "no part can be named") + missing
@@ -149,6 +151,8 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
         ("rig time", f"{out.rig_seconds:.1f} s"),
         ("devices", "emulated" if out.emulated else "hardware"),
     ]
+    if out.table is not None:
+        return [rows[0], rows[1], *rows[3:], *map(_part_fact, out.parts)]
     if out.symmetry_order > 1:
         rows.append(("symmetry", f"{out.symmetry_order}-fold: θ modulo {360 / out.symmetry_order:g}°"))
     if out.symmetry_order == 0:
@@ -157,6 +161,19 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
         off, turned = out.truth.position_error_mm or 0.0, math.degrees(out.truth.orientation_error_rad or 0.0)
         rows.append(("off the truth", f"{off:.2f} mm, {turned:.2f}°"))
     return rows
+
+
+def _part_fact(part: PartOut) -> tuple[str, str]:
+    """Name of one of several parts and its place, with the half-widths of its bounds."""
+    if part.configuration is None or part.bounds is None:
+        return "a part", part.verdict.value
+    at, bounds = part.configuration, part.bounds
+    x, y = (
+        f"{value:.1f} ± {ceil_to(max(hi - value, value - lo), 1):.1f}"
+        for value, (lo, hi) in ((at.x, bounds.x), (at.y, bounds.y))
+    )
+    turn = f", {math.degrees(at.theta):.0f}°" if part.symmetry_order else ""
+    return str(part.object), f"x {x}, y {y} mm{turn}"
 
 
 def _share(probability: float) -> str:

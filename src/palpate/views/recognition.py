@@ -187,6 +187,7 @@ def identification_picture(
         others += [
             values.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
             for grip, item in sorted(part.ruled_out, key=lambda pair: -pair[1].weight)
+            if result.table is None  # of several parts they would cover each other
         ]
     only = hypotheses_of(result) if result.table is None else ()
     placed = found[0] if found and only else only[0] if len(only) == 1 else None

@@ -8,8 +8,9 @@ divisions that nothing refutes are kept, the true one among them.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import shapely
 
@@ -17,6 +18,7 @@ from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import Contact, FingerApproach, Recognition
 from palpate.rig.identification.loop import Search
 from palpate.rig.identification.occupied_room import Core
+from palpate.rig.identification.part_count import PartCount
 from palpate.rig.motion.touch import Touch
 
 _FIRST_SHARE = 0.01  # of all configurations, that each of the first touches leaves: an order follows from it
@@ -29,6 +31,12 @@ class PartSearch:
 
     search: Search
     touched: frozenset[tuple[int, int]]
+
+    @cached_property
+    def counting(self) -> frozenset[tuple[int, int]]:
+        """Touches that count since the part may have been moved by more than contacts can be carried over."""
+        moved_before = self.search.moved_before
+        return frozenset(item for item in self.touched if not moved_before or item[0] >= moved_before[-1])
 
     @property
     def recognition(self) -> Recognition | None:
@@ -70,12 +78,29 @@ class PartSearch:
         every = 2 * math.pi * math.pi * self.search.rig.workspace.radius_mm**2
         return math.log(float(cells.volume @ known.catalogue.prior[cells.state]) / every + 1e-300)
 
+    def gap_mm(self, other: "PartSearch") -> float:
+        """Distance of the two parts at least, wherever they are; 0 where too little is known."""
+        if self.cores is None or other.cores is None:
+            return 0.0
+        return min(one.gap_mm(two) for one in self.cores for two in other.cores)
+
+    @property
+    def pushed_mm(self) -> float:
+        """Distance by which the last grip has moved any point of the part, at most."""
+        return self.search.pushed_mm
+
     def grown(
-        self, grip: Sequence[FingerApproach], touches: Sequence[Touch], own: frozenset[int]
+        self, grip: Sequence[FingerApproach], touches: Sequence[Touch], own: frozenset[int], *, is_apart: bool
     ) -> "PartSearch":
-        """The same after one more grip, of which the touches `own` (indices) met this part."""
+        """The same after one more grip, of which the touches `own` (indices) met this part.
+
+        `is_apart`: no other part was pushed into this one.
+        """
+        seen = (item if k in own else passed(item, presses=not is_apart) for k, item in enumerate(touches))
         search = self.search.copy()
-        search.take(grip, tuple(touch if k in own else passed(touch) for k, touch in enumerate(touches)))
+        search.take(grip, tuple(seen))
+        if not own:
+            search.evidence.keep_judgement_of(self.search.evidence)
         number = len(search.made_grips)
         return PartSearch(search, self.touched | {(number, k) for k in own})
 
@@ -92,55 +117,94 @@ class Division:
         return sum(part.log_volume for part in self.parts)
 
 
-def passed(touch: Touch) -> Touch:
+def passed(touch: Touch, *, presses: bool) -> Touch:
     """A touch of another part, as a part sees it that was not touched: a free way up to its end.
 
-    What the finger pressed counts all the same: the other part may have been pushed into this one.
+    `presses`: what the finger pressed counts all the same, as the other part may have been pushed into this
+    one.
     """
     points = tuple(_free_way(point) for point in touch.points)
-    return replace(touch, contact=_free_way(touch.contact), points=points)
+    seen = replace(touch, contact=_free_way(touch.contact), points=points)
+    return seen if presses or touch.trace is None else replace(seen, trace=touch.trace.of_nothing_felt)
 
 
 def _free_way(contact: Contact) -> Contact:
     return replace(contact, touched=False, normal=None, friction=None) if contact.touched else contact
 
 
-def divide(
-    divisions: Sequence[Division],
-    untouched: PartSearch,
-    most_parts: int,
-    grip: Sequence[FingerApproach],
-    touches: Sequence[Touch],
-) -> tuple[list[Division], PartSearch]:
-    """All divisions after one more grip, and what is known of a part that nothing has touched."""
-    met = [k for k, touch in enumerate(touches) if touch.contact.touched]
-    known: dict[tuple[int, frozenset[int]], PartSearch] = {}
-    exclude: dict[tuple[int, int], bool] = {}
+@dataclass(frozen=True, eq=False)
+class GripDivider:
+    """Divides the touches of one grip. What parts have in common in several divisions is worked out once."""
 
-    def grown(part: PartSearch, own: frozenset[int]) -> PartSearch:
-        key = id(part), own
-        if key not in known:
-            known[key] = part.grown(grip, touches, own)
-        return known[key]
+    grip: Sequence[FingerApproach]
+    touches: Sequence[Touch]
+    _grown: dict[tuple[int, frozenset[int], bool], PartSearch] = field(default_factory=dict)
+    _excluded: dict[tuple[int, int], bool] = field(default_factory=dict)
+    _gaps_mm: dict[tuple[int, int], float] = field(default_factory=dict)
 
-    def clash(one: PartSearch, two: PartSearch) -> bool:
+    def divide(
+        self, divisions: Sequence[Division], untouched: PartSearch, count: PartCount
+    ) -> tuple[list[Division], PartSearch]:
+        """All divisions after the grip, and what is known of a part that nothing has touched."""
+        met = [k for k, touch in enumerate(self.touches) if touch.contact.touched]
+        found: dict[frozenset[frozenset[tuple[int, int]]], Division] = {}
+        for division in divisions:
+            # Where other parts may lie unknown, any of them may carry a push on.
+            known = count.exactly and len(division.parts) == count.most
+            for shares in _shares(len(division.parts), count.most, met):
+                more = len(shares) - len(division.parts)
+                parts = self._parts((*division.parts, *[untouched] * more), shares, all_known=known)
+                if parts is not None:
+                    found.setdefault(frozenset(part.counting for part in parts), Division(parts))
+        return list(found.values()), self._part(untouched, frozenset(), is_apart=False)
+
+    def _parts(
+        self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]], *, all_known: bool
+    ) -> tuple[PartSearch, ...] | None:
+        """The parts after the grip; None if they cannot be on one table."""
+        if all_known:
+            parts = self._grow(before, shares, is_apart=True)
+            if parts is None or self._stayed_apart(before, parts):
+                return parts
+        return self._grow(before, shares, is_apart=False)
+
+    def _grow(
+        self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]], *, is_apart: bool
+    ) -> tuple[PartSearch, ...] | None:
+        parts: list[PartSearch] = []
+        for part, own in zip(before, shares, strict=True):
+            parts.append(self._part(part, own, is_apart=is_apart))
+            if parts[-1].is_refuted or any(self._exclude(item, parts[-1]) for item in parts[:-1]):
+                return None
+        return tuple(parts)
+
+    def _part(self, part: PartSearch, own: frozenset[int], *, is_apart: bool) -> PartSearch:
+        key = id(part), own, is_apart
+        if key not in self._grown:
+            self._grown[key] = part.grown(self.grip, self.touches, own, is_apart=is_apart)
+        return self._grown[key]
+
+    def _exclude(self, one: PartSearch, two: PartSearch) -> bool:
         key = id(one), id(two)
-        if key not in exclude:
-            exclude[key] = one.excludes(two)
-        return exclude[key]
+        if key not in self._excluded:
+            self._excluded[key] = one.excludes(two)
+        return self._excluded[key]
 
-    found = []
-    for division in divisions:
-        for shares in _shares(len(division.parts), most_parts, met):
-            before = (*division.parts, *[untouched] * (len(shares) - len(division.parts)))
-            parts = []
-            for part, own in zip(before, shares, strict=True):
-                parts.append(grown(part, own))
-                if parts[-1].is_refuted or any(clash(item, parts[-1]) for item in parts[:-1]):
-                    break
-            else:
-                found.append(Division(tuple(parts)))
-    return found, grown(untouched, frozenset())
+    def _stayed_apart(self, before: Sequence[PartSearch], after: Sequence[PartSearch]) -> bool:
+        """Return whether no part can have been pushed into another.
+
+        Until two parts meet, each is moved by its own touches alone: together by less than their distance.
+        """
+        return all(
+            self._gap_mm(before[k], before[m]) > after[k].pushed_mm + after[m].pushed_mm
+            for k, m in combinations(range(len(before)), 2)
+        )
+
+    def _gap_mm(self, one: PartSearch, two: PartSearch) -> float:
+        key = id(one), id(two)
+        if key not in self._gaps_mm:
+            self._gaps_mm[key] = one.gap_mm(two)
+        return self._gaps_mm[key]
 
 
 def _shares(parts: int, most_parts: int, met: Sequence[int]) -> Iterator[list[frozenset[int]]]:

@@ -93,6 +93,11 @@ class GripEvidence:
             self.strangers = StrangerEvidence.none()
         return []
 
+    def keep_judgement_of(self, before: "GripEvidence") -> None:
+        """Judge as before the last grip, which did not touch the part, what grips on it have gained."""
+        self.idle, self.checks = before.idle, before.checks
+        self.detectable_shift_mm = before.detectable_shift_mm
+
     @property
     def stranger_probability(self) -> float | None:
         """Probability that something outside the catalogue which agreed with the first contacts would have

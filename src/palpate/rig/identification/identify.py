@@ -12,7 +12,8 @@ from palpate.rig.identification.events import Observers, StageEvent
 from palpate.rig.identification.grip_choice import GripChooser, PushTables, strategy_rng
 from palpate.rig.identification.loop import OwnChoice, Search
 from palpate.rig.identification.outcome import Identification
-from palpate.rig.identification.several_parts import PartCount, SeveralSearch
+from palpate.rig.identification.part_count import PartCount
+from palpate.rig.identification.several_parts import SeveralSearch
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.touch import Touch

@@ -139,6 +139,16 @@ class Search:
         return self._catalogue
 
     @property
+    def moved_before(self) -> Sequence[int]:
+        """Grips (from 1) before which the part may have been moved by too much to carry contacts over."""
+        return tuple(self._moved_before)
+
+    @property
+    def pushed_mm(self) -> float:
+        """Distance by which the last grip has moved any point of the part at most; infinite: no bound."""
+        return self._motions[-1].whole.furthest_mm(self._catalogue, self._states())
+
+    @property
     def evidence(self) -> GripEvidence:
         """Evidence of the grips that count."""
         return self._evidence

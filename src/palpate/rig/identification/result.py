@@ -37,8 +37,8 @@ from palpate.rig.identification.doubt import SetUpDoubt
 from palpate.rig.identification.grip_choice import StabilityTable
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.outcome import Identification
+from palpate.rig.identification.part_count import ONE_PART, PartCount
 from palpate.rig.identification.rig_recognition import GripStrategy, name_strategy
-from palpate.rig.identification.several_parts import ONE_PART, PartCount
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,19 +8,17 @@ concluded of a part unless every division that is left agrees.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
-from palpate.base.errors import InputError, printable_text
 from palpate.base.geometry import Floats
 from palpate.base.vocabulary import IdentificationVerdict, RunLimit
 from palpate.config import RigFile
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, predict
 from palpate.rig.conversion import finger_of
-from palpate.rig.identification.divisions import Division, PartSearch, divide
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch
 from palpate.rig.identification.events import Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.exploration import (
     InscribedDisc,
@@ -34,62 +32,13 @@ from palpate.rig.identification.exploration import (
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.loop import Search
 from palpate.rig.identification.outcome import Identification, TableParts
+from palpate.rig.identification.part_count import PartCount
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import Reach
 
-MAX_PARTS = 8
-_UP_TO = "up-to-"
 _LEAST_WAY_MM = 5.0  # a shorter approach meets nothing
 _CIRCLE_TOLERANCE_MM = 0.1
 _KEPT_APART_MM = 1.0  # fingers end so far before a part that they are not to touch
-
-
-@dataclass(frozen=True)
-class PartCount:
-    """Number of parts on the table: exactly, or at most, `most`."""
-
-    most: int = 1
-    exactly: bool = True
-
-    @classmethod
-    def parse(cls, text: "str | int | PartCount") -> Self:
-        """The number that a text such as "2" or "up-to-3" means; InputError for any other."""
-        if isinstance(text, cls):
-            return text
-        words = str(text)
-        number = words.removeprefix(_UP_TO)
-        if not number.isdecimal() or not 1 <= int(number) <= MAX_PARTS:
-            raise InputError(
-                f'parts is "{printable_text(words)}"; allowed: a number from 1 to {MAX_PARTS}, or '
-                f"{_UP_TO} and one, such as {_UP_TO}3"
-            )
-        return cls(int(number), number == words)
-
-    @property
-    def is_single(self) -> bool:
-        """True if one part is taken to be there, as `Search` does."""
-        return self.most == 1 and self.exactly
-
-    def __str__(self) -> str:
-        return f"{'' if self.exactly else _UP_TO}{self.most}"
-
-
-ONE_PART = PartCount()
-"""One part, which certainly is on the table."""
-
-
-def check_parts(rig: RigFile, count: PartCount, strategy: object) -> None:
-    """Refuse several parts where they are not sought: by tips with flat faces, or a strategy of one's own."""
-    if count.is_single:
-        return
-    for finger in rig.fingers:
-        if finger.tip.kind.has_face:
-            raise InputError(
-                f'finger "{finger.name}" has a flat face, which may touch two parts at once; several parts '
-                "are for round tips"
-            )
-    if callable(strategy):
-        raise InputError("a strategy of one's own chooses grips on one part; leave it out for several parts")
 
 
 class SeveralSearch:
@@ -97,7 +46,7 @@ class SeveralSearch:
 
     def __init__(self, single: Search, count: PartCount, observers: Observers | None = None) -> None:
         """`single`: a search for one part that has no grips yet."""
-        self._most, self._exactly = count.most, count.exactly
+        self._count = count
         self._observers = observers or Observers()
         self._chooser: GripChooser = single.chooser
         self._reach: Reach = single.chooser.reach
@@ -127,9 +76,9 @@ class SeveralSearch:
     def limit(self, passed_s: float) -> RunLimit | None:
         """The rig's limit, for as many parts, that is reached after so many seconds."""
         limits = self._rig.search
-        if len(self._grips) >= self._most * limits.max_grips:
+        if len(self._grips) >= self._count.most * limits.max_grips:
             return RunLimit.MAX_GRIPS
-        seconds = self._most * (limits.max_seconds or math.inf)
+        seconds = self._count.most * (limits.max_seconds or math.inf)
         return RunLimit.MAX_SECONDS if passed_s >= seconds else None
 
     def take(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
@@ -137,7 +86,8 @@ class SeveralSearch:
         self._grips.append(touches)
         self._made.append(grip)
         self._observers(TouchEvent(len(self._grips), touches))
-        found, self._untouched = divide(self._divisions, self._untouched, self._most, grip, touches)
+        divider = GripDivider(grip, touches)
+        found, self._untouched = divider.divide(self._divisions, self._untouched, self._count)
         self._settled = {}
         self._divisions = sorted(found, key=lambda item: -item.log_volume)
         parts = self._divisions[0].parts if self._divisions else ()
@@ -180,7 +130,7 @@ class SeveralSearch:
 
     def _find(self, division: Division) -> tuple[PartSearch, Sequence[FingerApproach]]:
         """A grip where a part that is missing may be."""
-        if len(division.parts) >= self._most:
+        if len(division.parts) >= self._count.most:
             return self._untouched, ()
         contacts = self._untouched.search.evidence.contacts
         reach = self._open_reach(division, None)
@@ -235,7 +185,7 @@ class SeveralSearch:
         """The grip at speeds that parts bear, and fast only where no division has anything."""
         every = {id(item): item for division in self._divisions for item in division.parts}
         parts = list(every.values())
-        if any(len(division.parts) < self._most for division in self._divisions):
+        if any(len(division.parts) < self._count.most for division in self._divisions):
             parts.append(self._untouched)
         free = np.min([self._free_mm(item, grip) for item in parts], axis=0) - FREE_MARGIN_MM
         outside = [fast_to_workspace(item, self._rig.workspace.radius_mm).fast_mm for item in grip]
@@ -257,7 +207,7 @@ class SeveralSearch:
         if not self._divisions:
             return IdentificationVerdict.UNKNOWN
         leading = self._divisions[0]
-        complete = len(leading.parts) == self._most or (self._no_room and not self._exactly)
+        complete = len(leading.parts) == self._count.most or (self._no_room and not self._count.exactly)
         if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
         verdicts = {self._conclude(part).outcome for part in leading.parts}
@@ -277,7 +227,7 @@ class SeveralSearch:
             found,
             tuple(map(self._agreed, parts)),
             len(self._divisions),
-            len(parts) == self._most or self._no_room,
+            len(parts) == self._count.most or self._no_room,
             rest_mm,
             rest_z_mm,
         )

@@ -9,9 +9,10 @@ from array import array
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -91,6 +92,12 @@ class LoadTrace:
     retreat_mm: Floats
     dragging_n: Floats
     quiet: Bools
+
+    @property
+    def of_nothing_felt(self) -> Self:
+        """The same way, of which nothing was felt: what the finger pressed was another part."""
+        nothing = np.zeros_like(self.force_n)
+        return replace(self, force_n=nothing, dragging_n=nothing)
 
     @property
     def felt(self) -> bool:
