@@ -17,7 +17,7 @@ from palpate.base.geometry import Floats
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.emulators.finger import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.mujoco_parts import MassDistribution, MujocoPart
+from palpate.drivers.emulators.mujoco_parts import MassDistribution, MujocoBody, MujocoParts
 from palpate.drivers.emulators.part import (
     Displacement,
     Displacements,
@@ -56,7 +56,7 @@ def quasi_static(support: FrictionSupport) -> Parts:
 
 def in_mujoco(support: FrictionSupport) -> Parts:
     x, y = support.centre_mm.tolist()
-    return MujocoPart(support, MassDistribution((x, y), 10.0, (2 * R, 2 * R, 20.0)))
+    return MujocoParts([MujocoBody(support, MassDistribution((x, y), 10.0, (2 * R, 2 * R, 20.0)))])
 
 
 ENGINES = pytest.mark.parametrize("engine", [quasi_static, in_mujoco])

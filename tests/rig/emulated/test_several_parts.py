@@ -17,12 +17,15 @@ from pydantic import ValidationError
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects
+from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.writers import file_text
-from palpate.drivers.emulators import StillParts
+from palpate.drivers.emulators import Displacements, PointForce, StillParts
 from palpate.rig.bench import choose_placements
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.driven_tips import noise_of
-from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.emulated.hidden_truth import draw_parts, parts_of
+from palpate.rig.emulated.mujoco_bodies import convex_pieces
+from palpate.rig.emulated.scene import Placement, displace, draw_placement
 from palpate.rig.emulated.table import check_apart, draw_placements, placements_of
 from palpate.rig.fingers import resolution_of
 from palpate.rig.reach.approaches import reach_of
@@ -266,3 +269,75 @@ def test_a_rig_file_says_how_many_parts_its_table_holds() -> None:
     for wrong in (0, 9, [2, 2], 1.5):
         with pytest.raises(ValidationError):
             counts(wrong)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Parts that are pushed into each other.
+
+MOVING = EmulatedPartConfig(engine="mujoco", mass_kg=0.15, friction=0.3)
+SLIP_N = 0.15 * 0.3 * 9.80665
+
+
+def pushed(placements: Sequence[Placement], force_n: Floats, seconds: float) -> tuple[Placement, ...]:
+    """Where parts come to lie with a force on the first one's middle, at the height of the table."""
+    parts = parts_of(draw_parts(MOVING, placements, 1), placements)
+    at = np.array([placements[0].x_mm, placements[0].y_mm])
+
+    def tips(displacements: Displacements) -> list[list[PointForce]]:
+        found: list[list[PointForce]] = [[] for _ in placements]
+        found[0].append(PointForce(displacements[0].place(at), 0.0, force_n))
+        return found
+
+    for _ in range(round(seconds * 1000)):
+        parts.step(tips, True, 1e-3)
+    return tuple(displace(lies, by) for lies, by in zip(placements, parts.displacements, strict=True))
+
+
+def test_two_blocks_in_contact_slide_as_one_of_twice_the_mass() -> None:
+    force_n, seconds = 1.2, 0.4
+    one, other = pushed([block(0.0, 0.0), block(40.0, 0.0)], np.array([force_n, 0.0]), seconds)
+    way_mm = 0.5 * (force_n - 2 * SLIP_N) / 0.3 * seconds**2 * 1000
+    assert (one.x_mm, other.x_mm - 40.0) == pytest.approx((way_mm, way_mm), rel=0.05)
+
+
+def test_a_block_that_is_pushed_slides_up_to_another_which_holds_it() -> None:
+    """More than one bears, less than two do: it has picked up speed over 0.2 mm, which is soon gone."""
+    one, other = pushed([block(0.0, 0.0), block(40.2, 0.0)], np.array([1.5 * SLIP_N, 0.0]), 0.3)
+    assert 0.2 < one.x_mm < 0.6
+    assert 0.0 < other.x_mm - 40.2 < 0.4
+    alone = pushed([block(0.0, 0.0), block(40.2, 50.0)], np.array([1.5 * SLIP_N, 0.0]), 0.3)
+    assert alone[0].x_mm > 10.0
+    assert alone[1].configuration == block(40.2, 50.0).configuration
+
+
+@settings(max_examples=6, deadline=None, derandomize=True, database=None)
+@given(st.integers(0, 999))
+def test_parts_that_are_pushed_together_turn_but_do_not_overlap(seed: int) -> None:
+    placements = draw_placements(small_objects(), 3, 70.0, np.random.default_rng(seed), gap_mm=(0.0, 0.5))
+    centres = [shapely.get_coordinates(shapes(lies)[0].centroid)[0] for lies in placements]
+    towards = centres[1] - centres[0]
+    moved = pushed(placements, 2.0 * towards / np.hypot(*towards), 0.25)
+    assert moved[1].configuration != placements[1].configuration
+    for one, other in combinations([shapely.union_all(shapes(lies)) for lies in moved], 2):
+        assert shapely.intersection(one, other).buffer(-0.02).is_empty
+
+
+def test_the_quasi_static_engine_moves_one_part_only() -> None:
+    two = [block(0.0, 0.0), block(60.0, 0.0)]
+    config = EmulatedPartConfig(engine="quasi-static")
+    with pytest.raises(
+        InputError, match='"quasi-static", which moves one part, and there are 2 on the table'
+    ):
+        parts_of(draw_parts(config, two, 1), two)
+
+
+@settings(max_examples=30, deadline=None, derandomize=True, database=None)
+@given(st.integers(0, 999), st.sampled_from(load_objects(shipped_objects()).objects))
+def test_convex_pieces_are_convex_and_make_up_the_shape(seed: int, model: ObjectModel) -> None:
+    theta = float(np.random.default_rng(seed).uniform(-3, 3))
+    (shape,) = shapes(Placement(model, model.states[0], 3.0, 4.0, theta))
+    holed = shapely.difference(shape, shape.centroid.buffer(4.0))
+    pieces = [shapely.Polygon(corners) for corners in convex_pieces(holed)]
+    assert all(piece.convex_hull.area == pytest.approx(piece.area) for piece in pieces)
+    assert shapely.symmetric_difference(shapely.union_all(pieces), holed).area < 0.1
+    assert sum(piece.area for piece in pieces) == pytest.approx(holed.area, abs=0.1)

@@ -115,29 +115,25 @@ def parts_of(truths: Sequence[PartTruth], placements: Sequence[Placement]) -> Pa
     """
     if not truths or truths[0].engine == "still":
         return StillParts(len(placements))
-    if len(placements) > 1:
+    engine = truths[0].engine
+    if engine == "quasi-static" and len(placements) > 1:
         raise InputError(
-            f'emulation.part.engine: is "{truths[0].engine}", which moves one part, and there are '
-            f'{len(placements)} on the table; let it be "still"'
+            f'emulation.part.engine: is "{engine}", which moves one part, and there are {len(placements)} on '
+            'the table; let it be "mujoco", or "still"'
         )
     supports = [support_of(truth, lies) for truth, lies in zip(truths, placements, strict=True)]
-    if truths[0].engine == "quasi-static":
+    if engine == "quasi-static":
         return QuasiStaticPart(supports[0])
     import_extra("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
-    from palpate.drivers.emulators.mujoco_parts import MassDistribution, MujocoPart  # noqa: PLC0415  # an extra
+    from palpate.rig.emulated.mujoco_bodies import mujoco_parts  # noqa: PLC0415  # an extra
 
-    (placement,), (support,) = placements, supports
-    centre, height = _centre_of_mass(placement)
-    low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
-    x, y = (high - low).tolist()
-    extent = (x, y, placement.state.top_mm)
-    return MujocoPart(support, MassDistribution((float(centre[0]), float(centre[1])), height, extent))
+    return mujoco_parts(supports, placements)
 
 
 def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:
     """Points on which the part stands, with loads that balance about its centre of mass."""
     base = shape_of(placement, placement.state.sections[0])
-    centre, _ = _centre_of_mass(placement)
+    centre, _ = centre_of_mass(placement)
     margin = _margin_mm(base.convex_hull, centre)
     if margin <= 0:
         raise InputError(
@@ -153,7 +149,7 @@ def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:
     return FrictionSupport(feet, share, truth.mass_kg, truth.friction)
 
 
-def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
+def centre_of_mass(placement: Placement) -> tuple[Floats, float]:
     """Centre of mass in W (2,), and its height above the table, mm."""
     shapes = [shape_of(placement, section) for section in placement.state.sections]
     lows, highs = np.array([section.z_mm for section in placement.state.sections]).T
