@@ -13,9 +13,12 @@ from palpate.config.recognition_results import (
     ContradictionOut,
     IdentificationOut,
     PartOut,
+    PlacedOut,
     Relation,
     SetUpDoubtOut,
     TableOut,
+    TruthOfSeveralOut,
+    TruthOut,
 )
 from palpate.views.numerals import ceil_to, floor_to
 
@@ -50,7 +53,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
-        lines.append(_truth_line(out))
+        lines += [_truth_line(out), *_other_truth_lines(out)]
     return lines
 
 
@@ -458,14 +461,21 @@ def _alternative_line(other: AlternativeOut) -> str:
     return f"or turned by {math.degrees(other.turned):.1f}° and moved by {other.moved:.1f} mm: {where}"
 
 
+def _other_truth_lines(out: IdentificationOut) -> list[str]:
+    """A line for each part that lies beside the one of `_truth_line`."""
+    others = out.truth.others if isinstance(out.truth, TruthOfSeveralOut) else ()
+    return [f"  beside it: {_placed_words(item)}" for item in others]
+
+
+def _placed_words(item: PlacedOut | TruthOut) -> str:
+    at = item.configuration
+    return f"{item.object}, {item.state} at x {at.x:.3f} mm, y {at.y:.3f} mm, θ {math.degrees(at.theta):.3f}°"
+
+
 def _truth_line(out: IdentificationOut) -> str:
     truth = out.truth
     assert truth is not None, "only called with a truth"
-    where = truth.configuration
-    line = (
-        f"emulator's truth: {truth.object}, {truth.state} at x {where.x:.3f} mm, y {where.y:.3f} mm, "
-        f"θ {math.degrees(where.theta):.3f}°"
-    )
+    line = f"emulator's truth: {_placed_words(truth)}"
     if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
         return f"{line}; not among the answers"
     turned = math.degrees(truth.orientation_error_rad)

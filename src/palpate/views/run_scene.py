@@ -17,7 +17,7 @@ from palpate.rig.session.logged_values import (
     LoggedPlacement,
     LoggedTouch,
     hypotheses_in,
-    placement_in,
+    placements_in,
     sort_by_weight,
     touches_in,
 )
@@ -41,12 +41,12 @@ class LogClock:
 
 
 class RunScene:
-    """Knowledge of a part during a run: touches since it was moved, hypotheses by weight, and the truth."""
+    """Knowledge of a part during a run: touches since it was moved, hypotheses by weight, and the truths."""
 
     def __init__(self) -> None:
         self.touches: list[LoggedTouch] = []
         self.hypotheses: list[LoggedHypothesis] = []
-        self.truth: LoggedPlacement | None = None
+        self.truths: tuple[LoggedPlacement, ...] = ()
         self.verdict: str | None = None
 
     def take(self, kind: str, values: Mapping[str, Any]) -> bool:
@@ -60,7 +60,7 @@ class RunScene:
                 self.hypotheses = sort_by_weight(hypotheses_in(kind, values))
                 self.verdict = (values if kind == "recognised" else values["result"])["verdict"]
             case "truth":
-                self.truth = placement_in(values)
+                self.truths = placements_in(values)
             case _:
                 return False
         return True
@@ -179,14 +179,16 @@ class _SceneShapes:
         return TipPosition(finger.name, (sample.x_mm, sample.y_mm), finger.tip.radius_mm, finger.height_mm)
 
     def of(self, run: RunScene) -> tuple[Outline, ...]:
-        truth = () if run.truth is None else self._rings("truth-0", run.truth)
+        truths = (
+            ring for number, item in enumerate(run.truths) for ring in self._rings(f"truth-{number}", item)
+        )
         hypotheses = (
             ring
             for number, item in enumerate(run.hypotheses[:_MAX_HYPOTHESES])
             for ring in self._rings(f"hypothesis-{number}", item, item.weight or 1.0)
         )
         contacts = (line for touch in run.touches if (line := _normal_line(touch)) is not None)
-        return (self._table, *truth, *hypotheses, *contacts)
+        return (self._table, *truths, *hypotheses, *contacts)
 
     def _rings(self, name: str, item: LoggedPlacement, weight: float = 1.0) -> Iterator[Outline]:
         """Outlines of an object where fingers meet it."""

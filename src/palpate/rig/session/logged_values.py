@@ -65,6 +65,11 @@ def placement_in(values: Mapping[str, Any]) -> LoggedPlacement:
     return LoggedPlacement(values["object"], values["state"], Configuration(**values["configuration"]))
 
 
+def placements_in(values: Mapping[str, Any]) -> tuple[LoggedPlacement, ...]:
+    """Placements of all parts that the event `truth` holds."""
+    return tuple(map(placement_in, (values, *values.get("others", ()))))
+
+
 def hypotheses_in(kind: str, values: Mapping[str, Any]) -> list[LoggedHypothesis]:
     """Hypotheses of the event `recognised`, or the answer and its alternatives of the event `result`.
 

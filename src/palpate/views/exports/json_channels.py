@@ -49,6 +49,10 @@ _PART = {
     **dict.fromkeys(("mass_kg", "friction", "tip_friction", "slip_n"), float),
     **dict.fromkeys(("feet", "seed"), int),
 }
+_TRUTH = {
+    **{"object": str, "state": str, "configuration": Configuration},
+    **{"at_measurement": list[Configuration] | None, "part": _typed("Part", _PART) | None},
+}
 _HEADER = {
     **dict.fromkeys(("format", "palpate", "rig"), str),
     **dict.fromkeys(("strategy", "started", "proof"), str | None),
@@ -72,10 +76,7 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
         "approaches": list[_typed("PlannedApproach", _PLANNED)],  # type: ignore[misc]
     },
     "moved": {"grip": int},
-    "truth": {
-        **{"object": str, "state": str, "configuration": Configuration},
-        **{"at_measurement": list[Configuration] | None, "part": _typed("Part", _PART) | None},
-    },
+    "truth": _TRUTH | {"others": list[_typed("PartTruth", _TRUTH)] | None},  # type: ignore[misc]
     "result": {"result": IdentificationOut},
     "said": {"words": str},
     "end": {"how": str, "message": str | None},

@@ -59,7 +59,7 @@ class FrameStore:
             "hypotheses": [],
             "left": 0,
             "plan": [],
-            "truth": None,
+            "truths": [],
             "frames": 0,
             "end": None,
         }
@@ -114,7 +114,7 @@ class FrameStore:
                 "contacts": [_contact(touch) for touch in run.touches],
                 "hypotheses": [_hypothesis(item) for item in run.hypotheses[:_MAX_HYPOTHESES]],
                 "left": len(run.hypotheses),
-                "truth": None if run.truth is None else _place(run.truth),
+                "truths": [_place(item) for item in run.truths],
             }
         match kind:
             case "stage":

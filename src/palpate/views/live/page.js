@@ -107,7 +107,7 @@ function drawTable(frame) {
   drawAxes(reach, px, svg);
   make("circle", { class: "workspace", cx: 0, cy: 0, r: setting.workspace }, svg);
   frame.hypotheses.forEach((item, k) => make("path", { class: `outline ${hue(frame, k)}`, d: outline(item) }, svg));
-  if (frame.truth) make("path", { class: "truth", d: outline(frame.truth) }, svg);
+  for (const item of frame.truths) make("path", { class: "truth", d: outline(item) }, svg);
   for (const item of frame.contacts) drawContact(item, frame, px, svg);
   for (const item of frame.plan) {
     const way = (travel) => at([item.start[0] + travel * Math.cos(item.direction),

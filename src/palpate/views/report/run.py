@@ -17,7 +17,7 @@ from palpate.rig.session.logged_values import (
     GripRecord,
     LoggedPlacement,
     grip_records,
-    placement_in,
+    placements_in,
 )
 from palpate.rig.session.recorded_session import SessionSamples
 from palpate.views.answer import answer_lines, headline, place_lines
@@ -51,7 +51,7 @@ def _grip_sections(
     grips: Sequence[GripRecord],
     rig: RigFile,
     objects: Sequence[ObjectModel],
-    truth: LoggedPlacement | None,
+    truths: Sequence[LoggedPlacement],
     has_legend: bool,
 ) -> list[str]:
     """A section for each grip; `has_legend`: no picture before has one."""
@@ -63,7 +63,7 @@ def _grip_sections(
             for item in grips[: at + 1]
             for touch in item.touches
         )
-        drawn = replace(_picture(grip, marks, rig, models, truth), has_legend=has_legend)
+        drawn = replace(_picture(grip, marks, rig, models, truths), has_legend=has_legend)
         parts = [picture(draw(drawn))] if grip.touches else []
         has_legend = has_legend and not parts
         parts.append(columns(_touches(grip), _hypotheses(grip)))
@@ -157,7 +157,7 @@ def _picture(
     marks: tuple[TouchMark, ...],
     rig: RigFile,
     models: Mapping[str, ObjectModel],
-    truth: LoggedPlacement | None,
+    truths: Sequence[LoggedPlacement],
 ) -> Picture:
     only = grip.hypotheses[0] if len(grip.hypotheses) == 1 else None
     others = [
@@ -169,7 +169,7 @@ def _picture(
         title=f"After grip {grip.number}: {_title(grip)}",
         found=() if only is None else outlines_in_w(only, models),
         pose=None if only is None else bounded_pose(only.configuration, only.bounds),
-        truth=() if truth is None else outlines_in_w(truth, models),
+        truth=tuple(ring for item in truths for ring in outlines_in_w(item, models)),
         others=tuple(others),
         touches=marks,
         bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
@@ -183,8 +183,8 @@ _MAX_RIVALS_EXPLAINED = 40  # rivals whose elimination is explained; more would 
 def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> str:
     """The page. A run that was cut off is reported as far as its log goes."""
     file, grips = samples.file, grip_records(samples.file)
-    truths = file.told("truth")
-    truth = placement_in(truths[0]) if truths else None
+    told = file.told("truth")
+    truths = placements_in(told[0]) if told else ()
     answer = _answer(file)
     title = headline(answer) if answer else "No answer"
     has_picture = answer is not None and (folder / "picture.svg").is_file()
@@ -194,7 +194,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
             f"{Path(summary.path).name}, {instant_words(summary.began)}",
         ),
         section("Answer", *_answer_parts(answer, summary, folder)),
-        *_grip_sections(grips, samples.rig, samples.objects, truth, not has_picture),
+        *_grip_sections(grips, samples.rig, samples.objects, truths, not has_picture),
         section("Why each rival fell", _rivals(grips, samples.objects)),
         section("Timing", _timing(grips, summary)),
         section("Devices", _devices(samples.rig, file)),
