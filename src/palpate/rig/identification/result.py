@@ -23,6 +23,7 @@ from palpate.config.recognition_results import (
     SetUpDoubtOut,
     TableOut,
     TouchRecordOut,
+    TruthOut,
     WidthsWithoutOut,
 )
 from palpate.config.wiring_record import ConfirmedWiring
@@ -198,7 +199,8 @@ class IdentificationRun(ShortRepr):
         table, found = self.result.table, []
         for part, agreed in () if table is None else zip(table.parts, table.agreed, strict=True):
             one = replace(self, result=part).out(wall_seconds=0.0, session=None)
-            found.append(PartOut.of(one, agreed=agreed))
+            truth = one.truth and TruthOut.of(one.truth)
+            found.append(PartOut.of(one, agreed=agreed, truth=truth))
         return tuple(found)
 
     def _table(self) -> TableOut | None:

@@ -1,9 +1,11 @@
 """Search for several parts on one table: as `loop` does for one, over all divisions of the touches.
 
-The likeliest division leads: a part of it that has been touched is touched further until it is told from all
-others, then what is missing is sought where it may still be, and then each part is placed and confirmed.
-Fingers keep away from all parts but the one that they are to touch, by what is proven of these. Nothing is
-concluded of a part unless every division that is left agrees.
+Touches are divided among as few parts as explain all of them; one more is taken to be there once none are
+left, and all grips are divided again. Where as many parts were found as there are said to be, every division
+has been looked at. The likeliest division leads: a part of it that has been touched is touched further until
+it is told from all others, then what is missing is sought where it may still be, and then each part is placed
+and confirmed. Fingers keep away from all parts but the one that they are to touch, by what is proven of
+these. Nothing is concluded of a part unless every division that is left agrees.
 """
 
 import math
@@ -51,7 +53,8 @@ class SeveralSearch:
         self._chooser: GripChooser = single.chooser
         self._reach: Reach = single.chooser.reach
         self._rig: RigFile = single.rig
-        self._untouched = PartSearch(single, frozenset())
+        self._nothing = self._untouched = PartSearch(single, frozenset())
+        self._fewest = 1  # parts that may explain all touches, as far as is known
         self._divisions = [Division(())]
         self._grips: list[tuple[Touch, ...]] = []
         self._made: list[Sequence[FingerApproach]] = []
@@ -86,14 +89,23 @@ class SeveralSearch:
         self._grips.append(touches)
         self._made.append(grip)
         self._observers(TouchEvent(len(self._grips), touches))
-        divider = GripDivider(grip, touches)
-        found, self._untouched = divider.divide(self._divisions, self._untouched, self._count)
         self._settled = {}
-        self._divisions = sorted(found, key=lambda item: -item.log_volume)
+        self._divide(grip, touches)
+        while not self._divisions and self._fewest < self._count.most:
+            self._fewest += 1
+            self._divisions, self._untouched = [Division(())], self._nothing
+            for made in self.made_grips:
+                self._divide(*made)
         parts = self._divisions[0].parts if self._divisions else ()
         known = [item for part in parts if (item := part.search.evidence.recognition) is not None]
         if known:
             self._observers(RecognitionEvent(len(self._grips), known[0], tuple(known[1:])))
+
+    def _divide(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
+        """Divide the touches of one more grip among the fewest parts that may explain all."""
+        count = PartCount(self._fewest, self._count.exactly and self._fewest == self._count.most)
+        found, self._untouched = GripDivider(grip, touches).divide(self._divisions, self._untouched, count)
+        self._divisions = sorted(found, key=lambda item: -item.log_volume)
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
         """The verdict if there is one already, else the next grip."""
@@ -196,6 +208,11 @@ class SeveralSearch:
             for item, far, speed in zip(grip, fast.tolist(), speeds, strict=True)
         )
 
+    def _is_complete(self, parts: Sequence[PartSearch]) -> bool:
+        if self._count.exactly:
+            return len(parts) == self._count.most
+        return bool(parts) and (len(parts) == self._count.most or self._no_room)
+
     def _conclude(self, part: PartSearch) -> Identification:
         return part.search.copy().conclude(self._settled.get(part))
 
@@ -207,8 +224,7 @@ class SeveralSearch:
         if not self._divisions:
             return IdentificationVerdict.UNKNOWN
         leading = self._divisions[0]
-        complete = len(leading.parts) == self._count.most or (self._no_room and not self._count.exactly)
-        if not leading.parts or not complete or not all(map(self._agreed, leading.parts)):
+        if not self._is_complete(leading.parts) or not all(map(self._agreed, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
         verdicts = {self._conclude(part).outcome for part in leading.parts}
         if not all(item.is_answer for item in verdicts):
@@ -227,7 +243,7 @@ class SeveralSearch:
             found,
             tuple(map(self._agreed, parts)),
             len(self._divisions),
-            len(parts) == self._count.most or self._no_room,
+            self._is_complete(parts),
             rest_mm,
             rest_z_mm,
         )

@@ -1,0 +1,247 @@
+"""Several parts on one table: how touches are divided among them, and whole runs on the emulated bench."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from jsonschema import Draft202012Validator
+
+import palpate
+from palpate.base.errors import InputError
+from palpate.base.vocabulary import IdentificationVerdict
+from palpate.config import load_objects, load_rig, shipped_objects
+from palpate.config.emulation import Scene
+from palpate.config.schema import schema_text
+from palpate.jobs.session import open_session
+from palpate.recognizer import Catalogue
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.emulated.table import draw_placements
+from palpate.rig.fingers import resolution_of
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, passed
+from palpate.rig.identification.identify import begin_search
+from palpate.rig.identification.occupied_room import Core
+from palpate.rig.identification.outcome import Identification
+from palpate.rig.identification.part_count import PartCount
+from palpate.rig.identification.several_parts import SeveralSearch
+from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.approaches import reach_of
+from palpate.rig.study.simulated_touches import SimulatedTouches
+from support.benches.rigs import firm_rig
+from support.oracles.shapely_touches import (
+    SHIPPED_OBJECTS,
+    Placed,
+    grip,
+    holding_truth,
+    outlines,
+    stop,
+)
+
+RIG = load_rig(firm_rig())
+OBJECTS = load_objects(shipped_objects())
+CATALOGUE = Catalogue(OBJECTS.objects)
+REACH = reach_of(RIG)
+
+
+# ----------------------------------------------------------------------------------------------------
+# How many.
+
+
+@pytest.mark.parametrize(
+    ("text", "most", "exactly"), [("2", 2, True), ("up-to-3", 3, False), (8, 8, True), ("up-to-1", 1, False)]
+)
+def test_a_count_is_exact_or_a_limit(text: str | int, most: int, exactly: bool) -> None:
+    count = PartCount.parse(text)
+    assert (count.most, count.exactly) == (most, exactly)
+    assert PartCount.parse(str(count)) == count
+
+
+@pytest.mark.parametrize("text", ["0", "9", "up-to-", "up to 2", "-1", "2.0", "", "many", "²"])
+def test_other_counts_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match="parts is .* allowed: a number from 1 to 8, or up-to-"):
+        PartCount.parse(text)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Divisions.
+
+
+def searching() -> PartSearch:
+    return PartSearch(begin_search(RIG, REACH, CATALOGUE), frozenset())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_true_division_and_the_true_places_are_never_lost(seed: int) -> None:
+    """By contacts that shapely works out, each as far off as its bounds allow."""
+    rng = np.random.default_rng([seed, 51])
+    models = outlines(SHIPPED_OBJECTS)
+    parts = [Placed(models[seed], -25.0, 52.0, 0.4 + seed), Placed(models[5 - seed], 20.0, -55.0, 2.0 - seed)]
+    every = shapely.union_all([item.shape for item in parts])
+    assert shapely.disjoint(*(item.shape for item in parts))
+    divisions, untouched = [Division(())], searching()
+    owned: list[set[tuple[int, int]]] = [set(), set()]
+    for number in range(1, 7):
+        met = grip(_Both(every), rng, half_range=math.radians(10), at_bound=True, aim=0.7)  # type: ignore[arg-type]
+        touches = [Touch(k, item, None, (math.nan, math.nan)) for k, item in enumerate(met)]
+        for k, item in enumerate(met):
+            if item.touched:
+                owned[_owner(item.start_mm, item.end_mm, parts)].add((number, k))
+        divisions, untouched = GripDivider((), touches).divide(divisions, untouched, PartCount(2))
+        true = [
+            item
+            for item in divisions
+            if {p.touched for p in item.parts} == {frozenset(o) for o in owned if o}
+        ]
+        assert len(true) == 1
+        for part in true[0].parts:
+            (placed,) = [item for item, own in zip(parts, owned, strict=True) if own == part.touched]
+            assert part.recognition is None or holding_truth(part.recognition, placed) is not None
+
+
+class _Both:
+    """What `grip` asks of a placed object, for two."""
+
+    def __init__(self, shape: shapely.Geometry) -> None:
+        self.shape = shape
+
+
+def _owner(start: tuple[float, float], end: tuple[float, float], parts: list[Placed]) -> int:
+    """The part that stops a tip: contacts are off by 0.3 mm, parts are further apart."""
+    away = [shapely.distance(item.shape, shapely.Point(end)) for item in parts]
+    assert abs(away[0] - away[1]) > 1.0
+    return int(np.argmin(away))
+
+
+def test_a_touch_of_another_part_is_a_free_way() -> None:
+    simulated = SimulatedTouches([_placed("tr-1", 0.0, 0.0)], resolution_of(RIG), np.random.default_rng(1))
+    (touch,) = simulated([REACH.approaches[20]])
+    seen = passed(touch, presses=True)
+    assert touch.contact.touched
+    assert not seen.contact.touched
+    assert (seen.contact.start_mm, seen.contact.end_mm) == (touch.contact.start_mm, touch.contact.end_mm)
+    assert seen.contact.free_path_bound_mm == touch.contact.free_path_bound_mm
+
+
+def _placed(name: str, x: float, y: float, theta: float = 0.3) -> Placement:
+    (model,) = [item for item in OBJECTS.objects if item.name == name]
+    return Placement(model, model.states[0], x, y, theta)
+
+
+# ----------------------------------------------------------------------------------------------------
+# Searches with simulated touches.
+
+
+def found(placements: tuple[Placement, ...], count: PartCount, seed: int) -> Identification:
+    """What a search for several parts comes to; no touch may come to a part that was to be kept away from."""
+    search = SeveralSearch(begin_search(RIG, REACH, CATALOGUE), count)
+    touches = SimulatedTouches(placements, resolution_of(RIG), np.random.default_rng(seed))
+    verdict, limit = None, None
+    while verdict is None and limit is None:
+        verdict, approaches = search.next()
+        if verdict is None:
+            for item in approaches:  # quick only where nothing is
+                shapes = [lies.region_within(item.finger.span_mm) for lies in placements]
+                heading = item.direction_rad
+                first = min(stop(s, np.array(item.start_mm), heading, 5.0, 300.0) for s in shapes)
+                assert item.fast_mm <= first
+            search.take(approaches, tuple(touches(approaches)))
+            limit = search.limit(0.0)
+    return search.conclude(verdict, limit)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_two_parts_are_found_and_none_is_outside_its_bounds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    placements = draw_placements(OBJECTS, 2, 125.0, rng, 125.0, (0.0, 40.0))
+    result = found(placements, PartCount(2), seed)
+    assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+    assert result.table is not None
+    assert result.table.is_complete
+    assert all(result.table.agreed)
+    left = list(placements)
+    for part in result.table.parts:
+        assert part.recognition is not None
+        inside = [lies for lies in left if _is_inside(part, lies)]
+        assert inside
+        left.remove(inside[0])
+    assert not left
+    cores = [Core(part.recognition.hypotheses[0]) for part in result.table.parts if part.recognition]
+    assert not cores[0].overlaps(cores[1])
+
+
+def _is_inside(part: Identification, lies: Placement) -> bool:
+    assert part.recognition is not None
+    placed = Placed(lies.model, lies.x_mm, lies.y_mm, lies.theta_rad)
+    return holding_truth(part.recognition, placed) is not None
+
+
+def test_what_is_left_of_the_table_has_room_for_no_more() -> None:
+    """One part, where up to two may be: the rest is swept until nothing of the catalogue fits into it."""
+    lies = _placed("tr-3", 5.0, 10.0)
+    result = found((lies,), PartCount(2, exactly=False), 3)
+    assert result.outcome is IdentificationVerdict.IDENTIFIED
+    assert result.table is not None
+    assert len(result.table.parts) == 1
+    assert result.table.is_complete
+    narrowest = min(
+        float(shapely.length(shapely.maximum_inscribed_circle(shape, 0.01)))
+        for shape in (Placement(m, m.states[0], 0, 0, 0).region_within((5.0, 15.0)) for m in OBJECTS.objects)
+    )
+    assert result.table.rest_mm < narrowest + RIG.fingers[0].tip.radius_mm
+
+
+def test_a_part_of_no_catalogue_is_not_named() -> None:
+    only = Catalogue([item for item in OBJECTS.objects if item.name != "hand"])
+    search = SeveralSearch(begin_search(RIG, REACH, only), PartCount(2))
+    lying = (_placed("hand", -10.0, 58.0), _placed("tr-1", 5.0, -60.0))
+    touches = SimulatedTouches(lying, resolution_of(RIG), np.random.default_rng(5))
+    verdict, limit = None, None
+    while verdict is None and limit is None:
+        verdict, approaches = search.next()
+        if verdict is None:
+            search.take(approaches, tuple(touches(approaches)))
+            limit = search.limit(0.0)
+    assert search.conclude(verdict, limit).outcome in (
+        IdentificationVerdict.UNKNOWN,
+        IdentificationVerdict.UNRESOLVED,
+    )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Runs on the emulated bench.
+
+TWO = {
+    "format": "palpate/scene@1",
+    "parts": [
+        {"object": "tr-1", "configuration": {"x": -10.0, "y": 50.0, "theta": 0.3}},
+        {"object": "grip", "configuration": {"x": 5.0, "y": -45.0, "theta": 2.0}},
+    ],
+}
+
+
+def test_two_parts_on_the_emulated_bench_and_their_replay(tmp_path: Path) -> None:
+    with palpate.open_rig(firm_rig(), seed=0) as rig:
+        answer = rig.identify(scene=Scene.model_validate(TWO), parts=2, sessions=tmp_path)
+    out = json.loads(answer.to_json())
+    Draft202012Validator(json.loads(schema_text("identification"))).validate(out)
+    assert out["verdict"] == "identified"
+    assert {part["object"] for part in out["parts"]} == {"tr-1", "grip"}
+    assert all(part["truth"]["inside_bounds"] for part in out["parts"])
+    assert out["table"]["asked"] == "2"
+    assert out["table"]["divisions"] == 1
+    assert {part.object for part in answer.parts} == {"tr-1", "grip"}
+    assert "tr-1" in answer.text()
+    assert answer.picture().count("<svg") == 1
+    replayed = open_session(Path(str(answer.session))).replay()
+    assert replayed.difference is None
+    assert replayed.complete
+
+
+def test_flat_faces_and_own_strategies_are_refused() -> None:
+    pads = Path(__file__).parents[3] / "examples" / "pad-rig.toml"
+    with palpate.open_rig(pads) as rig, pytest.raises(InputError, match="flat face"):
+        rig.identify(parts=2)
+    with palpate.open_rig(firm_rig()) as rig, pytest.raises(InputError, match="one part"):
+        rig.identify(parts=2, strategy=lambda *_: None)
