@@ -1,21 +1,14 @@
 """FlexiTac's frames: as its maker reads them, round trips, marks among the taxels, the suite."""
 
-import json
-import subprocess
-import sys
-import threading
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.emulators import EmulatedFreeRunningArray, serve_pty
-from palpate.drivers.transport import MonotonicClock
-from palpate.plugins import Corner
-from palpate.testing import ArrayBench, FreeRunningConformance, fuzz
-from palpate_flexitac import FlexiTacTruth, PressedMatrix
+from palpate.testing import ArrayBench, FreeRunningConformance, RigConformance, fuzz
 from palpate_flexitac.codec import MatrixDecoder, encode_matrix
 
 ROWS, COLS = 3, 4
@@ -38,6 +31,10 @@ def matrix(cells: list[int]) -> np.ndarray:
 class TestFlexiTac(FreeRunningConformance):
     protocol = "flexitac"
     keys = KEYS
+
+
+class TestBench(RigConformance):
+    rig = Path(__file__).parents[1] / "examples" / "flexitac-bench.toml"
 
 
 @given(
@@ -94,7 +91,7 @@ READ = """
 import json, sys
 from flexitac import FlexiTacSensor
 with FlexiTacSensor(sys.argv[1], rows=5, cols=7, baud=2000000, baseline=20.0) as sensor:
-    print("values", json.dumps([sensor.read().raw.tolist() for _ in range(50)]))
+    print(json.dumps([sensor.read().raw.tolist() for _ in range(50)]))
 """
 
 
@@ -104,32 +101,7 @@ with FlexiTacSensor(sys.argv[1], rows=5, cols=7, baud=2000000, baseline=20.0) as
     reason="flexitac, its maker's reader, is not installed: pip install palpate-flexitac[judges]",
 )
 def test_its_makers_package_reads_the_emulated_matrix() -> None:
-    bench = ArrayBench("flexitac", KEYS)
-    skin = PressedMatrix(bench.device.description, Corner.LOWER_LEFT, FlexiTacTruth(), 3)
-    sent: list[list[list[int]]] = []
-
-    def frame(now: float, force_n: np.ndarray) -> bytes:
-        data = skin.frame(now, force_n)
-        sent.append(np.frombuffer(data[2:], np.uint8).reshape(5, 7).tolist())
-        return data
-
-    def advance(now: float) -> None:
-        while (due := device.next_sample_s() or 0.0) <= now:
-            device.sample(due, bench.force_n)
-
-    clock = MonotonicClock()
-    device = EmulatedFreeRunningArray(bench.device.description, advance, 60.0, frame)
-    device.restart(clock.now())
-    with serve_pty({"skin": (device, 2_000_000)}, clock, threading.Event()) as service:
-        done = subprocess.run(
-            [sys.executable, "-c", READ, service.paths["skin"]],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    lines = [line for line in done.stdout.splitlines() if line.startswith("values ")]
-    assert lines, done.stderr
-    read = json.loads(lines[0].removeprefix("values "))
-    begin = sent.index(read[0])
-    assert read == sent[begin : begin + 50]
+    read, sent = ArrayBench("flexitac", KEYS | {"rate_hz": 60.0}, baudrate_bps=2_000_000).read_by(READ)
+    frames = np.frombuffer(sent, np.uint8).reshape(-1, 2 + 5 * 7)[:, 2:].reshape(-1, 5, 7).tolist()
+    begin = frames.index(read[0])
+    assert read == frames[begin : begin + 50]

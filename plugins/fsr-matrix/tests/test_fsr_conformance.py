@@ -1,6 +1,8 @@
 """The resistive matrix passes the suite that every array which sends by itself has to pass."""
 
-from palpate.testing import FreeRunningConformance
+from pathlib import Path
+
+from palpate.testing import FreeRunningConformance, RigConformance
 
 
 class TestFsrMatrix(FreeRunningConformance):
@@ -12,3 +14,7 @@ class TestFsrMatrix(FreeRunningConformance):
         "conductance_per_n": 0.9,
         "rate_hz": 25.0,
     }
+
+
+class TestBench(RigConformance):
+    rig = Path(__file__).parents[1] / "examples" / "fsr-bench.toml"

@@ -1,9 +1,5 @@
 """Fields of a magnetometer skin: as its makers read them, round trips, garbage, the dipole."""
 
-import json
-import subprocess
-import sys
-import threading
 from importlib.util import find_spec
 
 import numpy as np
@@ -11,14 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.emulators import EmulatedFreeRunningArray, serve_pty
-from palpate.drivers.transport import MonotonicClock
 from palpate.testing import ArrayBench, fuzz
 from palpate_reskin.codec import MARK, FieldDecoder, encode_fields
 from palpate_reskin.emulated import MagneticSkin, SkinTruth
 
 MAGNETOMETERS = 5
-PLACES_MM = np.array([[5.0, y, 8.5] for y in (-4, -2, 0, 2, 4)])
 KEYS = {
     "columns": 7,
     "column_step_deg": 22.918,
@@ -96,7 +89,8 @@ READ = """
 import json, sys
 {reader}
 sensor = Base(num_mags=5, port=sys.argv[1], baudrate=115200, temp_filtered=False)
-print("values", json.dumps([sample(sensor).tolist() for _ in range(50)]))
+print()
+print(json.dumps([sample(sensor).tolist() for _ in range(50)]))
 """
 
 
@@ -105,32 +99,10 @@ print("values", json.dumps([sample(sensor).tolist() for _ in range(50)]))
 def test_its_makers_package_reads_the_emulated_skin(package: str) -> None:
     if find_spec(package) is None:
         pytest.skip(f"{package}, its maker's reader, is not installed: pip install palpate-reskin[judges]")
-    bench = ArrayBench("reskin", KEYS)
-    skin = MagneticSkin(bench.device.description, PLACES_MM, SkinTruth(), 3)
-    sent: list[list[float]] = []
-
-    def frame(now: float, force_n: np.ndarray) -> bytes:
-        data = skin.frame(now, force_n)
-        sent.append(np.frombuffer(data[: -len(MARK)], "<f4").tolist())
-        return data
-
-    def advance(now: float) -> None:
-        while (due := device.next_sample_s() or 0.0) <= now:
-            device.sample(due, bench.force_n)
-
-    clock = MonotonicClock()
-    device = EmulatedFreeRunningArray(bench.device.description, advance, 100.0, frame)
-    device.restart(clock.now())
-    with serve_pty({"skin": (device, 115200)}, clock, threading.Event()) as service:
-        done = subprocess.run(
-            [sys.executable, "-c", READ.format(reader=READERS[package]), service.paths["skin"]],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-    lines = [line for line in done.stdout.splitlines() if line.startswith("values ")]
-    assert lines, done.stderr
-    read = json.loads(lines[0].removeprefix("values "))
-    begin = sent.index(read[0])
-    assert read == sent[begin : begin + 50]
+    keys = KEYS | {"columns": MAGNETOMETERS, "row_heights_mm": [8.5], "rate_hz": 100.0}
+    read, sent = ArrayBench("reskin", keys, baudrate_bps=115_200).read_by(READ.format(reader=READERS[package]))
+    size = 16 * MAGNETOMETERS
+    rows = [sent[at : at + size] for at in range(0, len(sent), size + len(MARK))]
+    frames = [np.frombuffer(each, "<f4").tolist() for each in rows]
+    begin = frames.index(read[0])
+    assert read == frames[begin : begin + 50]

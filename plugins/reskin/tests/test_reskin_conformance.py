@@ -1,6 +1,8 @@
 """Magnetometer skins pass the suite that every array which sends by itself has to pass."""
 
-from palpate.testing import FreeRunningConformance
+from pathlib import Path
+
+from palpate.testing import FreeRunningConformance, RigConformance
 
 
 class TestReskin(FreeRunningConformance):
@@ -12,3 +14,7 @@ class TestReskin(FreeRunningConformance):
         "microtesla_per_n": 100.0,
         "rate_hz": 25.0,
     }
+
+
+class TestBench(RigConformance):
+    rig = Path(__file__).parents[1] / "examples" / "reskin-bench.toml"

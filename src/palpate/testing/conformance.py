@@ -8,8 +8,8 @@
         model = "XZ330-M999"
 
 Every array driver must behave alike on its emulated device; every servo model needs a control table that the
-host can use and an emulated servo that it can move. `rig_with_arrays` is the shipped rig with other arrays,
-`served` one served by another process.
+host can use and an emulated servo that it can move; a rig file with them has to lead to right answers.
+`rig_with_arrays` is the shipped rig with other arrays, `served` one served by another process.
 """
 
 import json
@@ -17,6 +17,7 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ import numpy as np
 import pytest
 import tomlkit
 
+import palpate
 from palpate.base.errors import DeviceError, InputError
 from palpate.config import ArrayConfig, shipped_rig
 from palpate.drivers.dynamixel import (
@@ -39,9 +41,17 @@ from palpate.drivers.dynamixel import (
     model_by_number,
     specification,
 )
-from palpate.drivers.emulators import EmulatedServo, FaultRates, FaultyWire, ServoChain, Taxels, WireRates
+from palpate.drivers.emulators import (
+    EmulatedServo,
+    FaultRates,
+    FaultyWire,
+    ServoChain,
+    Taxels,
+    WireRates,
+    serve_pty,
+)
 from palpate.drivers.tactile import Mounting, Port, Shape
-from palpate.drivers.transport import MockHub, VirtualClock, open_port
+from palpate.drivers.transport import Device, Emission, MockHub, MonotonicClock, VirtualClock, open_port
 from palpate.rig.arrays import ArrayPlugin, array_plugin
 
 _TIP_RADIUS_MM = 8.5
@@ -102,6 +112,42 @@ class ArrayBench:
         while (due := self.device.next_sample_s()) is not None and due <= now:
             self.sampled_s.append(due)
             self.device.sample(due, self.force_n)
+
+    def read_by(self, program: str) -> tuple[Any, bytes]:
+        """Let a Python program read the device, in real time, at the port that is its first argument.
+
+        Returns what it prints last, which is JSON, and all that the device sent. Needs pseudo-terminals.
+        """
+        clock, tapped = MonotonicClock(), _Tapped(self.device)
+        self.device.restart(clock.now())
+        with serve_pty({"f1": (tapped, self.config.baudrate_bps)}, clock, threading.Event()) as service:
+            done = subprocess.run(
+                [sys.executable, "-c", program, service.paths["f1"]],
+                capture_output=True,
+                text=True,
+                timeout=60,
+                check=False,
+            )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout.splitlines()[-1]), tapped.sent
+
+
+class _Tapped:
+    """A device, and all that it has sent."""
+
+    def __init__(self, device: Device) -> None:
+        self._device, self.sent = device, b""
+        self.next_due = device.next_due
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        return self._note(self._device.feed(data, now))
+
+    def poll(self, now: float) -> list[Emission]:
+        return self._note(self._device.poll(now))
+
+    def _note(self, sent: list[Emission]) -> list[Emission]:
+        self.sent += b"".join(data for _, data in sent)
+        return sent
 
 
 class ArrayConformance:
@@ -223,15 +269,19 @@ class ArrayConformance:
 
 
 class FreeRunningConformance(ArrayConformance):
-    """The suite of arrays that send by themselves; `keys` have to make 5 x 7 cells where the bench has them.
+    """The suite of arrays that send by themselves; `keys` say `rate_hz` like the class.
 
-    They say `rate_hz` like the class, and where columns are: 22.918° apart.
+    They have to make 5 x 7 cells where the bench has them, in columns 22.918° apart; or the class says how
+    many there are (`shape`) and which one is nearest to the bench's cell (3, 1), `pressed`.
     """
+
+    shape: ClassVar[tuple[int, int]] = (5, 7)
+    pressed: ClassVar[tuple[int, int]] = (3, 1)
 
     def test_describes_itself_as_often_as_it_is_asked(self, bench: ArrayBench) -> None:
         described = bench.array.connect()
         assert described.problem() is None
-        assert (described.rows, described.cols, described.emulated) == (5, 7, True)
+        assert (described.rows, described.cols, described.emulated) == (*self.shape, True)
         assert bench.array.connect() == described == bench.array.description
 
     def test_streams_frames_of_its_taxels_in_order(self, bench: ArrayBench) -> None:
@@ -244,9 +294,9 @@ class FreeRunningConformance(ArrayConformance):
         bench.clock.sleep(self.patience_s)
         bench.array.frames()
         frames = [bench.array.wait_frame(self.patience_s) for _ in range(30)]
-        assert all(frame.counts.shape == (5, 7) and frame.counts.dtype == np.uint16 for frame in frames)
+        assert all(frame.counts.shape == self.shape and frame.counts.dtype == np.uint16 for frame in frames)
         grown = np.mean([f.counts for f in frames], axis=0) - np.mean([f.counts for f in rest], axis=0)
-        assert np.unravel_index(grown.argmax(), grown.shape) == (3, 1)
+        assert np.unravel_index(grown.argmax(), grown.shape) == self.pressed
         assert np.diff([frame.sequence for frame in frames]).tolist() == [1] * 29
         counters = bench.array.counters
         assert counters.lost == counters.faults == counters.misshapen == counters.dropped == 0
@@ -375,6 +425,25 @@ class ServoConformance:
         highest = next(item.high for item in limit if item.name == "Current Limit")
         with pytest.raises(ValueError, match="Current Limit"):
             bench.servo.write("Current Limit", highest + 1)
+
+
+class RigConformance:
+    """Runs of a rig file whose devices are emulated: a subclass names the file, and `seeds` of runs.
+
+    What stands on the bench, where, and all that the file bounds is drawn by the seed and hidden.
+    """
+
+    rig: ClassVar[Path]
+    seeds: ClassVar[tuple[int, ...]] = (11,)
+
+    @pytest.mark.campaign
+    def test_parts_are_identified_within_their_bounds(self, tmp_path: Path) -> None:
+        for seed in self.seeds:
+            with palpate.open_rig(self.rig, seed=seed) as rig:
+                answer = rig.identify(sessions=tmp_path)
+            truth = json.loads(answer.to_json())["truth"]
+            found = answer.verdict, truth["named"], truth["inside_bounds"]
+            assert found == ("identified", True, True), f"seed {seed}"
 
 
 _PALPATE = Path(sys.executable).with_name("palpate")
