@@ -6,7 +6,7 @@
 
 from palpate.base.errors import DeviceError, InputError, printable_text
 from palpate.base.geometry import Counts, Floats
-from palpate.config import ArrayConfig, MountedArrayConfig, WrappedArrayConfig
+from palpate.config import ArrayConfig, FreeRunningArrayConfig, MountedArrayConfig, WrappedArrayConfig
 from palpate.drivers.dynamixel import (
     COMMON_ITEMS,
     Access,
@@ -35,7 +35,7 @@ from palpate.drivers.tactile import (
 )
 from palpate.drivers.transport import Clock, Device, Emission, wire_time_s
 from palpate.rig.arrays import ArrayPlugin
-from palpate.rig.conversion import mounting_of, wrapped_description
+from palpate.rig.conversion import check_cells, first_corner, mounting_of, wrapped_description
 
 __all__ = [
     "COMMON_ITEMS",
@@ -59,6 +59,7 @@ __all__ = [
     "FrameStream",
     "FrameTimes",
     "FreeRunningArray",
+    "FreeRunningArrayConfig",
     "InputError",
     "MotorConstants",
     "MountedArrayConfig",
@@ -72,6 +73,8 @@ __all__ = [
     "TactileFrame",
     "Taxels",
     "WrappedArrayConfig",
+    "check_cells",
+    "first_corner",
     "mounting_of",
     "printable_text",
     "table_of",

@@ -100,7 +100,9 @@ def test_its_makers_package_reads_the_emulated_skin(package: str) -> None:
     if find_spec(package) is None:
         pytest.skip(f"{package}, its maker's reader, is not installed: pip install palpate-reskin[judges]")
     keys = KEYS | {"columns": MAGNETOMETERS, "row_heights_mm": [8.5], "rate_hz": 100.0}
-    read, sent = ArrayBench("reskin", keys, baudrate_bps=115_200).read_by(READ.format(reader=READERS[package]))
+    read, sent = ArrayBench("reskin", keys, baudrate_bps=115_200).read_by(
+        READ.format(reader=READERS[package])
+    )
     size = 16 * MAGNETOMETERS
     rows = [sent[at : at + size] for at in range(0, len(sent), size + len(MARK))]
     frames = [np.frombuffer(each, "<f4").tolist() for each in rows]

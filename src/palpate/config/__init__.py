@@ -43,6 +43,7 @@ from palpate.config.rig_fingers import (
     ArrayConfig,
     CurrentSensingConfig,
     FingerConfig,
+    FreeRunningArrayConfig,
     MountedArrayConfig,
     WrappedArrayConfig,
 )
@@ -69,6 +70,7 @@ __all__ = [
     "EmulationConfig",
     "FingerCalibration",
     "FingerConfig",
+    "FreeRunningArrayConfig",
     "JointConfig",
     "MountedArrayConfig",
     "ObjectsFile",

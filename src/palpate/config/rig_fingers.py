@@ -44,7 +44,7 @@ PALPATE_PROTOCOL = "palpate"
 CURRENT_PROTOCOL = "present-current"
 """In place of an array's protocol: the finger has none, and senses by its servos' Present Current."""
 
-SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa", "reskin", "fsr-matrix", "flexitac")
+SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa", "reskin", "fsr-matrix", "flexitac", "paxini")
 """Protocols of the plug-ins in `plugins/`; the rig file's JSON Schema shows the keys of those installed."""
 
 BOUND_SIGMAS = 3.3
@@ -95,11 +95,14 @@ class ArrayConfig(FileModel):
 
     has_device: ClassVar[bool] = True
     """True if there is an array, on a port of its own."""
+    idle_noise_counts: ClassVar[float] = 2.0
+    """Standard deviation of a taxel that was not calibrated; 0: at rest it may always read the same."""
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
     protocol: Text = Field(
         description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts", '
-        '"weiss-dsa", "reskin", "fsr-matrix" and "flexitac" come by plug-ins in plugins/; others add more.'
+        '"weiss-dsa", "reskin", "fsr-matrix", "flexitac" and "paxini" come by plug-ins in plugins/; others '
+        "add more."
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
     drift_counts_per_s: Length = Field(
@@ -180,7 +183,20 @@ class MountedArrayConfig(ArrayConfig):
     )
 
 
-class WrappedArrayConfig(ArrayConfig):
+class FreeRunningArrayConfig(ArrayConfig):
+    """Keys of sensors that run freely: they send by themselves, at a rate that nobody sets."""
+
+    rate_hz: Annotated[Positive, Field(le=1000)] = Field(
+        description="Frames a second that the sensor sends by itself."
+    )
+    delay_s: Annotated[Positive, Field(le=0.2)] = Field(
+        default=0.04,
+        description="Bound: from the first reading of a frame to the frame's arrival at this computer, with "
+        "adapter and hub.",
+    )
+
+
+class WrappedArrayConfig(FreeRunningArrayConfig):
     """Keys of sensors that run freely, wrapped round an upright tip, whose cells need not be linear.
 
     They cannot be asked anything. Normals are taken from the places of cells that are pressed.
@@ -194,14 +210,6 @@ class WrappedArrayConfig(ArrayConfig):
         min_length=1,
         description="Heights of the rows of cells over the tip's lower end, ascending; of a single row "
         "normals are hardly known.",
-    )
-    rate_hz: Annotated[Positive, Field(le=1000)] = Field(
-        description="Frames a second that the sensor sends by itself."
-    )
-    delay_s: Annotated[Positive, Field(le=0.2)] = Field(
-        default=0.04,
-        description="Bound: from the first reading of a frame to the frame's arrival at this computer, with "
-        "adapter and hub.",
     )
 
 

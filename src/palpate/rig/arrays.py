@@ -1,6 +1,6 @@
 """Tactile arrays of a rig: the driver, the emulated device and the contact extractor of each finger."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar, cast
 
@@ -13,16 +13,15 @@ from palpate.config import (
     ArrayConfig,
     ClosingConfig,
     FingerConfig,
+    FreeRunningArrayConfig,
     RigFile,
     TipConfig,
-    WrappedArrayConfig,
 )
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.emulators import EmulatedArray, SampledArray, Taxels
 from palpate.drivers.tactile import (
     ArrayDriver,
     ContactExtractor,
-    Corner,
     Description,
     FreeRunningArray,
     Port,
@@ -31,7 +30,7 @@ from palpate.drivers.tactile import (
     TipCalibration,
 )
 from palpate.drivers.transport import Clock, PlaybackPort
-from palpate.rig.conversion import measured_force_share
+from palpate.rig.conversion import first_corner, measured_force_share
 
 ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
 
@@ -44,22 +43,20 @@ class ArrayPlugin(Generic[ConfigT]):
     this kind needs. `driver(port, clock, finger, config, tip_radius_mm)` makes the host driver on an open
     port, not yet connected; `finger` is its name, for messages. `emulated(taxels, advance, config,
     tip_radius_mm)` makes the emulated device: it calls `advance(now)` before it answers, and reads `taxels`
-    when it is sampled. None: such an array cannot be emulated.
+    when it is sampled. None: such an array cannot be emulated. `board(arrays)` makes one device of emulated
+    arrays on one connection. None: each of them sends for itself.
     """
 
     config: type[ConfigT]
     driver: Callable[[Port, Clock, str, ConfigT, float], ArrayDriver]
     emulated: Callable[[Taxels, Callable[[float], None], ConfigT, float], SampledArray] | None = None
-
-
-def _first_of(config: ArrayConfig) -> Corner:
-    return Corner(config.first_texel or "lower-left")
+    board: Callable[[Sequence[Any]], SampledArray] | None = None
 
 
 _SELF_DESCRIBING = ArrayPlugin(
     ArrayConfig,
-    lambda port, clock, finger, config, _radius: TactileArray(port, clock, finger, _first_of(config)),
-    lambda taxels, advance, config, _radius: EmulatedArray(taxels, advance, _first_of(config)),
+    lambda port, clock, finger, config, _radius: TactileArray(port, clock, finger, first_corner(config)),
+    lambda taxels, advance, config, _radius: EmulatedArray(taxels, advance, first_corner(config)),
 )
 
 
@@ -233,11 +230,12 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
     alike = TipCalibration(
         gain=np.ones(shape),
         gain_spread=spec.array.gain_spread,
+        noise_counts=spec.array.idle_noise_counts,
         contact_force_n=rig.closing.contact_force_n / 2,
         stiffness_n_per_mm=stiffness,
         stiffness_bound=spread,
         drift_counts_per_s=spec.array.drift_counts_per_s,
-        is_common=isinstance(spec.array, WrappedArrayConfig),
+        is_common=isinstance(spec.array, FreeRunningArrayConfig),
     )
     taxels = spec.array.taxels
     if taxels is None:

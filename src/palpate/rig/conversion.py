@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.base.errors import InputError
 from palpate.config import (
+    ArrayConfig,
     ClosingConfig,
     ContactsFile,
     FingerConfig,
@@ -68,13 +69,18 @@ def line_of(approach: Approach) -> Line:
     return Line(approach.start_mm, approach.direction_rad)
 
 
+def first_corner(array: ArrayConfig) -> Corner:
+    """Corner of the tip at which an array begins to count."""
+    return Corner(array.first_texel or "lower-left")
+
+
 def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:
     """Mounting of an array that does not describe itself."""
     return Mounting(
         shape=Shape.FLAT if array.shape == "flat" else Shape.CYLINDER,
         tip_radius_mm=tip_radius_mm,
         counts_per_n=array.counts_per_n,
-        first=Corner(array.first_texel or "lower-left"),
+        first=first_corner(array),
         upright=array.first_row == "upright",
     )
 
@@ -111,6 +117,16 @@ def wrapped_description(
         row_heights_mm=(),
         geometry=tuple(np.concatenate([place, normals], axis=2).ravel().tolist()),
     )
+
+
+def check_cells(array: WrappedArrayConfig, cells: Description) -> None:
+    """Refuse an emulated sensor whose cells are not `cells`, on which the bench presses, with InputError."""
+    rows = len(array.row_heights_mm)
+    if (cells.rows, cells.cols) != (rows, array.columns):
+        raise InputError(
+            f"emulated arrays have {cells.rows} rows and {cells.cols} columns, and the rig file says "
+            f"{rows} and {array.columns}"
+        )
 
 
 def slide_force_n(slide: SlideConfig, current_a: float) -> float:

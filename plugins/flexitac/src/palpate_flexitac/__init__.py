@@ -12,14 +12,14 @@ from pydantic import Field
 from palpate.plugins import (
     ArrayPlugin,
     Clock,
-    Corner,
     DecodedFrame,
     EmulatedFreeRunningArray,
     FreeRunningArray,
-    InputError,
     Port,
     Taxels,
     WrappedArrayConfig,
+    check_cells,
+    first_corner,
     wrapped_description,
 )
 from palpate_flexitac.codec import MARK, MatrixDecoder
@@ -44,7 +44,7 @@ class _OnTip:
 
     def __init__(self, config: FlexiTacConfig) -> None:
         self._decoder = MatrixDecoder(len(config.row_heights_mm), config.columns)
-        self._first = _first(config)
+        self._first = first_corner(config)
         self.faults = self._decoder.faults
 
     def feed(self, data: bytes) -> list[DecodedFrame]:
@@ -71,19 +71,11 @@ def _driver(
 def _emulated(
     taxels: Taxels, advance: Callable[[float], None], config: FlexiTacConfig, _tip_radius_mm: float
 ) -> EmulatedFreeRunningArray:
-    cells, rows = taxels.description, len(config.row_heights_mm)
-    if (cells.rows, cells.cols) != (rows, config.columns):
-        raise InputError(
-            f"emulated arrays have {cells.rows} rows and {cells.cols} columns, and the rig file says "
-            f"{rows} and {config.columns}"
-        )
+    cells = taxels.description
+    check_cells(config, cells)
     seed = int.from_bytes(cells.unique_id, "little")
-    skin = PressedMatrix(cells, _first(config), FlexiTacTruth(), seed)
+    skin = PressedMatrix(cells, first_corner(config), FlexiTacTruth(), seed)
     return EmulatedFreeRunningArray(cells, advance, config.rate_hz, skin.frame)
-
-
-def _first(config: FlexiTacConfig) -> Corner:
-    return Corner(config.first_texel or "lower-left")
 
 
 FLEXITAC = ArrayPlugin(FlexiTacConfig, _driver, _emulated)

@@ -12,13 +12,14 @@ from palpate.plugins import (
     Clock,
     EmulatedFreeRunningArray,
     FreeRunningArray,
-    InputError,
     Port,
     Taxels,
+    check_cells,
+    first_corner,
     wrapped_description,
 )
 from palpate_fsr_matrix.circuit import COUNTS_PER_REFERENCE
-from palpate_fsr_matrix.config import FsrMatrixConfig, first_of
+from palpate_fsr_matrix.config import FsrMatrixConfig
 from palpate_fsr_matrix.driver import fsr_matrix
 from palpate_fsr_matrix.emulated import FsrTruth, ResistiveSkin
 
@@ -43,14 +44,9 @@ def _emulated(
     taxels: Taxels, advance: Callable[[float], None], config: FsrMatrixConfig, _tip_radius_mm: float
 ) -> EmulatedFreeRunningArray:
     cells = taxels.description
-    rows = len(config.row_heights_mm)
-    if (cells.rows, cells.cols) != (rows, config.columns):
-        raise InputError(
-            f"emulated arrays have {cells.rows} rows and {cells.cols} columns, and the rig file says "
-            f"{rows} and {config.columns}"
-        )
+    check_cells(config, cells)
     seed = int.from_bytes(cells.unique_id, "little")
-    skin = ResistiveSkin(cells, first_of(config), FsrTruth(), seed, config.matrix)
+    skin = ResistiveSkin(cells, first_corner(config), FsrTruth(), seed, config.matrix)
     return EmulatedFreeRunningArray(cells, advance, config.rate_hz, skin.frame)
 
 

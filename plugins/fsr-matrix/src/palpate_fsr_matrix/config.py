@@ -4,9 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from palpate.plugins import Corner, WrappedArrayConfig
+from palpate.plugins import WrappedArrayConfig
 
-__all__ = ["FsrMatrixConfig", "first_of"]
+__all__ = ["FsrMatrixConfig"]
 
 
 class FsrMatrixConfig(WrappedArrayConfig):
@@ -22,8 +22,3 @@ class FsrMatrixConfig(WrappedArrayConfig):
     matrices: Annotated[int, Field(strict=True, ge=1, le=8)] = Field(
         default=1, description="How many matrices the board has (fsr-matrix)."
     )
-
-
-def first_of(config: FsrMatrixConfig) -> Corner:
-    """Corner of the tip at which the matrix begins."""
-    return Corner(config.first_texel or "lower-left")

@@ -1,9 +1,9 @@
 """Host driver of the matrix: frames that come unasked, with stamps and a checksum."""
 
-from palpate.plugins import Clock, Corner, DecodedFrame, Description, FreeRunningArray, Port
+from palpate.plugins import Clock, Corner, DecodedFrame, Description, FreeRunningArray, Port, first_corner
 from palpate_fsr_matrix.circuit import conductances
 from palpate_fsr_matrix.codec import ReadingsDecoder, frame_bytes
-from palpate_fsr_matrix.config import FsrMatrixConfig, first_of
+from palpate_fsr_matrix.config import FsrMatrixConfig
 
 __all__ = ["fsr_matrix"]
 
@@ -26,7 +26,7 @@ def fsr_matrix(
 ) -> FreeRunningArray:
     """The driver of a resistive matrix on an open port, read by the sketch of this plug-in."""
     shape = description.rows, description.cols
-    decoder = _Conductances(shape, first_of(config), config.matrix)
+    decoder = _Conductances(shape, first_corner(config), config.matrix)
     # All matrices of a board come on its connection.
     on_wire = config.matrices * frame_bytes(*shape)
     return FreeRunningArray(port, clock, finger, description, decoder, on_wire, config.delay_s)

@@ -13,13 +13,13 @@ from pydantic import Field
 from palpate.plugins import (
     ArrayPlugin,
     Clock,
-    Corner,
     Description,
     EmulatedFreeRunningArray,
     Floats,
     Port,
     Taxels,
     WrappedArrayConfig,
+    first_corner,
     wrapped_description,
 )
 from palpate_reskin.driver import COUNTS_PER_UT, ReskinArray
@@ -60,7 +60,7 @@ def _driver(port: Port, clock: Clock, finger: str, config: ReskinConfig, tip_rad
         clock,
         finger,
         _description(config, tip_radius_mm, emulated),
-        Corner(config.first_texel or "lower-left"),
+        first_corner(config),
         config.delay_s,
     )
 
@@ -76,7 +76,7 @@ def _emulated(
 
 def _in_order(places_mm: Floats, config: ReskinConfig) -> Floats:
     """Places (n, 3) as the board counts its magnetometers."""
-    corner = Corner(config.first_texel or "lower-left")
+    corner = first_corner(config)
     each = [corner.flip(np.ascontiguousarray(places_mm[..., axis])).ravel() for axis in range(3)]
     return np.stack(each, axis=1)
 

@@ -304,8 +304,8 @@ class TaxelSurface:
     (k,). `azimuth_rad` (k,) is where their normals point, nan where they point up or down; neighbours differ
     by at most `turn_rad`. `sides` (4, k): cells on the first and last column, on the first and last row;
     `inner` (4, k): cells on the line next to each, none where there is no other line. `step_mm` (4, 2, 3):
-    least and largest step outward from there to the side, by axis. `turns` (4,): normals turn about the tip's
-    axis across the side, or may.
+    least and largest step outward from there to the side, by axis. `turns_rad` (4,): the most that normals
+    turn about the tip's axis from one line to the next, across the array that way, or may.
     """
 
     flat: bool
@@ -317,10 +317,7 @@ class TaxelSurface:
     sides: Bools
     inner: Bools
     step_mm: Floats
-    turns: Bools
-
-
-_STRAIGHT_RAD = 1e-3
+    turns_rad: Floats
 
 
 def surface_of(description: Description) -> TaxelSurface:
@@ -335,8 +332,10 @@ def surface_of(description: Description) -> TaxelSurface:
     side = [each if each else max(size) for each in size]
     level = np.hypot(normal[..., 0], normal[..., 1])
     azimuth = np.where(level > 0.2, np.arctan2(normal[..., 1], normal[..., 0]), np.nan)
-    turns = np.concatenate([np.diff(azimuth, axis=axis).ravel() for axis in (0, 1)] + [np.zeros(1)])
-    turns = np.abs(wrap_angle(turns))
+    turns = [np.abs(wrap_angle(np.diff(azimuth, axis=axis))).ravel() for axis in (1, 0)]
+    most = float(np.nanmax(np.concatenate([*turns, np.zeros(1)])))
+    # A single line of cells, or normals that point up, do not say how they go on.
+    side_turns = [float(each.max()) if each.size and not np.isnan(each).any() else most for each in turns]
     row, col = np.indices((d.rows, d.cols)).reshape(2, -1)
     return TaxelSurface(
         flat=d.shape is Shape.FLAT,
@@ -344,7 +343,7 @@ def surface_of(description: Description) -> TaxelSurface:
         half_mm=half,
         area_mm2=np.full(d.taxels, side[0] * side[1]),
         azimuth_rad=azimuth.ravel(),
-        turn_rad=float(np.nanmax(turns)),
+        turn_rad=most,
         sides=np.stack([col == 0, col == d.cols - 1, row == 0, row == d.rows - 1]),
         inner=np.stack([col == 1, col == d.cols - 2, row == 1, row == d.rows - 2]),
         step_mm=np.stack(
@@ -355,20 +354,8 @@ def surface_of(description: Description) -> TaxelSurface:
                 _steps(place[:-3:-1], 0),
             ]
         ),
-        turns=np.array(
-            [
-                _turns(azimuth[:, :2].T),
-                _turns(azimuth[:, -2:].T),
-                _turns(azimuth[:2]),
-                _turns(azimuth[-2:]),
-            ]
-        ),
+        turns_rad=np.repeat(side_turns, 2),
     )
-
-
-def _turns(lines: Floats) -> bool:
-    """True if normals turn from one to the other of two lines of cells (2, n), or there are no two."""
-    return len(lines) < 2 or not bool((np.abs(wrap_angle(np.diff(lines, axis=0))) < _STRAIGHT_RAD).all())
 
 
 def _steps(pair: Floats, axis: int) -> Floats:

@@ -341,8 +341,8 @@ def _directions(force: Floats, found: _Patch, surface: TaxelSurface) -> tuple[Fl
     if surface.turn_rad < _FLAT_RAD:  # free by its description, but flat all the same
         return middle, np.full(n, math.pi / 2), np.zeros(n)
     step = surface.turn_rad / 2
-    cut = found.cut[surface.turns].any(axis=0)
-    margin = np.where(cut, _MAX_STEPS_BEYOND_EDGE * step, step)
+    beyond = np.where(found.cut, surface.turns_rad[:, None] / 2, 0.0).max(axis=0)
+    margin = np.maximum(_MAX_STEPS_BEYOND_EDGE * beyond, step)
     upright = (found.cells & np.isnan(surface.azimuth_rad)).any(axis=1)
     half = np.where(upright, math.pi, np.minimum((high - low) / 2 + margin, math.pi))
     return middle + (low + high) / 2, half, high - low + 2 * step

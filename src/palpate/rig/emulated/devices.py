@@ -39,7 +39,7 @@ from palpate.drivers.emulators import (
 )
 from palpate.drivers.tactile import Description, Shape
 from palpate.drivers.transport import Device, MockHub, VirtualClock, connection_of
-from palpate.rig.arrays import emulated_array
+from palpate.rig.arrays import array_plugin, emulated_array
 from palpate.rig.emulated.finger_truth import dead_taxels, draws_of, joint_truth, truth_of, with_yield
 from palpate.rig.emulated.hidden_truth import (
     PartTruth,
@@ -209,15 +209,13 @@ def emulate(rig: RigFile, placements: Sequence[Placement], seed: int) -> Emulate
     chain = ServoChain(bench.servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     reset_s = _reset_s(rig, seed)
-    boards: dict[str, list[Device]] = {}
+    connections: dict[str, list[tuple[FingerConfig, SampledArray]]] = {}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
-        if not finger.array.has_device:
-            continue
-        board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
-        port = connection_of(finger.array.port)
-        boards.setdefault(port, []).append(board)
-        shared = board if len(boards[port]) == 1 else SharedWire(boards[port])
-        devices[port] = (shared, finger.array.baudrate_bps)
+        if finger.array.has_device:
+            there = connections.setdefault(connection_of(finger.array.port), [])
+            there.append((finger, emulated.array))
+    for port, there in connections.items():
+        devices[port] = (_connection(there, rig.emulation, reset_s), there[-1][0].array.baudrate_bps)
     on_wires, renamed = _attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
     return EmulatedRig(bench, on_wires, parts, renamed)
 
@@ -286,6 +284,22 @@ def _reset_s(rig: RigFile, seed: int) -> Mapping[str, float]:
     rng = np.random.default_rng([seed, 10])
     finger = rig.fingers[int(rng.integers(len(rig.fingers)))]
     return {finger.name: float(rng.uniform(*rig.emulation.array_reset_s))}
+
+
+def _connection(
+    there: Sequence[tuple[FingerConfig, SampledArray]],
+    emulation: EmulationConfig,
+    reset_s: Mapping[str, float],
+) -> Device:
+    """Device of a connection: an array, a board that carries all of them, or several that send in turns."""
+    arrays = [(array, reset_s.get(spec.name)) for spec, array in there]
+    protocol = there[0][0].array.protocol
+    board = array_plugin(protocol).board if len(arrays) > 1 else None
+    if board is not None and all(spec.array.protocol == protocol for spec, _ in there):
+        resets = [each for _, each in arrays if each is not None]
+        arrays = [(board([array for array, _ in arrays]), min(resets, default=None))]
+    boards = [_board(array, emulation, each) for array, each in arrays]
+    return boards[0] if len(boards) == 1 else SharedWire(boards)
 
 
 def _board(array: SampledArray, emulation: EmulationConfig, reset_s: float | None) -> Device:

@@ -17,11 +17,11 @@ from palpate.base.file_io import write_text
 from palpate.base.geometry import ObjectModel
 from palpate.config import (
     FingerConfig,
+    FreeRunningArrayConfig,
     ObjectsFile,
     RigFile,
     RigOnBench,
     Scene,
-    WrappedArrayConfig,
     calibration_path,
     load_calibrated,
     load_objects,
@@ -251,7 +251,7 @@ class _Array:
     def feed(self, piece: RecordedBytes) -> Iterator[FrameSample]:
         if self._driver is None:
             asked = piece.direction is Direction.SENT and bool(self._before)
-            if asked or isinstance(self._finger.array, WrappedArrayConfig):
+            if asked or isinstance(self._finger.array, FreeRunningArrayConfig):
                 self._driver = self._connected()
             self._before.append(piece)
             if self._driver is None:
