@@ -1,7 +1,6 @@
 """Fingertips on a board: as its readers read them, messages, what the board answers, bounds, the suite."""
 
 import os
-import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,7 +32,7 @@ from palpate_paxini.fingertip import FINGERTIPS, fingertip
 
 RIG = Path(__file__).parents[1] / "examples" / "paxini-bench.toml"
 KEYS = {"sensor": "PXSR-CMDDP18A", "module": "index-tip", "rate_hz": 25.0}
-INDEX_TIP = 6
+THUMB_TIP, INDEX_TIP = 2, 6
 
 REGISTER = st.integers(0, 0xFFFF)
 FROM_BOARD = st.one_of(
@@ -144,6 +143,16 @@ def test_a_start_takes_the_zero_and_a_restart_of_the_board_ends_the_stream() -> 
     bench.array.wait_frame(0.2)
 
 
+@pytest.mark.parametrize("version", [b"", b"ORCA1.0-1234567"])
+def test_orcas_board_is_not_told_to_take_a_zero(version: bytes) -> None:
+    bench = ArrayBench("paxini", KEYS)
+    bench.device.board.version = version
+    bench.force_n[:] = 0
+    bench.array.connect()
+    bench.array.start(25.0)
+    assert np.mean([bench.array.wait_frame(0.2).counts.mean() for _ in range(10)]) > 1
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
@@ -235,40 +244,48 @@ def test_a_reader_of_these_boards_reads_the_emulated_one() -> None:
     assert [sums["Index-Tip"][2] for sums, _ in frames] == np.array(theirs)[..., 2].sum(axis=1).tolist()
 
 
-CHECK = """
-import sys
-import numpy as np
-from orca_core.hardware.sensing import constants, tactile_protocol, taxel_geometry
-from palpate_paxini.codec import Answer, Layout, Push, encode, pack_resultant, pack_taxels
-from palpate_paxini.fingertip import fingertip
-for finger, part in constants.FINGER_SENSOR_PART.items():
-    if finger in ("thumb", "pinky"):
-        tip, maker = fingertip(part, upside_down=False), taxel_geometry.load_taxel_geometry(finger)
-        place, normal = 1e3 * maker.positions[tip.matrix], maker.normals[tip.matrix]
-        off = tip.place_mm - place[..., [2, 0, 1]]
-        assert np.ptp(off, axis=(0, 1)).max() < 0.02
-        assert np.abs(tip.normal - normal[..., [2, 0, 1]]).max() < 2e-3
-        assert tip.taxels == maker.num_taxels
-rng = np.random.default_rng(1)
-forces = rng.integers((-128, -128, 0), (128, 128, 256), (51, 3))
-data = pack_resultant(forces[:1]) + pack_taxels(forces)
-resultant, taxels = tactile_protocol.decode_auto_payload(data, ["thumb"], {"thumb": 51}, True, True)
-assert np.allclose(taxels["thumb"], forces / 10)
-assert np.allclose(resultant["thumb"], forces[0] / 10)
-assert encode(Push(0, data)) == tactile_protocol.build_auto_frame(data)
-assert tactile_protocol.parse_read_response(encode(Answer(3, 0x10, b"abcd")), 0x10) == b"abcd"
-tactile_protocol.parse_write_response(encode(Answer(0x10, 0x17, bytes(1))), 0x17)
-print("read")
+FOLDER = Path(os.environ.get("ORCA_CORE", Path(sys.prefix) / "other" / "orca_core"))
+READ_BY_ORCA = """
+import json, sys, time
+sys.path.insert(0, FOLDER)
+from orca_core.hardware.hand_serial_link import HandSerialLink
+from orca_core.hardware.sensing.constants import FINGER_SENSOR_PART
+from orca_core.hardware.sensing.taxel_geometry import load_taxel_geometry
+from orca_core.hardware.tactile_client import TactileClient
+
+link, frames = HandSerialLink(sys.argv[1], baudrate=921600), {}
+link.connect()
+with TactileClient(link) as client:
+    client.start_stream(resultant=True, taxels=True)
+    while len(frames) < 30:
+        if (reading := client.get_latest()) is not None:
+            frames[reading.seq] = reading.taxels["thumb"]
+        time.sleep(0.002)
+    seen = client.get_stats().frames_bad_payload_size
+link.disconnect()
+tips = {part: load_taxel_geometry(finger) for finger, part in FINGER_SENSOR_PART.items()}
+places = {part: [tip.positions.tolist(), tip.normals.tolist()] for part, tip in tips.items()}
+print(json.dumps([seen, list(frames.values()), places]))
 """
 
 
-def test_orcas_own_package_has_the_same_places_and_reads_the_same_bytes() -> None:
-    """It cannot be installed beside palpate: `make` puts it in a folder of its own, for other tests too."""
-    folder = Path(os.environ.get("ORCA_CORE", Path(sys.prefix) / "other" / "orca_core"))
-    if not (folder / "orca_core").is_dir():
-        pytest.skip("orca_core, its maker's package, is not installed: make test does that")
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
-    done = subprocess.run(
-        [sys.executable, "-c", CHECK], capture_output=True, text=True, check=False, env=environment
-    )
-    assert done.stdout == "read\n", done.stderr
+@pytest.mark.realtime
+@pytest.mark.skipif(
+    not (FOLDER / "orca_core").is_dir(),
+    reason="orca_core cannot be installed beside palpate; make test puts it into a folder of its own",
+)
+def test_orcas_package_reads_the_emulated_board_and_has_the_same_places() -> None:
+    bench = ArrayBench("paxini", KEYS | {"module": "thumb-tip", "rate_hz": 80.0}, baudrate_bps=921_600)
+    (bad, theirs, places), sent = bench.read_by(READ_BY_ORCA.replace("FOLDER", repr(str(FOLDER))))
+    layout = Layout.of((1 << THUMB_TIP).to_bytes(4, "little"), 3, np.full(28, 51, "<u2").tobytes())
+    pushed = [item.data for item in BoardDecoder().feed(sent) if isinstance(item, Push)]
+    ours = [(layout.forces(data, THUMB_TIP) / 10).tolist() for data in pushed]
+    assert bad == 0
+    assert len(theirs) == 30
+    assert all(each in ours for each in theirs)
+    for name in FINGERTIPS:
+        tip, (place, normal) = fingertip(name, upside_down=False), map(np.array, places[name])
+        assert tip.taxels == len(place)
+        off_mm = tip.place_mm - 1e3 * place[tip.matrix][..., [2, 0, 1]]
+        assert np.ptp(off_mm, axis=(0, 1)).max() < 0.02
+        assert np.abs(tip.normal - normal[tip.matrix][..., [2, 0, 1]]).max() < 2e-3

@@ -36,7 +36,8 @@ _ZERO_S = 1.0
 _MAX_FRAME_BYTES = 8192  # of any board
 _TAXELS_ONLY = 2
 _REFUSED = 0x80
-_READ = {Register.ACTIVE: 4, Register.TAXELS: 2 * len(MODULES), Register.KINDS: 1}
+_ORCA = b"ORCA"
+_READ = {Register.VERSION: 15, Register.ACTIVE: 4, Register.TAXELS: 2 * len(MODULES), Register.KINDS: 1}
 
 
 class _Board:
@@ -109,7 +110,7 @@ class _Board:
 class PaxiniArray(FreeRunningArray):
     """A fingertip at one of a board's places, on an open port.
 
-    Each `start` lets the board take the zero of all its fingertips anew: nothing may touch them then.
+    Each `start` lets a board of PaXini take the zero of all its fingertips anew: nothing may touch them then.
     """
 
     def __init__(
@@ -124,12 +125,16 @@ class PaxiniArray(FreeRunningArray):
     ) -> None:
         self._board = _Board(tip, module)
         super().__init__(port, clock, finger, description, self._board, _MAX_FRAME_BYTES, delay_s)
+        self._takes_zero = False
 
     def connect(self) -> Description:
         """Ask the board what it carries, and let it push taxels; see that they come as fast as is stated."""
         self._description = None
         self._board.forget()
         self._stream.expect(self._stated.max_rate_hz, _MAX_FRAME_BYTES)
+        version = self._read(Register.VERSION).strip(b"\0 ")
+        # ORCA's connector board says so, or nothing at all if its firmware is old, and takes no such order.
+        self._takes_zero = bool(version) and not version.startswith(_ORCA)
         self._order(Function.WRITE, Register.KINDS, bytes((_TAXELS_ONLY,)))
         for register in (Register.ACTIVE, Register.TAXELS, Register.KINDS):
             self._read(register)
@@ -149,7 +154,7 @@ class PaxiniArray(FreeRunningArray):
     def start(self, rate_hz: float) -> None:
         """Take a zero, and frames from then on; of a stream that runs already, as it is."""
         self._check_rate(rate_hz)
-        if self._since_s is None:
+        if self._since_s is None and self._takes_zero:
             self._order(Function.ZERO, Register.ZERO, b"\1", _ZERO_S)
         super().start(rate_hz)
 

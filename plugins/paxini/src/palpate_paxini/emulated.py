@@ -172,6 +172,7 @@ class _Board:
         self, tips: Sequence[EmulatedFingertip], advance: Callable[[float], None], period_s: float
     ) -> None:
         self._advance, self._period_s = advance, period_s
+        self.version = b"emulated 02.22"
         self.carry(tips)
 
     def carry(self, tips: Sequence[EmulatedFingertip]) -> None:
@@ -247,7 +248,7 @@ class _Board:
         """Values of some registers, a byte each."""
         there = sum(1 << tip.module for tip in self._tips)
         blocks: dict[int, bytes] = {
-            Register.VERSION: b"emulated 02.22\0",
+            Register.VERSION: self.version,
             Register.ACTIVE: there.to_bytes(4, "little"),
             Register.KINDS: bytes((self._kinds, self._pushing)),
         }
