@@ -217,9 +217,9 @@ import json, sys
 from paxini_sdk import HighSpeedHandBoard
 with HighSpeedHandBoard(sys.argv[1]) as board:
     assert board.read_version() == "emulated 02.22"
-    board.calibrate()
     resultant = board.read_resultant_forces()
     frames = list(board.stream_auto_push(max_frames=30))
+    board.calibrate()
 print(json.dumps([list(resultant), [[f.resultant_forces, f.distributed_forces] for f in frames]]))
 """
 
@@ -236,10 +236,10 @@ def test_a_reader_of_these_boards_reads_the_emulated_one() -> None:
     assert [name.lower() for name in modules] == ["index-tip"]
     layout = Layout.of((1 << INDEX_TIP).to_bytes(4, "little"), 3, np.full(28, 51, "<u2").tobytes())
     pushed = [item.data for item in BoardDecoder().feed(sent) if isinstance(item, Push)]
-    ours = [layout.forces(data, INDEX_TIP).tolist() for data in pushed]
+    ours = iter([layout.forces(data, INDEX_TIP).tolist() for data in pushed])
     theirs = [taxels["Index-Tip"] for _, taxels in frames]
-    begin = ours.index(theirs[0])
-    assert theirs == ours[begin : begin + 30]
+    assert len(theirs) == 30
+    assert all(each in ours for each in theirs)  # in this order; of what comes at once it reads one
     assert np.array(theirs)[..., :2].min() < 0 < np.array(theirs)[..., :2].max()
     assert [sums["Index-Tip"][2] for sums, _ in frames] == np.array(theirs)[..., 2].sum(axis=1).tolist()
 
@@ -279,7 +279,7 @@ def test_orcas_package_reads_the_emulated_board_and_has_the_same_places() -> Non
     (bad, theirs, places), sent = bench.read_by(READ_BY_ORCA.replace("FOLDER", repr(str(FOLDER))))
     layout = Layout.of((1 << THUMB_TIP).to_bytes(4, "little"), 3, np.full(28, 51, "<u2").tobytes())
     pushed = [item.data for item in BoardDecoder().feed(sent) if isinstance(item, Push)]
-    ours = [(layout.forces(data, THUMB_TIP) / 10).tolist() for data in pushed]
+    ours = iter([(layout.forces(data, THUMB_TIP) / 10).tolist() for data in pushed])
     assert bad == 0
     assert len(theirs) == 30
     assert all(each in ours for each in theirs)
