@@ -224,7 +224,7 @@ def proven(told: RigFile, true: RigFile, folder: Path, monkeypatch: pytest.Monke
     path = folder / "rig.toml"
     path.write_text("# mine\n" + file_text(told), encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr(bench_module, "emulate", lambda _, lies, seed: emulate(true, [lies], seed))
+        patch.setattr(bench_module, "emulate", lambda _, placements, seed: emulate(true, placements, seed))
         return open_rig(path).check(press=True, move=True)
 
 
@@ -266,7 +266,7 @@ def test_a_wiring_that_was_mended_ends_well_and_says_what_to_run_next(
     _mount(wrong, [1], first_texel="upper-right")
     path = tmp_path / "rig.toml"
     path.write_text(tomlkit.dumps(wrong), encoding="utf-8")
-    monkeypatch.setattr(bench_module, "emulate", lambda _, lies, seed: emulate(true, [lies], seed))
+    monkeypatch.setattr(bench_module, "emulate", lambda _, placements, seed: emulate(true, placements, seed))
     press = ("check", "--rig", path, "--press")
     found = here(*press)
     assert found.code == 1

@@ -5,6 +5,8 @@
 from enum import StrEnum
 from typing import Literal
 
+from pydantic import SerializerFunctionWrapHandler, model_serializer
+
 from palpate.base.vocabulary import (
     BoundSource,
     ContradictionCause,
@@ -256,6 +258,14 @@ class AlternativeOut(Out):
     moved: Rounded | None
 
 
+class PlacedOut(Out):
+    """Part on an emulated table, as it lies when the fingers have left."""
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+
+
 class TruthOut(Out):
     """Truth that the emulator had put on the table; written after the run, unknown to all within it.
 
@@ -264,6 +274,7 @@ class TruthOut(Out):
     `inside_bounds` says whether the truth is inside its bounds. All this is about the part as it lies when
     the fingers have left. `at_measurement`: where it was when each grip's contacts were measured, followed
     from how it was put, whatever its symmetry; null for a run that was recorded before this was noted.
+    Of several parts this is the one which the answer fits best; the key `others` is there only then.
     """
 
     object: str
@@ -274,20 +285,13 @@ class TruthOut(Out):
     position_error_mm: Rounded | None
     orientation_error_rad: Rounded | None
     at_measurement: tuple[ConfigurationOut, ...] | None = None
+    others: tuple[PlacedOut, ...] = ()
 
-
-class PlacedOut(Out):
-    """Part on an emulated table, as it lies when the fingers have left."""
-
-    object: str
-    state: str
-    configuration: ConfigurationOut
-
-
-class TruthOfSeveralOut(TruthOut):
-    """Truth of several parts: that of the part which the answer fits best, and the `others`."""
-
-    others: tuple[PlacedOut, ...]
+    # A return type would take the place of the keys in the JSON Schema.
+    @model_serializer(mode="wrap")
+    def _without_no_others(self, write: SerializerFunctionWrapHandler):  # type: ignore[no-untyped-def]
+        found = write(self)
+        return found if self.others else {key: value for key, value in found.items() if key != "others"}
 
 
 class CalibrationUsedOut(Out):
@@ -478,7 +482,7 @@ class IdentificationOut(Out):
     wall_seconds: Rounded
     session: str | None
     calibration: CalibrationUsedOut | None = None
-    truth: TruthOfSeveralOut | TruthOut | None = None
+    truth: TruthOut | None = None
     motion_bounds: tuple[MotionBoundOut, ...] = ()
     assumed_holds_n: Rounded | None = None
     hold_contradicted: bool = False

@@ -17,7 +17,6 @@ from palpate.config.recognition_results import (
     Relation,
     SetUpDoubtOut,
     TableOut,
-    TruthOfSeveralOut,
     TruthOut,
 )
 from palpate.views.numerals import ceil_to, floor_to
@@ -463,8 +462,8 @@ def _alternative_line(other: AlternativeOut) -> str:
 
 def _other_truth_lines(out: IdentificationOut) -> list[str]:
     """A line for each part that lies beside the one of `_truth_line`."""
-    others = out.truth.others if isinstance(out.truth, TruthOfSeveralOut) else ()
-    return [f"  beside it: {_placed_words(item)}" for item in others]
+    assert out.truth is not None, "only called with a truth"
+    return [f"  beside it: {_placed_words(item)}" for item in out.truth.others]
 
 
 def _placed_words(item: PlacedOut | TruthOut) -> str:

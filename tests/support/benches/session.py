@@ -168,16 +168,17 @@ def emulated_session(
     rig: RigFile | None = None,
     objects: ObjectsFile | None = None,
     placement: Placement | None = None,
+    others: Sequence[Placement] = (),
     empty: bool = False,
 ) -> EmulatedSession:
-    """The shipped bench with an object drawn by the seed, unless given or `empty`."""
+    """The shipped bench with an object drawn by the seed, unless given or `empty`, and `others` beside it."""
     rig = rig or load_rig(firm_rig())
     assert rig.emulation is not None
     if placement is None and not empty:
         objects = objects or load_objects(shipped_objects())
         rng = np.random.default_rng([seed, 0])
         placement = draw_placement(objects, rig.emulation.placement_radius_mm, rng)
-    placements = () if placement is None else (placement,)
+    placements = () if placement is None else (placement, *others)
     emulated = emulate(rig, placements, seed)
     clock = AlarmClock()
     hub = MockHub(clock, "session")
@@ -231,7 +232,7 @@ def angle_in(angle: float, lo: float, hi: float) -> bool:
 SEVERAL = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 
-def check_touch(shape: shapely.Polygon, touch: Touch, centre: np.ndarray, radius: float) -> None:
+def check_touch(shape: shapely.Geometry, touch: Touch, centre: np.ndarray, radius: float) -> None:
     """Compare one touch with the true section and the true centre of the tip while it was measured."""
     contact = touch.contact
     way = shapely.LineString([contact.start_mm, contact.end_mm])
@@ -240,7 +241,7 @@ def check_touch(shape: shapely.Polygon, touch: Touch, centre: np.ndarray, radius
         return
     assert touch.patch is not None
     tip = shapely.Point(centre)
-    nearest = shape.boundary.interpolate(shape.boundary.project(tip))
+    nearest = shapely.get_point(shapely.shortest_line(shape.boundary, tip), 0)
     outward = np.array([tip.x - nearest.x, tip.y - nearest.y])
     if shape.contains(tip):
         outward = -outward
@@ -259,7 +260,7 @@ def check_touch(shape: shapely.Polygon, touch: Touch, centre: np.ndarray, radius
     if contact.normal is not None:
         found = []
         for point in shapely.get_coordinates(shapely.segmentize(near, 0.02)):
-            foot = shape.boundary.interpolate(shape.boundary.project(shapely.Point(point)))
+            foot = shapely.get_point(shapely.shortest_line(shape.boundary, shapely.Point(point)), 0)
             found.append(math.atan2(point[1] - foot.y, point[0] - foot.x))
         assert any(angle_in(angle, contact.normal.lo_rad, contact.normal.hi_rad) for angle in found)
 
@@ -281,8 +282,7 @@ def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Fing
 
 def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
     """Several random grips in one connection, each touch checked against the bench's truth."""
-    assert session.placement is not None
-    shape = shape_of(session.placement)
+    shape = shapely.union_all([shape_of(placement) for placement in session.bench_rig.placements])
     rng = np.random.default_rng([seed, 77])
     centres: list[np.ndarray] = []
 

@@ -15,7 +15,7 @@ from shapely import affinity
 
 from palpate.calibration.frame_alignment import BasePose, align_to_nominal
 from palpate.config import FingerConfig, RigFile, RigOnBench
-from palpate.config.recognition_results import PlacedOut, TruthOfSeveralOut, TruthOut
+from palpate.config.recognition_results import PlacedOut, TruthOut
 from palpate.drivers.emulators import ArmTruth, FingerTruth
 from palpate.recognizer import CatalogueState, Configuration, Hypothesis
 from palpate.rig.catalogue.finger_model import at_heights, finger_heights_text
@@ -72,7 +72,7 @@ def compare_answers(
         found, key=lambda item: (not item.named, not item.inside_bounds, item.position_error_mm or 0.0)
     )
     others = tuple(PlacedOut.of(item) for item in found if item is not best)
-    return TruthOfSeveralOut.of(best, others=others) if others else best
+    return TruthOut.of(best, others=others)
 
 
 def _compare_hypothesis(placement: Placement, hypothesis: Hypothesis, truth: TruthOut) -> TruthOut:

@@ -23,7 +23,6 @@ from palpate.config.recognition_results import (
     SetUpDoubtOut,
     TableOut,
     TouchRecordOut,
-    TruthOut,
     WidthsWithoutOut,
 )
 from palpate.config.wiring_record import ConfirmedWiring
@@ -199,7 +198,7 @@ class IdentificationRun(ShortRepr):
         table, found = self.result.table, []
         for part, agreed in () if table is None else zip(table.parts, table.agreed, strict=True):
             one = replace(self, result=part).out(wall_seconds=0.0, session=None)
-            truth = one.truth and TruthOut.of(one.truth)
+            truth = one.truth and one.truth.model_copy(update={"others": ()})
             found.append(PartOut.of(one, agreed=agreed, truth=truth))
         return tuple(found)
 

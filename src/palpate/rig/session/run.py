@@ -180,6 +180,8 @@ _LATER_KEYS = frozenset(
         "contradictions",
         "altered_probability",
         "narrower_without",
+        "parts",
+        "table",
     }
 )  # not written by older versions
 
