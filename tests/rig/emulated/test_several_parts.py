@@ -32,6 +32,7 @@ from palpate.rig.reach.approaches import reach_of
 from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
 from support.benches.rigs import firm_rig, quick_bench, small_objects
+from support.benches.session import emulated_session, run_checked
 from support.commands.command import Here
 
 RIG = load_rig(firm_rig())
@@ -189,7 +190,18 @@ def test_simulated_grips_stop_at_the_first_of_several_parts(*, slides: bool) -> 
 
 
 # ----------------------------------------------------------------------------------------------------
-# A run.
+# Runs.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_touches_of_parts_that_touch_claim_what_is_true(seed: int) -> None:
+    first, *others = draw_placements(
+        small_objects(), 3, 45.0, np.random.default_rng(seed), 90.0, gap_mm=(0.0, 0.5)
+    )
+    session = emulated_session(seed=seed, rig=RIG, placement=first, others=others)
+    touches = run_checked(session, 4, seed)
+    assert sum(touch.contact.touched for touch in touches) > 5
 
 
 def test_a_run_beside_a_second_part_knows_the_truth_of_both(tmp_path: Path, here: Here) -> None:
