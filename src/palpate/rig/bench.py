@@ -4,6 +4,7 @@ With `emulated.devices` and `emulated.scene`, which it calls, the only part of a
 emulators.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -29,6 +30,8 @@ from palpate.rig.emulated.table import draw_placements, placements_of
 from palpate.rig.identification.part_count import ONE_PART, PartCount
 from palpate.rig.mechanisms import lowest_links
 from palpate.rig.motion.hand import Environment, Hand
+
+_APART_MM = 3.0  # more than touches push parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,8 @@ def draw_table(
 ) -> tuple[Placement, ...]:
     """Draw what lies on the table of an emulated rig; InputError if there is no room for so many parts.
 
-    Several parts lie anywhere in the workspace if only `asked` says that there are several.
+    Several parts lie anywhere in the workspace if only `asked` says that there are several, and apart where
+    the engine has no rule for parts that push each other.
     """
     assert rig.emulation is not None, "only emulated tables are drawn"
     parts: int | tuple[int, int] = rig.emulation.parts
@@ -85,7 +89,9 @@ def draw_table(
     if parts == 1 and not asked.is_single:
         parts, within = asked.most if asked.exactly else (1, asked.most), workspace
     count = parts if isinstance(parts, int) else int(rng.integers(parts[0], parts[1] + 1))
-    return draw_placements(objects, count, within, rng, workspace)
+    engine = None if rig.emulation.part is None else rig.emulation.part.engine
+    gap_mm = (_APART_MM, math.inf) if engine == "quasi-static" and count > 1 else None
+    return draw_placements(objects, count, within, rng, workspace, gap_mm)
 
 
 def check_heights(rig: RigFile, objects: ObjectsFile) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.writers import file_text
-from palpate.drivers.emulators import Displacements, PointForce, StillParts
+from palpate.drivers.emulators import Displacements, Parts, PointForce, StillParts
 from palpate.rig.bench import choose_placements
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.driven_tips import noise_of
@@ -334,13 +334,27 @@ def test_parts_that_are_pushed_together_turn_but_do_not_overlap(seed: int) -> No
         assert shapely.intersection(one, other).buffer(-0.02).is_empty
 
 
-def test_the_quasi_static_engine_moves_one_part_only() -> None:
-    two = [block(0.0, 0.0), block(60.0, 0.0)]
-    config = EmulatedPartConfig(engine="quasi-static")
-    with pytest.raises(
-        InputError, match='"quasi-static", which moves one part, and there are 2 on the table'
-    ):
-        parts_of(draw_parts(config, two, 1), two)
+def _push_on(parts: Parts, press: Callable[[Displacements, float], Sequence[Sequence[PointForce]]]) -> None:
+    for depth in np.arange(2.5, 9.0, 0.1).tolist():
+        parts.step(lambda at, depth=depth: press(at, depth), True, 1e-3)
+
+
+def test_the_quasi_static_engine_moves_parts_until_one_is_pushed_into_another() -> None:
+    two = [block(0.0, 0.0), block(43.0, 0.0)]
+    config = EmulatedPartConfig(engine="quasi-static", mass_kg=0.15, friction=0.3)
+    parts = parts_of(draw_parts(config, two, 1), two)
+
+    def press(displacements: Displacements, depth_mm: float) -> Sequence[Sequence[PointForce]]:
+        """A soft tip that stands in the first part's left wall."""
+        force = 3.0 * max(depth_mm - displacements[0].shift_mm[0], 0.0)
+        return [PointForce(np.array([-20.0, 0.0]), 10.0, np.array([force, 0.0]))], []
+
+    for depth in np.arange(0.0, 2.5, 0.1).tolist():
+        parts.step(lambda at, depth=depth: press(at, depth), True, 1e-3)
+    assert parts.displacements[0].shift_mm[0] > 1.5
+    assert parts.displacements[1].is_none
+    with pytest.raises(InputError, match='"block" was pushed into "block"; let it be "mujoco"'):
+        _push_on(parts, press)
 
 
 @settings(max_examples=30, deadline=None, derandomize=True, database=None)

@@ -25,6 +25,7 @@ from palpate.drivers.emulators.part import (
     Parts,
     PointForce,
     QuasiStaticPart,
+    QuasiStaticParts,
     StillParts,
 )
 from palpate.drivers.emulators.pseudo_terminal import serve_pty
@@ -78,6 +79,7 @@ __all__ = [
     "PortIntruder",
     "Press",
     "QuasiStaticPart",
+    "QuasiStaticParts",
     "RatedFaultyWire",
     "SampledArray",
     "ServoChain",

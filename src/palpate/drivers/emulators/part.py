@@ -297,3 +297,32 @@ class QuasiStaticPart:
         return Displacement(
             self._centre, now.shift_mm + motion[:2], now.turn_rad + float(motion[2]) / self._lever_mm
         )
+
+
+class QuasiStaticParts:
+    """Parts that slide each by itself; `check_apart` raises once one is pushed into another."""
+
+    def __init__(
+        self, parts: Sequence[QuasiStaticPart], check_apart: Callable[[Displacements], None]
+    ) -> None:
+        self._parts, self._check_apart = tuple(parts), check_apart
+        self.displacements: Displacements = tuple(part.displacements[0] for part in self._parts)
+
+    @property
+    def at_rest(self) -> bool:
+        """True: without inertia they stay where they are."""
+        return True
+
+    def step(self, tip_forces: TipForces, touched: bool, dt_s: float) -> None:
+        """Let tips push each part in turn."""
+        for number, part in enumerate(self._parts):
+
+            def forces_on_this(own: Displacements, number: int = number) -> Sequence[Sequence[PointForce]]:
+                now = self.displacements
+                return (tip_forces((*now[:number], *own, *now[number + 1 :]))[number],)
+
+            part.step(forces_on_this, touched, dt_s)
+        now = tuple(part.displacements[0] for part in self._parts)
+        if any(new is not old for new, old in zip(now, self.displacements, strict=True)):
+            self.displacements = now
+            self._check_apart(now)

@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 import shapely
@@ -26,15 +27,18 @@ from palpate.config.emulation import EmulatedPartConfig, MechanicsConfig, Range
 from palpate.drivers.emulators import (
     GRAVITY_M_S2,
     Bench,
+    Displacements,
     EmulatedServo,
     FrictionSupport,
     Parts,
     QuasiStaticPart,
+    QuasiStaticParts,
     StillParts,
 )
 from palpate.drivers.kinematics import FingerBody, Servos, Turn
 from palpate.rig.emulated.finger_truth import draw
-from palpate.rig.emulated.scene import Placement, shape_of
+from palpate.rig.emulated.scene import Placement, displace, shape_of
+from palpate.rig.emulated.table import overlap
 from palpate.rig.fingers import Stage
 from palpate.rig.mechanisms import mechanism_of
 from palpate.rig.mechanisms.mechanism import Mechanism
@@ -110,24 +114,30 @@ def _draw(value: float | Range, share: float, *, logarithmic: bool = False) -> f
 def parts_of(truths: Sequence[PartTruth], placements: Sequence[Placement]) -> Parts:
     """The parts in their engine; without truths they stand still.
 
-    Raises InputError for one whose centre of mass is not above its base, for several in an engine that moves
-    one only, and if MuJoCo is not installed.
+    Raises InputError for one whose centre of mass is not above its base, and if MuJoCo is not installed;
+    where they slide without inertia, also in the run, once one is pushed into another.
     """
     if not truths or truths[0].engine == "still":
         return StillParts(len(placements))
-    engine = truths[0].engine
-    if engine == "quasi-static" and len(placements) > 1:
-        raise InputError(
-            f'emulation.part.engine: is "{engine}", which moves one part, and there are {len(placements)} on '
-            'the table; let it be "mujoco", or "still"'
-        )
     supports = [support_of(truth, lies) for truth, lies in zip(truths, placements, strict=True)]
-    if engine == "quasi-static":
-        return QuasiStaticPart(supports[0])
+    if truths[0].engine == "quasi-static":
+        parts = [QuasiStaticPart(support) for support in supports]
+        return parts[0] if len(parts) == 1 else QuasiStaticParts(parts, partial(_check_apart, placements))
     import_extra("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
     from palpate.rig.emulated.mujoco_bodies import mujoco_parts  # noqa: PLC0415  # an extra
 
     return mujoco_parts(supports, placements)
+
+
+def _check_apart(placements: Sequence[Placement], displacements: Displacements) -> None:
+    """Raise InputError if a part was pushed into another."""
+    lying = [displace(lies, by) for lies, by in zip(placements, displacements, strict=True)]
+    for one, other in combinations(lying, 2):
+        if overlap(one, other):
+            raise InputError(
+                'emulation.part.engine: is "quasi-static", which has no rule for parts that push each other, '
+                f'and "{one.model.name}" was pushed into "{other.model.name}"; let it be "mujoco"'
+            )
 
 
 def support_of(truth: PartTruth, placement: Placement) -> FrictionSupport:

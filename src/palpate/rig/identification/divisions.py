@@ -12,10 +12,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 
+import numpy as np
 import shapely
 
 from palpate.base.vocabulary import RecognitionVerdict
-from palpate.recognizer import Contact, FingerApproach, Recognition
+from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Recognition, predict
+from palpate.rig.identification.grip_evidence import paths_of
 from palpate.rig.identification.loop import Search
 from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.part_count import PartCount
@@ -27,7 +29,7 @@ _MOST_CORES = 8  # of hypotheses: more overlap with hardly anything all together
 
 @dataclass(frozen=True, eq=False)
 class PartSearch:
-    """What the touches of one part say of it. `touched`: (grip, finger) of each, grips from 1."""
+    """Knowledge of one part from its own touches. `touched`: (grip, finger) of each, grips from 1."""
 
     search: Search
     touched: frozenset[tuple[int, int]]
@@ -84,6 +86,23 @@ class PartSearch:
             return 0.0
         return min(one.gap_mm(two) for one in self.cores for two in other.cores)
 
+    def _free_mm(self, touches: Sequence[Touch]) -> list[float | None]:
+        """Distance that each finger kept from the part all along, at least: all that is asked for, or 0."""
+        known = self.recognition
+        if known is None or not known.hypotheses:
+            return [0.0] * len(touches)
+        contacts = [touch.contact for touch in touches]
+        wide = [
+            replace(item, position_bound_mm=item.position_bound_mm + FREE_MARGIN_MM)
+            for item in paths_of(contacts)
+        ]
+        met = predict(known.catalogue, known.hypotheses, known.anchor_mm, wide).earliest.min(axis=1)
+        far = [
+            max(contact.travel_mm, 0.0 if touch.trace is None else float(max(touch.trace.travel_mm)))
+            for contact, touch in zip(contacts, touches, strict=True)
+        ]
+        return np.where(met > far, FREE_MARGIN_MM, 0.0).tolist()
+
     @property
     def pushed_mm(self) -> float:
         """Distance by which the last grip has moved any point of the part, at most."""
@@ -96,11 +115,14 @@ class PartSearch:
 
         `is_apart`: no other part was pushed into this one.
         """
-        seen = (item if k in own else passed(item, presses=not is_apart) for k, item in enumerate(touches))
+        free_mm = self._free_mm(touches) if is_apart else [None] * len(touches)
+        seen = [item if k in own else passed(item, free_mm[k]) for k, item in enumerate(touches)]
         search = self.search.copy()
         search.take(grip, tuple(seen))
         if not own:
             search.evidence.keep_judgement_of(self.search.evidence)
+        elif not is_apart and search.pushed_mm:
+            search.evidence.idle = self.search.evidence.idle  # what it gained, others may have taken away
         number = len(search.made_grips)
         return PartSearch(search, self.touched | {(number, k) for k in own})
 
@@ -117,15 +139,17 @@ class Division:
         return sum(part.log_volume for part in self.parts)
 
 
-def passed(touch: Touch, *, presses: bool) -> Touch:
+def passed(touch: Touch, free_mm: float | None) -> Touch:
     """A touch of another part, as a part sees it that was not touched: a free way up to its end.
 
-    `presses`: what the finger pressed counts all the same, as the other part may have been pushed into this
-    one.
+    `free_mm`: the finger kept so far away from this part, and nothing was pushed into it; None: what the
+    finger pressed counts all the same, as the other part may have been pushed into this one.
     """
     points = tuple(_free_way(point) for point in touch.points)
     seen = replace(touch, contact=_free_way(touch.contact), points=points)
-    return seen if presses or touch.trace is None else replace(seen, trace=touch.trace.of_nothing_felt)
+    if free_mm is None or touch.trace is None:
+        return seen
+    return replace(seen, trace=touch.trace.of_nothing_felt(max(free_mm, 0.0)))
 
 
 def _free_way(contact: Contact) -> Contact:

@@ -21,7 +21,7 @@ _SLIVER_MM2 = 1e-6  # rounding overlaps by less
 
 @dataclass(frozen=True, eq=False)
 class Core:
-    """What is inside of a part in every configuration of one hypothesis."""
+    """Region that is inside of a part in every configuration of one hypothesis."""
 
     hypothesis: Hypothesis
 

@@ -93,11 +93,11 @@ class LoadTrace:
     dragging_n: Floats
     quiet: Bools
 
-    @property
-    def of_nothing_felt(self) -> Self:
-        """The same way, of which nothing was felt: what the finger pressed was another part."""
+    def of_nothing_felt(self, free_mm: float) -> Self:
+        """The same way for a part that it passes at `free_mm`: what the finger pressed was another part."""
         nothing = np.zeros_like(self.force_n)
-        return replace(self, force_n=nothing, dragging_n=nothing)
+        within = np.maximum(self.free_within_mm, free_mm)
+        return replace(self, force_n=nothing, dragging_n=nothing, free_within_mm=within)
 
     @property
     def felt(self) -> bool:
