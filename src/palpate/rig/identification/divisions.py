@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 
-import numpy as np
 import shapely
 
 from palpate.base.vocabulary import RecognitionVerdict
@@ -101,7 +100,7 @@ class PartSearch:
             max(contact.travel_mm, 0.0 if touch.trace is None else float(max(touch.trace.travel_mm)))
             for contact, touch in zip(contacts, touches, strict=True)
         ]
-        return np.where(met > far, FREE_MARGIN_MM, 0.0).tolist()
+        return [FREE_MARGIN_MM if way > there else 0.0 for way, there in zip(met.tolist(), far, strict=True)]
 
     @property
     def pushed_mm(self) -> float:
