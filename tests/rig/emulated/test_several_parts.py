@@ -16,17 +16,26 @@ from pydantic import ValidationError
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.base.tips import TipShape
 from palpate.config import RigFile, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.emulation import EmulatedPartConfig
 from palpate.config.writers import file_text
-from palpate.drivers.emulators import Displacements, Parts, PointForce, StillParts
+from palpate.drivers.emulators import (
+    IN_PLACE,
+    Displacements,
+    Parts,
+    PointForce,
+    Skin,
+    StillParts,
+    separation_mm,
+)
 from palpate.rig.bench import choose_placements
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.driven_tips import noise_of
 from palpate.rig.emulated.hidden_truth import draw_parts, parts_of
 from palpate.rig.emulated.mujoco_bodies import convex_pieces
 from palpate.rig.emulated.scene import Placement, displace, draw_placement
-from palpate.rig.emulated.table import check_apart, draw_placements, placements_of
+from palpate.rig.emulated.table import check_apart, draw_placements, outlines_beside, placements_of
 from palpate.rig.fingers import resolution_of
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.study.pushing_touches import PushingTouches
@@ -154,6 +163,35 @@ def test_a_tip_between_two_parts_feels_both() -> None:
 def test_a_tip_that_is_pinched_feels_its_skin_but_no_force() -> None:
     pinched_n, _ = felt(against_the_tip(90.0, 0.2), against_the_tip(-90.0, 0.2))
     assert np.hypot(*pinched_n) < 1e-3
+
+
+@pytest.mark.parametrize(("gap_mm", "share"), [(0.0, 1e-6), (0.2, 0.02), (0.5, 0.1)])
+def test_skin_across_a_joint_is_pressed_once(gap_mm: float, share: float) -> None:
+    """Two walls in line push like one, and a rigid tip stops at the same place as beside two parts."""
+    turned = 0.7
+    along = np.array([math.cos(turned), math.sin(turned)])
+    out = np.array([-along[1], along[0]])
+    pair = [block(*(side * (20 + gap_mm / 2) * along), turned) for side in (-1, 1)]
+    beside = 10.0, 0.0, 5.0, TipShape.CYLINDER
+    joint, nothing = outlines_beside(pair, StillParts(2), *beside)
+    (wall,) = outlines_beside([block(0.0, 0.0, turned, wide_mm=80.0)], StillParts(1), *beside)
+    assert joint is not None
+    assert nothing is None
+    assert wall is not None
+    skin = Skin(5.0, 3.0)
+    for aside in (0.0, 0.1, 0.3, 1.0, 5.0):
+        pressed = skin.press(joint, aside * along + 24.8 * out, IN_PLACE, None)
+        alone = skin.press(wall, aside * along + 44.8 * out, IN_PLACE, None)
+        assert pressed is not None
+        assert alone is not None
+        assert pressed.load.force_n @ out == pytest.approx(alone.load.force_n @ out, rel=share)
+        centre = aside * along + 25.3 * out
+        apart = [separation_mm(one, centre) for one in outlines_beside(pair, in_motion(pair), *beside) if one]
+        assert separation_mm(joint, centre) == pytest.approx(min(apart), abs=1e-5)
+
+
+def in_motion(placements: Sequence[Placement]) -> Parts:
+    return parts_of(draw_parts(MOVING, placements, 1), placements)
 
 
 # ----------------------------------------------------------------------------------------------------

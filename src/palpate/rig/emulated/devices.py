@@ -50,7 +50,8 @@ from palpate.rig.emulated.hidden_truth import (
     start_postures,
     start_stage_rad,
 )
-from palpate.rig.emulated.scene import Placement, outline_at
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.emulated.table import outlines_beside
 
 Devices = Mapping[str, tuple[Device, int]]
 
@@ -175,7 +176,8 @@ def emulate(rig: RigFile, placements: Sequence[Placement], seed: int) -> Emulate
         bench_of[0].advance(now)
 
     turned = start_stage_rad(rig, np.random.default_rng([seed, 15]))
-    stage, parts = _stage(rig, turned, seed), draw_parts(rig.emulation.part, placements, seed)
+    stage, truths = _stage(rig, turned, seed), draw_parts(rig.emulation.part, placements, seed)
+    parts = parts_of(truths, placements)
     tip_friction = draw_tip_friction(rig.emulation.part, seed)
     postures = start_postures(rig, placements, turned, np.random.default_rng([seed, 14]))
     for index, finger in enumerate(rig.fingers):
@@ -201,9 +203,9 @@ def emulate(rig: RigFile, placements: Sequence[Placement], seed: int) -> Emulate
         )
         array = emulated_array(finger, taxels, advance)
         beside = truth.height_mm, truth.half_length_mm, truth.tip_radius_mm, truth.shape
-        outlines = [outline_at(placement, *beside) for placement in placements]
+        outlines = outlines_beside(placements, parts, *beside)
         fingers.append(EmulatedFinger(truth, (near, far), array, outlines, stage, tip_friction))
-    bench = Bench(fingers, stage, parts_of(parts, placements))
+    bench = Bench(fingers, stage, parts)
     bench_of.append(bench)
     add_imperfections(bench, rig, seed)
     chain = ServoChain(bench.servos, advance, baudrate=rig.bus.baudrate_bps)
@@ -217,7 +219,7 @@ def emulate(rig: RigFile, placements: Sequence[Placement], seed: int) -> Emulate
     for port, there in connections.items():
         devices[port] = (_connection(there, rig.emulation, reset_s), there[-1][0].array.baudrate_bps)
     on_wires, renamed = _attach_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
-    return EmulatedRig(bench, on_wires, parts, renamed)
+    return EmulatedRig(bench, on_wires, truths, renamed)
 
 
 def _on_bad_wires(

@@ -6,20 +6,34 @@ Parts may touch, and reach over each other, but not overlap at any height.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import shapely
 from shapely import affinity
 
 from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel, Section, State
+from palpate.base.geometry.outlines import polygons_of
+from palpate.base.tips import TipShape
 from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.config.emulation import ConfigurationText, ScenePart
-from palpate.rig.emulated.scene import Placement, draw_placement, draw_pose, is_inside, shape_of
+from palpate.drivers.emulators import Parts, PartSection, StillParts
+from palpate.rig.emulated.scene import (
+    Placement,
+    draw_placement,
+    draw_pose,
+    is_inside,
+    outline_at,
+    shape_of,
+)
 
 _TOUCHING_MM = 1e-3  # parts that touch are no further apart, and overlap by no more than twice that
 _MAX_TRIES = 50  # times that a part is put somewhere beside others
 _MAX_TABLES = 50  # times that all are put anew
+_BRIDGE_MM = 1.0  # skin spans joints that a disc of this radius does not enter
+_BRIDGE_CHORDS = 16  # in a quarter of it
+_HAIR_MM = 1e-6
 _TOUCHES_MM, _ANY_MM = (0.0, 0.5), (0.0, math.inf)
 _TOUCHING_SHARE = 0.25
 
@@ -98,6 +112,71 @@ def _shapes_side_by_side(
         for beside in other.state.sections:
             if max(section.z_mm[0], beside.z_mm[0]) < min(section.z_mm[1], beside.z_mm[1]):
                 yield shape_of(one, section), shape_of(other, beside)
+
+
+def outlines_beside(
+    placements: Sequence[Placement],
+    parts: Parts,
+    height_mm: float,
+    half_length_mm: float,
+    radius_mm: float,
+    shape: TipShape,
+) -> list[PartSection | None]:
+    """Outlines of parts as `outline_at` has them, one for each; `parts`: how they move.
+
+    Across a joint between two walls in line, skin is pressed once. So parts that stand still, as high as each
+    other, with a gap that skin bridges, have one outline, in the place of the first of them.
+    """
+    lying: list[Placement | None] = list(placements)
+    if isinstance(parts, StillParts):
+        lying = _joined(lying, min(_BRIDGE_MM, radius_mm / 2))
+    beside = height_mm, half_length_mm, radius_mm, shape
+    return [None if lies is None else outline_at(lies, *beside) for lies in lying]
+
+
+def _joined(lying: list[Placement | None], bridge_mm: float) -> list[Placement | None]:
+    """The parts, those joined that a disc of a radius does not pass between; None where another has taken it
+    in.
+    """
+    for (k, one), (m, other) in combinations(enumerate(lying), 2):
+        if one is None or other is None or one.state.top_mm != other.state.top_mm:
+            continue
+        if clearance_mm(one, other) < 2 * bridge_mm:
+            both = _join(one, other, bridge_mm)
+            rest = [None if number == m else lies for number, lies in enumerate(lying)]
+            return _joined([both if number == k else lies for number, lies in enumerate(rest)], bridge_mm)
+    return lying
+
+
+def _join(one: Placement, other: Placement, bridge_mm: float) -> Placement:
+    """Two parts as one, with what is between them out of reach of a disc of a radius."""
+    cuts = sorted({z for lies in (one, other) for section in lies.state.sections for z in section.z_mm})
+    sections = []
+    for low, high in pairwise(cuts):
+        shapes = [_shape_between(lies, low, high) for lies in (one, other)]
+        whole = shapely.union_all(shapes)
+        grown = whole.buffer(bridge_mm, quad_segs=_BRIDGE_CHORDS)
+        closed = grown.buffer(-bridge_mm, quad_segs=_BRIDGE_CHORDS)
+        fills = [
+            # By a hair wider, so that no slit is left.
+            fill.buffer(_HAIR_MM)
+            for fill in shapely.get_parts(shapely.difference(closed, whole))
+            if all(shapely.distance(fill, shape) < _HAIR_MM for shape in shapes)
+        ]
+        polygons = polygons_of(shapely.union_all([whole, *fills]))
+        sections += [Section((low, high), polygons)] if polygons else []
+    state = State("joined", tuple(sections), height_mm=one.state.height_mm)
+    return Placement(ObjectModel(f"{one.model.name} and {other.model.name}", (state,)), state, 0.0, 0.0, 0.0)
+
+
+def _shape_between(lies: Placement, low_mm: float, high_mm: float) -> shapely.Geometry:
+    """What a part has all the way between two heights, in W."""
+    shapes = [
+        shape_of(lies, section)
+        for section in lies.state.sections
+        if section.z_mm[0] <= low_mm and section.z_mm[1] >= high_mm
+    ]
+    return shapely.union_all(shapes)
 
 
 def draw_placements(

@@ -13,13 +13,15 @@ import numpy as np
 
 from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
+from palpate.base.tips import TipShape
 from palpate.config import RigFile
 from palpate.drivers.emulators import Parts, Skin
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Resolution
 from palpate.rig.contact_peak import deceleration_mm_s2
 from palpate.rig.conversion import undetected_dent_mm
 from palpate.rig.emulated.driven_tips import ArrayNoise, DrivenTip, DrivenTips
-from palpate.rig.emulated.scene import Placement, displace, outline_at
+from palpate.rig.emulated.scene import Placement, displace
+from palpate.rig.emulated.table import outlines_beside
 from palpate.rig.fingers import resolution_of
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.motion.load_meter import (
@@ -225,8 +227,17 @@ class PushingTouches:
         self._noise, self._rng = noise, rng
         self._errors = FingerErrors(resolution or resolution_of(rig), rng)
         # Of cylinders alone: others are not simulated.
-        spans = {item.span_mm: (item.height_mm, item.tip.half_length_mm) for item in rig.fingers}
-        self._outlines = {span: [outline_at(lies, *at) for lies in placements] for span, at in spans.items()}
+        self._outlines = {
+            item.span_mm: outlines_beside(
+                placements,
+                parts,
+                item.height_mm,
+                item.tip.half_length_mm,
+                item.tip.radius_mm,
+                TipShape.CYLINDER,
+            )
+            for item in rig.fingers
+        }
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))
             for item in rig.fingers
