@@ -233,14 +233,14 @@ class Scene(FileModel):
     def with_files(self, renamed: Callable[[str, int], str]) -> "Scene":
         """The scene with other files of objects: each by its name now and the number of its part, from 0."""
 
-        def moved(part: _PartT, number: int) -> _PartT:
+        def with_file(part: _PartT, number: int) -> _PartT:
             if part.objects is None:
                 return part
             return part.model_copy(update={"objects": renamed(part.objects, number)})
 
         if self.parts is None:
-            return moved(self, 0)
-        parts = [moved(part, number) for number, part in enumerate(self.parts)]
+            return with_file(self, 0)
+        parts = [with_file(part, number) for number, part in enumerate(self.parts)]
         return self.model_copy(update={"parts": parts})
 
 

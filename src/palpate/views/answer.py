@@ -463,10 +463,10 @@ def _alternative_line(other: AlternativeOut) -> str:
 def _other_truth_lines(out: IdentificationOut) -> list[str]:
     """A line for each part that lies beside the one of `_truth_line`."""
     assert out.truth is not None, "only called with a truth"
-    return [f"  beside it: {_placed_words(item)}" for item in out.truth.others]
+    return [f"  beside it: {_placement_words(item)}" for item in out.truth.others]
 
 
-def _placed_words(item: PlacedOut | TruthOut) -> str:
+def _placement_words(item: PlacedOut | TruthOut) -> str:
     at = item.configuration
     return f"{item.object}, {item.state} at x {at.x:.3f} mm, y {at.y:.3f} mm, θ {math.degrees(at.theta):.3f}°"
 
@@ -474,7 +474,7 @@ def _placed_words(item: PlacedOut | TruthOut) -> str:
 def _truth_line(out: IdentificationOut) -> str:
     truth = out.truth
     assert truth is not None, "only called with a truth"
-    line = f"emulator's truth: {_placed_words(truth)}"
+    line = f"emulator's truth: {_placement_words(truth)}"
     if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
         return f"{line}; not among the answers"
     turned = math.degrees(truth.orientation_error_rad)

@@ -20,7 +20,7 @@ from palpate.recognizer import Catalogue
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements
 from palpate.rig.fingers import resolution_of
-from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, passed
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, as_free_way
 from palpate.rig.identification.identify import begin_search
 from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.outcome import Identification
@@ -117,7 +117,7 @@ def _owner(start: tuple[float, float], end: tuple[float, float], parts: list[Pla
 def test_a_touch_of_another_part_is_a_free_way() -> None:
     simulated = SimulatedTouches([_placed("tr-1", 0.0, 0.0)], resolution_of(RIG), np.random.default_rng(1))
     (touch,) = simulated([REACH.approaches[20]])
-    seen = passed(touch, None)
+    seen = as_free_way(touch, None)
     assert touch.contact.touched
     assert not seen.contact.touched
     assert (seen.contact.start_mm, seen.contact.end_mm) == (touch.contact.start_mm, touch.contact.end_mm)

@@ -129,12 +129,12 @@ def outlines_beside(
     """
     lying: list[Placement | None] = list(placements)
     if isinstance(parts, StillParts):
-        lying = _joined(lying, min(_BRIDGE_MM, radius_mm / 2))
+        lying = _join_parts(lying, min(_BRIDGE_MM, radius_mm / 2))
     beside = height_mm, half_length_mm, radius_mm, shape
     return [None if lies is None else outline_at(lies, *beside) for lies in lying]
 
 
-def _joined(lying: list[Placement | None], bridge_mm: float) -> list[Placement | None]:
+def _join_parts(lying: list[Placement | None], bridge_mm: float) -> list[Placement | None]:
     """The parts, those joined that a disc of a radius does not pass between; None where another has taken it
     in.
     """
@@ -144,7 +144,7 @@ def _joined(lying: list[Placement | None], bridge_mm: float) -> list[Placement |
         if clearance_mm(one, other) < 2 * bridge_mm:
             both = _join(one, other, bridge_mm)
             rest = [None if number == m else lies for number, lies in enumerate(lying)]
-            return _joined([both if number == k else lies for number, lies in enumerate(rest)], bridge_mm)
+            return _join_parts([both if number == k else lies for number, lies in enumerate(rest)], bridge_mm)
     return lying
 
 
@@ -170,7 +170,7 @@ def _join(one: Placement, other: Placement, bridge_mm: float) -> Placement:
 
 
 def _shape_between(lies: Placement, low_mm: float, high_mm: float) -> shapely.Geometry:
-    """What a part has all the way between two heights, in W."""
+    """Region in W that a part fills all the way between two heights."""
     shapes = [
         shape_of(lies, section)
         for section in lies.state.sections

@@ -34,10 +34,13 @@ class PartSearch:
     touched: frozenset[tuple[int, int]]
 
     @cached_property
-    def counting(self) -> frozenset[tuple[int, int]]:
-        """Touches that count since the part may have been moved by more than contacts can be carried over."""
-        moved_before = self.search.moved_before
-        return frozenset(item for item in self.touched if not moved_before or item[0] >= moved_before[-1])
+    def counting(self) -> tuple[int, frozenset[tuple[int, int]]]:
+        """The grip (from 1) since which touches count, as contacts could be carried over, and these touches.
+
+        Parts for which both are the same are known by the same evidence.
+        """
+        begin = self.search.moved_before[-1] if self.search.moved_before else 1
+        return begin, frozenset(item for item in self.touched if item[0] >= begin)
 
     @property
     def recognition(self) -> Recognition | None:
@@ -52,7 +55,7 @@ class PartSearch:
 
     @cached_property
     def cores(self) -> tuple[Core, ...] | None:
-        """What the part fills by each hypothesis; None where too little is known, or there are too many."""
+        """Region that the part fills by each hypothesis; None: too little is known, or there are too many."""
         known = self.recognition
         if known is None or not 0 < len(known.hypotheses) <= _MOST_CORES:
             return None
@@ -107,7 +110,7 @@ class PartSearch:
         """Distance by which the last grip has moved any point of the part, at most."""
         return self.search.pushed_mm
 
-    def grown(
+    def grow(
         self, grip: Sequence[FingerApproach], touches: Sequence[Touch], own: frozenset[int], *, is_apart: bool
     ) -> "PartSearch":
         """The same after one more grip, of which the touches `own` (indices) met this part.
@@ -115,7 +118,7 @@ class PartSearch:
         `is_apart`: no other part was pushed into this one.
         """
         free_mm = self._free_mm(touches) if is_apart else [None] * len(touches)
-        seen = [item if k in own else passed(item, free_mm[k]) for k, item in enumerate(touches)]
+        seen = [item if k in own else as_free_way(item, free_mm[k]) for k, item in enumerate(touches)]
         search = self.search.copy()
         search.take(grip, tuple(seen))
         if not own:
@@ -138,7 +141,7 @@ class Division:
         return sum(part.log_volume for part in self.parts)
 
 
-def passed(touch: Touch, free_mm: float | None) -> Touch:
+def as_free_way(touch: Touch, free_mm: float | None) -> Touch:
     """A touch of another part, as a part sees it that was not touched: a free way up to its end.
 
     `free_mm`: the finger kept so far away from this part, and nothing was pushed into it; None: what the
@@ -170,7 +173,7 @@ class GripDivider:
     ) -> tuple[list[Division], PartSearch]:
         """All divisions after the grip, and what is known of a part that nothing has touched."""
         met = [k for k, touch in enumerate(self.touches) if touch.contact.touched]
-        found: dict[frozenset[frozenset[tuple[int, int]]], Division] = {}
+        found: dict[object, Division] = {}
         for division in divisions:
             # Where other parts may lie unknown, any of them may carry a push on.
             known = count.exactly and len(division.parts) == count.most
@@ -187,7 +190,7 @@ class GripDivider:
         """The parts after the grip; None if they cannot be on one table."""
         if all_known:
             parts = self._grow(before, shares, is_apart=True)
-            if parts is None or self._stayed_apart(before, parts):
+            if parts is None or self._keep_apart(before, parts):
                 return parts
         return self._grow(before, shares, is_apart=False)
 
@@ -204,7 +207,7 @@ class GripDivider:
     def _part(self, part: PartSearch, own: frozenset[int], *, is_apart: bool) -> PartSearch:
         key = id(part), own, is_apart
         if key not in self._grown:
-            self._grown[key] = part.grown(self.grip, self.touches, own, is_apart=is_apart)
+            self._grown[key] = part.grow(self.grip, self.touches, own, is_apart=is_apart)
         return self._grown[key]
 
     def _exclude(self, one: PartSearch, two: PartSearch) -> bool:
@@ -213,7 +216,7 @@ class GripDivider:
             self._excluded[key] = one.excludes(two)
         return self._excluded[key]
 
-    def _stayed_apart(self, before: Sequence[PartSearch], after: Sequence[PartSearch]) -> bool:
+    def _keep_apart(self, before: Sequence[PartSearch], after: Sequence[PartSearch]) -> bool:
         """Return whether no part can have been pushed into another.
 
         Until two parts meet, each is moved by its own touches alone: together by less than their distance.

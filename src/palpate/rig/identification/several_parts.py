@@ -58,7 +58,7 @@ class SeveralSearch:
         self._divisions = [Division(())]
         self._grips: list[tuple[Touch, ...]] = []
         self._made: list[Sequence[FingerApproach]] = []
-        self._no_room = False
+        self._no_room = False  # beside the leading division's parts
         self._settled: dict[PartSearch, IdentificationVerdict | None] = {}  # no grip promises more of it
         self._discs = inscribed_discs(single.catalogue, {finger_of(item) for item in self._rig.fingers})
 
@@ -89,7 +89,7 @@ class SeveralSearch:
         self._grips.append(touches)
         self._made.append(grip)
         self._observers(TouchEvent(len(self._grips), touches))
-        self._settled = {}
+        self._settled, self._no_room = {}, False
         self._divide(grip, touches)
         while not self._divisions and self._fewest < self._count.most:
             self._fewest += 1
@@ -153,8 +153,10 @@ class SeveralSearch:
             for part in division.parts:
                 room = part.room(span).buffer(max(disc.radius_mm, 0.0))
                 left[span] = left[span].difference(room)
-        self._no_room = is_swept(left, self._discs)
-        if self._no_room:
+        no_room = is_swept(left, self._discs)
+        if division is self._divisions[0]:
+            self._no_room = no_room
+        if no_room:
             return self._untouched, ()
         return self._untouched, sweeping_grip(reach, contacts, left, self._discs)
 
@@ -176,7 +178,7 @@ class SeveralSearch:
         """All approaches, each ending before it may meet any part but the one that it is to touch."""
         free = np.array([item.travel_mm for item in self._reach.approaches])
         for part in division.parts:
-            if part is not focus and part.recognition is not None and self._agreed(part):
+            if part is not focus and part.recognition is not None and self._all_have(part):
                 free = np.minimum(free, self._free_mm(part, self._reach.approaches) - _KEPT_APART_MM)
         rows = np.flatnonzero(free > _LEAST_WAY_MM)
         some = self._reach.only(rows)
@@ -216,7 +218,7 @@ class SeveralSearch:
     def _conclude(self, part: PartSearch) -> Identification:
         return part.search.copy().conclude(self._settled.get(part))
 
-    def _agreed(self, part: PartSearch) -> bool:
+    def _all_have(self, part: PartSearch) -> bool:
         return all(any(other is part for other in item.parts) for item in self._divisions)
 
     def _verdict(self) -> IdentificationVerdict:
@@ -224,7 +226,7 @@ class SeveralSearch:
         if not self._divisions:
             return IdentificationVerdict.UNKNOWN
         leading = self._divisions[0]
-        if not self._is_complete(leading.parts) or not all(map(self._agreed, leading.parts)):
+        if not self._is_complete(leading.parts) or not all(map(self._all_have, leading.parts)):
             return IdentificationVerdict.UNRESOLVED
         verdicts = {self._conclude(part).outcome for part in leading.parts}
         if not all(item.is_answer for item in verdicts):
@@ -241,7 +243,7 @@ class SeveralSearch:
         rest_mm, rest_z_mm = self._rest(parts)
         table = TableParts(
             found,
-            tuple(map(self._agreed, parts)),
+            tuple(map(self._all_have, parts)),
             len(self._divisions),
             self._is_complete(parts),
             rest_mm,
