@@ -1,13 +1,14 @@
-"""Several parts on one table: `python benchmarks/bench_several_parts.py GRIPS | SCENES [options]`.
+"""Several parts on one table: `python benchmarks/bench_several_parts.py --grips N | --scenes N`.
 
 `--grips N`: are truths lost? Two or three outlines, apart or touching, are met by grips of three fingers that
 nobody plans. Contacts are worked out by shapely alone on the union of the parts, each as far off as its
 bounds allow. After every grip the true division must be among those that are left, and every true
-configuration within the bounds of its part. A table is left after eight grips, and one more.
+configuration within the bounds of its part. A table is left after nine grips.
 
-`--scenes N`: identifications on the emulated bench, held parts or, with `--engine mujoco`, sliding ones,
-every second table with parts that touch. `--strangers K`: as many of them are in no catalogue. `--outlines`:
-the catalogue is 129 outlines of others. A line for each table, then the table of all.
+`--scenes N`: identifications on the emulated bench, half of the tables with parts that touch. `--rig`:
+another rig file, such as one whose parts slide; by default parts are held. `--strangers K`: as many of them
+are in no catalogue. `--outlines`: the catalogue is 129 outlines of others. A line for each table, then the
+sum of all.
 """
 
 import argparse

@@ -26,8 +26,8 @@ class PartCount:
         number = words.removeprefix(_UP_TO)
         if not number.isdecimal() or not 1 <= int(number) <= MAX_PARTS:
             raise InputError(
-                f'parts is "{printable_text(words)}"; allowed: a number from 1 to {MAX_PARTS}, or '
-                f"{_UP_TO} and one, such as {_UP_TO}3"
+                f'parts is "{printable_text(words)}"; allowed: a number from 1 to {MAX_PARTS}, or {_UP_TO}N, '
+                f"such as {_UP_TO}3"
             )
         return cls(int(number), number == words)
 
