@@ -99,13 +99,17 @@ def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
         first, *others = answer_lines(part_answer(out, part))
         doubt = "" if part.agreed else " (some of its touches may be another part's)"
         lines += [f"part {number}, {first}{doubt}", *others]
+    return [*lines, rest_words(table)]
+
+
+def rest_words(table: TableOut) -> str:
+    """What else may be on a table."""
     low, high = table.rest_heights
     heights = f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
-    lines.append(
+    return (
         f"elsewhere, {heights} above the table, nothing is left into which a circle of "
         f"{2 * ceil_to(table.rest_radius, 1):.1f} mm in diameter fits"
     )
-    return lines
 
 
 def _parts_words(out: IdentificationOut) -> str:

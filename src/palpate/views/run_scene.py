@@ -16,6 +16,7 @@ from palpate.rig.session.logged_values import (
     LoggedHypothesis,
     LoggedPlacement,
     LoggedTouch,
+    by_part,
     hypotheses_in,
     placements_in,
     sort_by_weight,
@@ -41,13 +42,17 @@ class LogClock:
 
 
 class RunScene:
-    """Knowledge of a part during a run: touches since it was moved, hypotheses by weight, and the truths."""
+    """Knowledge of parts during a run: touches since one was moved, hypotheses by weight, and the truths.
+
+    `divisions`: of the touches among several parts that are left; None where one is sought, or none was found.
+    """
 
     def __init__(self) -> None:
         self.touches: list[LoggedTouch] = []
         self.hypotheses: list[LoggedHypothesis] = []
         self.truths: tuple[LoggedPlacement, ...] = ()
         self.verdict: str | None = None
+        self.divisions: int | None = None
 
     def take(self, kind: str, values: Mapping[str, Any]) -> bool:
         """Take an event; return whether it changes anything."""
@@ -58,12 +63,20 @@ class RunScene:
                 self.touches += touches_in(values)
             case "recognised" | "result":
                 self.hypotheses = sort_by_weight(hypotheses_in(kind, values))
-                self.verdict = (values if kind == "recognised" else values["result"])["verdict"]
+                known = values if kind == "recognised" else values["result"]
+                self.verdict = known["verdict"]
+                self.divisions = (known.get("table") or known).get("divisions")
             case "truth":
                 self.truths = placements_in(values)
             case _:
                 return False
         return True
+
+
+def heaviest(hypotheses: Sequence[LoggedHypothesis], most: int) -> list[LoggedHypothesis]:
+    """The heaviest of sorted hypotheses, as many of each part, one at least, and `most` together."""
+    parts = by_part(hypotheses)
+    return [item for own in parts for item in own[: max(most // len(parts), 1)]]
 
 
 def placed_rings(
@@ -184,7 +197,7 @@ class _SceneShapes:
         )
         hypotheses = (
             ring
-            for number, item in enumerate(run.hypotheses[:_MAX_HYPOTHESES])
+            for number, item in enumerate(heaviest(run.hypotheses, _MAX_HYPOTHESES))
             for ring in self._rings(f"hypothesis-{number}", item, item.weight or 1.0)
         )
         contacts = (line for touch in run.touches if (line := _normal_line(touch)) is not None)

@@ -31,11 +31,16 @@ class TouchEvent(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RecognitionEvent(ShortRepr):
-    """All contacts so far were interpreted; `others`: of further parts, where several are sought."""
+    """All contacts so far were interpreted.
+
+    Where several parts are sought, `recognition` and `others` are of those that the leading division of the
+    touches has, as far as they were touched enough, and `divisions` are left; None where one is.
+    """
 
     grip: int
     recognition: Recognition
     others: tuple[Recognition, ...] = ()
+    divisions: int | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

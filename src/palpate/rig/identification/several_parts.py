@@ -99,7 +99,8 @@ class SeveralSearch:
         parts = self._divisions[0].parts if self._divisions else ()
         known = [item for part in parts if (item := part.search.evidence.recognition) is not None]
         if known:
-            self._observers(RecognitionEvent(len(self._grips), known[0], tuple(known[1:])))
+            divisions = len(self._divisions)
+            self._observers(RecognitionEvent(len(self._grips), known[0], tuple(known[1:]), divisions))
 
     def _divide(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
         """Divide the touches of one more grip among the fewest parts that may explain all."""

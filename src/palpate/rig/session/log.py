@@ -70,7 +70,7 @@ def _event_values(event: Event) -> tuple[str, dict[str, object]]:
             return "stage", {"grip": event.grip, "stage": event.stage}
         case TouchEvent():
             return "touches", {"grip": event.grip, "touches": event.touches}
-        case RecognitionEvent(grip, recognition, others):
+        case RecognitionEvent(grip, recognition, others, divisions):
             return "recognised", {
                 "grip": grip,
                 "verdict": recognition.verdict,
@@ -81,7 +81,7 @@ def _event_values(event: Event) -> tuple[str, dict[str, object]]:
                     for number, other in enumerate(others, start=2)
                     for item in other.hypotheses
                 ],
-            }
+            } | ({} if divisions is None else {"divisions": divisions})
         case PlanEvent(grip, plan):
             return "planned", {
                 "grip": grip,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import groupby
 from typing import Any
 
 from palpate.recognizer import Bounds, Configuration, Contact, Finger, NormalRange
@@ -27,12 +28,16 @@ class LoggedPlacement:
 
 @dataclass(frozen=True)
 class LoggedHypothesis(LoggedPlacement):
-    """A hypothesis; `verified` is None for those of a result, which does not keep it."""
+    """A hypothesis; `verified` is None for those of a result, which does not keep it.
+
+    `part`: number of the part, from 1, where several were sought.
+    """
 
     bounds: Bounds
     weight: float
     verified: bool | None
     symmetry_order: int
+    part: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +79,8 @@ def hypotheses_in(kind: str, values: Mapping[str, Any]) -> list[LoggedHypothesis
     """Hypotheses of the event `recognised`, or the answer and its alternatives of the event `result`.
 
     The latter are of the part as it lies when the fingers have left it, so they may be wider than the last
-    ones of `recognised`, and lie beside them. Empty if no hypothesis was left.
+    ones of `recognised`, and lie beside them. Empty if no hypothesis was left. Parts are numbered after each
+    grip as the leading division of its touches has them.
     """
     if kind == "recognised":
         return [
@@ -84,18 +90,26 @@ def hypotheses_in(kind: str, values: Mapping[str, Any]) -> list[LoggedHypothesis
                 weight=item["weight"],
                 verified=item["verified"],
                 symmetry_order=item["symmetry_order"],
+                part=item.get("part", 1),
             )
             for item in values["hypotheses"]
         ]
     result = values["result"]
-    if result["configuration"] is None:
+    answers = result.get("parts") or [result]
+    return [
+        item for number, answer in enumerate(answers, start=1) for item in _hypotheses_of(answer, number)
+    ]
+
+
+def _hypotheses_of(answer: Mapping[str, Any], part: int) -> list[LoggedHypothesis]:
+    if answer["configuration"] is None:
         return []
-    others = result["alternatives"]
-    first = {**result, "weight": max(0.0, 1.0 - sum(item["weight"] for item in others))}
-    return [_hypothesis_of_result(item) for item in (first, *others)]
+    others = answer["alternatives"]
+    first = {**answer, "weight": max(0.0, 1.0 - sum(item["weight"] for item in others))}
+    return [_hypothesis_of_result(item, part) for item in (first, *others)]
 
 
-def _hypothesis_of_result(item: Mapping[str, Any]) -> LoggedHypothesis:
+def _hypothesis_of_result(item: Mapping[str, Any], part: int) -> LoggedHypothesis:
     at, bounds = item["configuration"], item["bounds"]
     lo, hi = bounds["theta"]
     return LoggedHypothesis(
@@ -106,12 +120,18 @@ def _hypothesis_of_result(item: Mapping[str, Any]) -> LoggedHypothesis:
         item["weight"],
         verified=None,
         symmetry_order=item.get("symmetry_order", 0 if hi - lo >= math.tau - _ROUNDING_RAD else 1),
+        part=part,
     )
 
 
 def sort_by_weight(hypotheses: Sequence[LoggedHypothesis]) -> list[LoggedHypothesis]:
-    """Hypotheses by weight, the largest first."""
-    return sorted(hypotheses, key=lambda item: -item.weight)
+    """Hypotheses part by part, the heaviest of each first."""
+    return sorted(hypotheses, key=lambda item: (item.part, -item.weight))
+
+
+def by_part(hypotheses: Sequence[LoggedHypothesis]) -> list[list[LoggedHypothesis]]:
+    """Sorted hypotheses in a list for each part that there are any of."""
+    return [list(own) for _, own in groupby(hypotheses, key=lambda item: item.part)]
 
 
 def touches_in(values: Mapping[str, Any]) -> list[LoggedTouch]:

@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats, ObjectModel
 from palpate.config import RigFile, load_calibrated, load_objects
+from palpate.config.recognition_results import IdentificationOut
 from palpate.drivers.transport import SessionEvent
 from palpate.rig.session.log_file import check_session
 from palpate.rig.session.log_reader import LogTail
-from palpate.rig.session.logged_values import LoggedHypothesis, LoggedPlacement, LoggedTouch
+from palpate.rig.session.logged_values import LoggedHypothesis, LoggedPlacement, LoggedTouch, by_part
 from palpate.rig.session.recorded_session import (
     EventSample,
     FrameSample,
@@ -25,12 +27,13 @@ from palpate.rig.session.recorded_session import (
     ServoSample,
     TipSample,
 )
-from palpate.views.run_scene import RunScene
+from palpate.views.answer import headline, rest_words
+from palpate.views.run_scene import RunScene, heaviest
 
 _PERIOD_S = 0.05
 _REST_FRAMES = 20  # frames of an array, at its start, that show it untouched
 _MIN_SCALE_N = 0.02  # force on a taxel that is drawn at full strength, at least
-_MAX_HYPOTHESES = 40  # hypotheses, the heaviest
+_MAX_HYPOTHESES = 40  # hypotheses of a part, the heaviest
 _MAX_FRAMES = 40_000  # frames kept: half an hour of rig time
 
 
@@ -52,12 +55,14 @@ class FrameStore:
             "stage": None,
             "doing": None,
             "verdict": None,
+            "answer": None,
+            "rest": None,
             "tips": {},
             "bodies": {},
             "torque": {},
             "contacts": [],
-            "hypotheses": [],
-            "left": 0,
+            "parts": [],
+            "divisions": None,
             "plan": [],
             "truths": [],
             "frames": 0,
@@ -112,8 +117,8 @@ class FrameStore:
             state |= {
                 "verdict": run.verdict,
                 "contacts": [_contact(touch) for touch in run.touches],
-                "hypotheses": [_hypothesis(item) for item in run.hypotheses[:_MAX_HYPOTHESES]],
-                "left": len(run.hypotheses),
+                "parts": _parts(run, values.get("result")),
+                "divisions": run.divisions,
                 "truths": [_place(item) for item in run.truths],
             }
         match kind:
@@ -126,7 +131,7 @@ class FrameStore:
             case "planned":
                 state["plan"] = [_approach(item) for item in values["approaches"]]
             case "result":
-                state["plan"] = []
+                state |= {"plan": [], **_answer(values["result"])}
             case "end":
                 state["plan"] = []
                 state["end"] = {"how": values.get("how"), "message": values.get("message")}
@@ -187,6 +192,29 @@ def _place(item: LoggedPlacement) -> dict[str, object]:
         "y": at.y_mm,
         "theta": at.theta_rad,
     }
+
+
+def _parts(run: RunScene, result: Mapping[str, Any] | None) -> list[dict[str, object]]:
+    """Each part with the heaviest of its hypotheses, the number of all, and, at the end, its own verdict."""
+    answers = [] if result is None else result.get("parts") or []
+    return [
+        {
+            "number": own[0].part,
+            "hypotheses": [_hypothesis(item) for item in heaviest(own, _MAX_HYPOTHESES)],
+            "left": len(own),
+            "verdict": answers[own[0].part - 1]["verdict"] if answers else None,
+        }
+        for own in by_part(run.hypotheses)
+    ]
+
+
+def _answer(result: Mapping[str, Any]) -> dict[str, object]:
+    """The answer in words, and what else may be on the table."""
+    try:
+        out = IdentificationOut.model_validate(result)
+    except ValidationError:  # of another version
+        return {"answer": result["verdict"]}
+    return {"answer": headline(out), "rest": None if out.table is None else rest_words(out.table)}
 
 
 def _hypothesis(item: LoggedHypothesis) -> dict[str, object]:

@@ -3,7 +3,7 @@
 
 const NS = "http://www.w3.org/2000/svg";
 const NORMAL_MM = 14;
-const HYPOTHESES_LISTED = 4;
+const HYPOTHESES_LISTED = 4;  // of one part; of several, fewer of each, but two
 const PLACES_LISTED = 9;
 const HUES = 5;
 const POINT_MM = 0.8;
@@ -59,9 +59,22 @@ function label(words, x, y, size, kind, parent) {
   item.textContent = words;
 }
 
-// Class of a hypothesis's outline: the only one, or one of several, none of which is the answer.
-function hue(frame, k) {
-  return frame.left === 1 ? "only" : k < HUES ? `h${k}` : "";
+const listed = (frame) => Math.max(2, Math.floor(HYPOTHESES_LISTED / frame.parts.length));
+
+// Classes of outlines, part by part: a part's only hypothesis, or one of several, none of which is the answer.
+function hues(frame) {
+  let next = 0;
+  return frame.parts.map((part) => part.hypotheses.map((_, k) =>
+    part.left === 1 ? "only" : k < listed(frame) ? `h${next++ % HUES}` : ""));
+}
+
+// Number of a part beside others, in the middle of its heaviest hypothesis.
+function drawNumber(part, px, svg) {
+  const item = part.hypotheses[0], points = (setting.outlines[`${item.object}/${item.state}`] || [])[0];
+  if (!points) return;
+  const [u, v] = [0, 1].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
+  const c = Math.cos(item.theta), s = Math.sin(item.theta);
+  label(part.number, ...at([c * u - s * v + item.x, s * u + c * v + item.y]), 18 * px, "part", svg);
 }
 
 // Coordinates below and right of the square that shows the workspace; `px`: mm of a pixel.
@@ -106,9 +119,12 @@ function drawTable(frame) {
   svg.replaceChildren();
   drawAxes(reach, px, svg);
   make("circle", { class: "workspace", cx: 0, cy: 0, r: setting.workspace }, svg);
-  frame.hypotheses.forEach((item, k) => make("path", { class: `outline ${hue(frame, k)}`, d: outline(item) }, svg));
+  const classes = hues(frame);
+  frame.parts.forEach((part, n) => part.hypotheses.forEach((item, k) =>
+    make("path", { class: `outline ${classes[n][k]}`, d: outline(item) }, svg)));
   for (const item of frame.truths) make("path", { class: "truth", d: outline(item) }, svg);
   for (const item of frame.contacts) drawContact(item, frame, px, svg);
+  if (frame.divisions !== null) for (const part of frame.parts) drawNumber(part, px, svg);
   for (const item of frame.plan) {
     const way = (travel) => at([item.start[0] + travel * Math.cos(item.direction),
       item.start[1] + travel * Math.sin(item.direction)]);
@@ -149,25 +165,32 @@ function drawLegend() {
 }
 
 function drawHypotheses(frame) {
-  const list = byId("hypotheses"), [goalMm, goalDeg] = setting.goal;
+  const list = byId("hypotheses"), [goalMm, goalDeg] = setting.goal, classes = hues(frame);
   list.replaceChildren();
   byId("goal").textContent = `goal: within ± ${goalMm} mm, ± ${goalDeg}°`;
-  frame.hypotheses.slice(0, HYPOTHESES_LISTED).forEach((item, k) => {
-    const row = element("li", "", list);
-    element("span", `${item.object}, ${item.state}`, row).className = hue(frame, k);
-    element("b", `${(100 * item.weight).toFixed(0)} %`, row);
-    const bounds = element("small", "", row), turn = item.bounds.theta_rad.map((v) => v * 180 / Math.PI);
-    const values = [["x", item.bounds.x_mm, goalMm, ""], ["y", item.bounds.y_mm, goalMm, ""]];
-    if (!item.round) values.push(["θ", turn, goalDeg, "°"]);
-    for (const [name, [lo, hi], goal, unit] of values) {
-      const middle = ((lo + hi) / 2).toFixed(2), half = Math.max(hi - middle, middle - lo), met = (hi - lo) / 2 <= goal;
-      const words = `${name} ${middle} ± ${(Math.ceil(half * 100 - 1e-6) / 100).toFixed(2)}${unit}`;
-      element("i", words + (met ? " ✓" : ""), bounds).className = met ? "met" : "";
-    }
+  frame.parts.forEach((part, n) => {
+    if (frame.divisions !== null) element("h3", `part ${part.number}${part.verdict ? `: ${part.verdict}` : ""}`, element("li", "", list));
+    part.hypotheses.slice(0, listed(frame)).forEach((item, k) => drawHypothesis(item, classes[n][k], goalMm, goalDeg, list));
+    const more = part.left - listed(frame);
+    if (more > 0) element("li", `and ${more} more`, list);
   });
-  const more = frame.left - HYPOTHESES_LISTED;
-  if (more > 0) element("li", `and ${more} more`, list);
-  if (!frame.hypotheses.length) element("li", frame.verdict ? "none" : "nothing touched yet", list);
+  if (!frame.parts.length) element("li", frame.verdict ? "none" : "nothing touched yet", list);
+  const ways = frame.divisions > 1 ? `touches may be those of one part or another in ${frame.divisions} ways` : "";
+  byId("rest").textContent = [ways, frame.rest].filter(Boolean).join("; ");
+}
+
+function drawHypothesis(item, kind, goalMm, goalDeg, list) {
+  const row = element("li", "", list);
+  element("span", `${item.object}, ${item.state}`, row).className = kind;
+  element("b", `${(100 * item.weight).toFixed(0)} %`, row);
+  const bounds = element("small", "", row), turn = item.bounds.theta_rad.map((v) => v * 180 / Math.PI);
+  const values = [["x", item.bounds.x_mm, goalMm, ""], ["y", item.bounds.y_mm, goalMm, ""]];
+  if (!item.round) values.push(["θ", turn, goalDeg, "°"]);
+  for (const [name, [lo, hi], goal, unit] of values) {
+    const middle = ((lo + hi) / 2).toFixed(2), half = Math.max(hi - middle, middle - lo), met = (hi - lo) / 2 <= goal;
+    const words = `${name} ${middle} ± ${(Math.ceil(half * 100 - 1e-6) / 100).toFixed(2)}${unit}`;
+    element("i", words + (met ? " ✓" : ""), bounds).className = met ? "met" : "";
+  }
 }
 
 function drawArrays(frame) {
@@ -208,13 +231,12 @@ function drawContacts(frame) {
 }
 
 function title(frame) {
-  const first = frame.hypotheses[0];
   if (frame.end && frame.end.how !== "done") return `ended: ${frame.end.how}`;
+  if (frame.answer) return frame.answer;
   if (!frame.verdict) return frame.doing ? setting.rig : "looking";
-  if (!first) return frame.verdict;
-  if (["identified", "indistinguishable"].includes(frame.verdict)) return `${frame.verdict}: ${first.object}, ${first.state}`;
-  const left = frame.left === 1 ? `only ${first.object}, ${first.state} is left` : `${frame.left} hypotheses`;
-  return frame.end ? `${frame.verdict}: ${left}` : left;
+  if (!frame.parts.length) return frame.verdict;
+  return frame.parts.map(({ hypotheses: [first], left, number }) => (frame.divisions === null ? "" : `part ${number}: `) +
+    (left === 1 ? `only ${first.object}, ${first.state} is left` : `${left} hypotheses`)).join("; ");
 }
 
 function draw(frame) {
