@@ -44,7 +44,7 @@ class LogClock:
 class RunScene:
     """Knowledge of parts during a run: touches since one was moved, hypotheses by weight, and the truths.
 
-    `divisions`: of the touches among several parts that are left; None where one is sought, or none was found.
+    `divisions`: of the touches among several parts that are left; None where one is sought, and before any is known.
     """
 
     def __init__(self) -> None:

@@ -96,9 +96,7 @@ def hypotheses_in(kind: str, values: Mapping[str, Any]) -> list[LoggedHypothesis
         ]
     result = values["result"]
     answers = result.get("parts") or [result]
-    return [
-        item for number, answer in enumerate(answers, start=1) for item in _hypotheses_of(answer, number)
-    ]
+    return [item for number, answer in enumerate(answers, start=1) for item in _hypotheses_of(answer, number)]
 
 
 def _hypotheses_of(answer: Mapping[str, Any], part: int) -> list[LoggedHypothesis]:

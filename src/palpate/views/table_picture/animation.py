@@ -11,18 +11,25 @@ import numpy as np
 from palpate.base.errors import InputError
 from palpate.base.geometry import Floats
 from palpate.config.recognition_results import IdentificationOut
-from palpate.rig.session.logged_values import LoggedHypothesis, LoggedTouch, hypotheses_in, touches_in
+from palpate.rig.session.logged_values import (
+    LoggedHypothesis,
+    LoggedTouch,
+    by_part,
+    hypotheses_in,
+    sort_by_weight,
+    touches_in,
+)
 from palpate.rig.session.recorded_session import EventSample, SessionSamples, TipSample
 from palpate.views import svg
-from palpate.views.answer import headline
+from palpate.views.answer import headline, part_answer, rest_words
 from palpate.views.numerals import at_least, at_most, decimal
-from palpate.views.run_scene import outlines_in_w
+from palpate.views.run_scene import heaviest, outlines_in_w
 from palpate.views.table_picture.frame import View, grid, normal_wedge, scale_bar, ticks
 
 _FILM_S, _HOLD_S, _FADE_S = 14.0, 6.0, 1.2  # the run, how long its end stands still, how long outlines fall
 _TABLE, _TICKS, _GAP, _PANEL, _MARGIN = 420.0, 44.0, 28.0, 340.0, 18.0
 _SPACE_BELOW = 46.0
-_ROW, _ANSWER_HEIGHT = 46.0, 150.0
+_ROW, _LINE, _MAX_ROWS = 46.0, 19.0, 12
 _MARGIN_SHARE = 0.32  # of the window, around outlines and contacts
 _MOVED_MM = 0.25  # tracks are thinned by as much
 _SAME_MM, _SAME_RAD = 12.0, 0.5  # farther apart, two outlines are not one hypothesis before and after a grip
@@ -39,6 +46,7 @@ class _Story:
     widths_mm: dict[str, float] = field(default_factory=dict)
     touches: list[tuple[float, float, LoggedTouch]] = field(default_factory=list)
     left: list[tuple[float, int, list[LoggedHypothesis]]] = field(default_factory=list)
+    divisions: dict[int, int] = field(default_factory=dict)  # after a grip, where several parts are sought
     stages: list[tuple[float, str]] = field(default_factory=list)
     answer: IdentificationOut | None = None
     end_s: float = 0.0
@@ -59,8 +67,9 @@ class _Story:
             case "moved":  # earlier contacts do not count any more
                 self.touches = [(begin, min(t_s, end), touch) for begin, end, touch in self.touches]
             case "recognised":
-                found = sorted(hypotheses_in(kind, values), key=lambda item: -item.weight)
-                self.left.append((t_s, values["grip"], found))
+                self.left.append((t_s, values["grip"], sort_by_weight(hypotheses_in(kind, values))))
+                if "divisions" in values:
+                    self.divisions[values["grip"]] = values["divisions"]
             case "result":
                 self.answer = IdentificationOut.model_validate(values["result"])
 
@@ -116,9 +125,10 @@ def draw_animation(samples: SessionSamples) -> str:
     rings = {
         (t_s, number): outlines_in_w(item, models)
         for t_s, _, items in story.left
-        for number, item in enumerate(items[: svg.MAX_OTHERS])
+        for number, item in _drawn(items)
     }
-    height = max(_TABLE + _SPACE_BELOW, 60 + _ROW * len(story.left) + _ANSWER_HEIGHT)
+    panel, end = _panel(story, len(samples.objects), film)
+    height = max(_TABLE + _SPACE_BELOW, end + _SPACE_BELOW - _MARGIN)
     view = _view(story, rings, samples.rig.workspace.radius_mm)
     frame = {"x": view.left, "y": view.top, "width": view.width, "height": view.height}
     table = svg.element(
@@ -146,7 +156,7 @@ def draw_animation(samples: SessionSamples) -> str:
         *_stage_words(story, film, view),
         ticks(view),
         scale_bar(view),
-        *_panel(story, len(samples.objects), film),
+        panel,
         title=f"A recorded run: {headline(story.answer) if story.answer else 'no answer'}",
         is_sized=True,
     )
@@ -167,7 +177,7 @@ def _view(
 
 
 def _colours(story: _Story) -> list[list[str]]:
-    """A colour of each hypothesis after each grip, which it keeps; the only one is blue."""
+    """A colour of each hypothesis after each grip, which it keeps; the only one of a part is blue."""
     found: list[list[str]] = []
     known: list[tuple[LoggedHypothesis, str]] = []
     count = 0
@@ -179,8 +189,24 @@ def _colours(story: _Story) -> list[list[str]]:
                 count += 1
             colours.append(same[0][1] if same else svg.HUES[1 + (count - 1) % (len(svg.HUES) - 1)])
         known = list(zip(items, colours, strict=True))
-        found.append([svg.FOUND] if len(items) == 1 else colours)
+        found.append(
+            [
+                svg.FOUND if _is_only(item, items) else colour
+                for item, colour in zip(items, colours, strict=True)
+            ]
+        )
     return found
+
+
+def _is_only(item: LoggedHypothesis, items: Sequence[LoggedHypothesis]) -> bool:
+    """Return whether nothing else is left of the hypothesis's part."""
+    return sum(other.part == item.part for other in items) == 1
+
+
+def _drawn(items: Sequence[LoggedHypothesis]) -> list[tuple[int, LoggedHypothesis]]:
+    """Hypotheses whose outlines are drawn, with their places in the list."""
+    chosen = {id(item) for item in heaviest(items, svg.MAX_OTHERS)}
+    return [(number, item) for number, item in enumerate(items) if id(item) in chosen]
 
 
 def _is_same(one: LoggedHypothesis, other: LoggedHypothesis) -> bool:
@@ -198,16 +224,20 @@ def _hypotheses(
     for at, (t_s, _, items) in enumerate(story.left):
         end_s = story.left[at + 1][0] if at + 1 < len(story.left) else math.inf
         after = story.left[at + 1][2] if at + 1 < len(story.left) else items
-        for number, item in reversed(list(enumerate(items[: svg.MAX_OTHERS]))):
-            colour, is_only = colours[at][number], len(items) == 1
+        for number, item in reversed(_drawn(items)):
+            colour, is_only = colours[at][number], _is_only(item, items)
+            pages = [view.to_page(ring) for ring in rings[t_s, number]]
             path = svg.closed_path(
-                [view.to_page(ring) for ring in rings[t_s, number]],
+                pages,
                 fill=colour,
                 fill_opacity=0.18 if is_only else 0.07,
                 fill_rule="evenodd",
                 stroke=colour,
                 stroke_width=svg.THICK if is_only else 2.0,
             )
+            if is_only and story.divisions and pages:
+                x, y = pages[0].mean(axis=0).tolist()
+                path += svg.text(item.object, x, y + 5, size=14, fill=colour, anchor="middle", weight="bold")
             falls = not any(_is_same(item, other) for other in after)
             yield film.shown(path, t_s, end_s, film.fade_s if falls else 0.0)
 
@@ -300,29 +330,72 @@ def _stage_words(story: _Story, film: _Film, view: View) -> Iterator[str]:
         yield film.shown(line, begin_s, end_s)
 
 
-def _panel(story: _Story, objects: int, film: _Film) -> Iterator[str]:
-    """Hypotheses that are left after each grip, and the answer with its bounds."""
+def _panel(story: _Story, objects: int, film: _Film) -> tuple[str, float]:
+    """Hypotheses that are left after each grip, and the answer with its bounds; the y at which they end."""
     left, y = _TICKS + _TABLE + _GAP, _MARGIN + 16
-    yield svg.text(f"Which of {objects} known parts lies here?", left, y, size=15, weight="bold")
-    for (t_s, grip, items), colours in zip(story.left, _colours(story), strict=True):
+    verb = "lie" if story.divisions else "lies"
+    shown = [svg.text(f"Which of {objects} known parts {verb} here?", left, y, size=15, weight="bold")]
+    colours = _colours(story)
+    for at in _rows(story):
+        t_s, grip, items = story.left[at]
         y += _ROW
-        count = f"{len(items)} possible" if len(items) != 1 else "1 left"
-        row = svg.text(f"grip {grip}", left, y - 8, size=13.5, fill=svg.MUTED)
-        row += svg.text(count, left, y + 9, size=13.5, weight="bold")
-        x = left + 92
-        for item, colour in zip(items, colours, strict=True):
-            name = svg.shorten(item.object, 13.5, 120, bold=True)
-            width = max(svg.text_width(name, 13.5, bold=True), 44.0)
-            if x + width > left + _PANEL - 24:
-                row += svg.text("…", x, y, size=13.5, fill=svg.MUTED)
-                break
-            row += svg.text(name, x, y - 8, size=13.5, fill=colour, weight="bold")
-            words = f"{100 * item.weight:.0f} %" if len(items) > 1 else _half_widths(item)
-            row += svg.text(words, x, y + 9, size=13, fill=svg.MUTED)
-            x += width + 18
-        yield film.shown(row, t_s)
+        if grip in story.divisions:
+            row, y = _part_rows(story.divisions[grip], items, colours[at], left, y)
+        else:
+            row = _only_row(items, colours[at], left, y)
+        shown.append(film.shown(svg.text(f"grip {grip}", left, y - 8, size=13.5, fill=svg.MUTED) + row, t_s))
     if story.answer is not None:
-        yield film.shown("".join(_answer(story.answer, left, y + 54)), story.end_s)
+        answer, y = _answer(story.answer, left, y + 54)
+        shown.append(film.shown(answer, story.end_s))
+    return "".join(shown), y
+
+
+def _rows(story: _Story) -> list[int]:
+    """Grips (indices) that have a row: all, or of many those that have left something else, and the last."""
+    last = len(story.left) - 1
+    if last < _MAX_ROWS:
+        return list(range(last + 1))
+    names = [[(item.part, item.name) for item in items] for *_, items in story.left]
+    return [at for at in range(last + 1) if at in (0, last) or names[at] != names[at - 1]]
+
+
+def _only_row(items: Sequence[LoggedHypothesis], colours: Sequence[str], left: float, y: float) -> str:
+    """Hypotheses of the only part, beside each other."""
+    count = f"{len(items)} possible" if len(items) != 1 else "1 left"
+    row, x = svg.text(count, left, y + 9, size=13.5, weight="bold"), left + 92
+    for item, colour in zip(items, colours, strict=True):
+        name = svg.shorten(item.object, 13.5, 120, bold=True)
+        width = max(svg.text_width(name, 13.5, bold=True), 44.0)
+        if x + width > left + _PANEL - 24:
+            return row + svg.text("…", x, y, size=13.5, fill=svg.MUTED)
+        row += svg.text(name, x, y - 8, size=13.5, fill=colour, weight="bold")
+        words = f"{100 * item.weight:.0f} %" if len(items) > 1 else _half_widths(item)
+        row += svg.text(words, x, y + 9, size=13, fill=svg.MUTED)
+        x += width + 18
+    return row
+
+
+def _part_rows(
+    divisions: int, items: Sequence[LoggedHypothesis], colours: Sequence[str], left: float, y: float
+) -> tuple[str, float]:
+    """A line for each part with its hypotheses; the y of the last line, as that of a row for one part."""
+    ways = f"{divisions} ways" if divisions > 1 else ""
+    row = svg.text(ways, left, y + 9, size=13.5, fill=svg.MUTED)
+    hues, parts = iter(colours), by_part(items)
+    for number, own in enumerate(parts):
+        x, line = left + 70, y - 8 + number * _LINE
+        for item, colour in [(item, next(hues)) for item in own]:
+            only = len(own) == 1
+            words = _half_widths(item) if only else f"{100 * item.weight:.0f} %"
+            name = svg.shorten(item.object, 13.5, 110, bold=True)
+            width = svg.text_width(name, 13.5, bold=True) + 6
+            if not only and x + width + 56 > left + _PANEL:
+                row += svg.text(f"of {len(own)}", x, line, size=13, fill=svg.MUTED)
+                break
+            row += svg.text(name, x, line, size=13.5, fill=colour, weight="bold")
+            row += svg.text(words, x + width, line, size=13, fill=svg.MUTED)
+            x += width + svg.text_width(words, 13) + 12
+    return row, y + _LINE * max(len(parts) - 2, 0)
 
 
 def _half_widths(item: LoggedHypothesis) -> str:
@@ -332,22 +405,43 @@ def _half_widths(item: LoggedHypothesis) -> str:
     return f"± {x}, ± {y} mm" + (f", ± {turn}°" if item.symmetry_order else "")
 
 
-def _answer(out: IdentificationOut, left: float, y: float) -> Iterator[str]:
-    """Verdict, configuration with bounds, and the truth of an emulated table."""
+def _answer(out: IdentificationOut, left: float, y: float) -> tuple[str, float]:
+    """Verdict and place, or those of each part and what else may lie there; the y at which they end."""
     title = svg.shorten(headline(out), 19, _PANEL, bold=True)
-    yield svg.text(title, left, y, size=19, fill=svg.FOUND, weight="bold")
+    shown = svg.text(title, left, y, size=19, fill=svg.FOUND, weight="bold")
+    if out.table is None:
+        place, y = _place(out, left, y)
+        return shown + place, y
+    for number, part in enumerate(out.parts, start=1):
+        one = part_answer(out, part)
+        words = svg.shorten(f"part {number}, {headline(one).lower()}", 14, _PANEL, bold=True)
+        place, end = _place(one, left, y + 30)
+        shown += svg.text(words, left, y + 30, size=14, weight="bold") + place
+        y = end
+    y += 12
+    for line in svg.wrap(rest_words(out.table), 13, _PANEL, most_lines=3):
+        y += 18
+        shown += svg.text(line, left, y, size=13, fill=svg.MUTED)
+    return shown, y
+
+
+def _place(out: IdentificationOut, left: float, y: float) -> tuple[str, float]:
+    """Configuration with bounds, and the truth of an emulated table; the y at which they end."""
     if out.configuration is None or out.bounds is None or out.object is None:
-        return
+        return "", y
     rows = [("x", out.configuration.x, out.bounds.x, " mm"), ("y", out.configuration.y, out.bounds.y, " mm")]
     turn = math.degrees(out.configuration.theta)
     lo, hi = (math.degrees(value) for value in out.bounds.theta)
     rows += [("θ", turn, (lo, hi), "°")] if out.symmetry_order else []
+    shown = ""
     for name, value, (low, high), unit in rows:
         y += 23
-        yield svg.text(name, left, y, size=15, fill=svg.MUTED)
-        yield svg.text(f"{decimal(value)}{unit}", left + 112, y, size=15, anchor="end")
-        yield svg.text(f"in [{at_least(low)}, {at_most(high)}]", left + 128, y, size=15, fill=svg.MUTED)
+        shown += svg.text(name, left, y, size=15, fill=svg.MUTED)
+        shown += svg.text(f"{decimal(value)}{unit}", left + 112, y, size=15, anchor="end")
+        shown += svg.text(f"in [{at_least(low)}, {at_most(high)}]", left + 128, y, size=15, fill=svg.MUTED)
     if out.truth is not None and out.truth.position_error_mm is not None:
         where = "inside" if out.truth.inside_bounds else "OUTSIDE"
         words = f"the truth is {out.truth.position_error_mm:.2f} mm away, {where} the bounds"
-        yield svg.text(words, left, y + 26, size=13, fill=svg.MUTED)
+        y += 26
+        shown += svg.text(words, left, y, size=13, fill=svg.MUTED)
+    return shown, y
