@@ -4,9 +4,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import reduce
 from typing import Any, Self
 
 import numpy as np
+import shapely
 
 from palpate.base.geometry import Floats, ObjectModel, State
 from palpate.base.geometry.plane import rotation_matrix
@@ -44,7 +46,7 @@ class LogClock:
 class RunScene:
     """Knowledge of parts during a run: touches since one was moved, hypotheses by weight, and the truths.
 
-    `divisions`: of the touches among several parts that are left; None where one is sought, and before any is known.
+    `divisions`: that are left of the touches among several parts; None until one is known, and for one part.
     """
 
     def __init__(self) -> None:
@@ -99,6 +101,14 @@ def outlines_in_w(
     states = models[item.object].states if item.object in models else ()
     found = [state for state in states if state.name == item.state]
     return placed_rings(found[0], item.configuration, span_mm) if found else ()
+
+
+def widest_place(rings: Sequence[Floats]) -> tuple[float, float]:
+    """Middle of the largest circle within outlines (n, 2): a place for a name."""
+    shape = reduce(shapely.symmetric_difference, map(shapely.Polygon, rings))
+    circle = shapely.maximum_inscribed_circle(shape, math.sqrt(shape.area) / 50)
+    x, y = circle.coords[0]
+    return x, y
 
 
 COLOURS: Mapping[str, tuple[float, float, float]] = {

@@ -28,7 +28,7 @@ from palpate.rig.session.recorded_session import (
     TipSample,
 )
 from palpate.views.answer import headline, rest_words
-from palpate.views.run_scene import RunScene, heaviest
+from palpate.views.run_scene import RunScene, heaviest, widest_place
 
 _PERIOD_S = 0.05
 _REST_FRAMES = 20  # frames of an array, at its start, that show it untouched
@@ -238,14 +238,16 @@ def _approach(item: Mapping[str, Any]) -> dict[str, object]:
 
 
 def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object]:
-    """Setting of a run: fingers, workspace, outlines of states where fingers meet them."""
+    """Setting of a run: fingers, workspace, outlines of states where fingers meet them, their middles."""
     span = max((finger.span_mm for finger in rig.fingers), key=lambda item: item[1])
     outlines: dict[str, list[list[list[float]]]] = {}
+    middles: dict[str, tuple[float, float]] = {}
     for model in objects:
         for state in model.states:
             sections = state.sections_within(span) or state.sections[:1]
             rings = [ring.round(3).tolist() for section in sections for ring in section.rings]
             outlines[f"{model.name}/{state.name}"] = rings
+            middles[f"{model.name}/{state.name}"] = widest_place(sections[0].rings)
     fingers = [
         {
             "name": finger.name,
@@ -262,6 +264,7 @@ def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object
         "workspace": rig.workspace.radius_mm,
         "goal": [rig.search.goal_position_mm, rig.search.goal_orientation_deg],
         "outlines": outlines,
+        "middles": middles,
     }
 
 

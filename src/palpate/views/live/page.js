@@ -70,9 +70,7 @@ function hues(frame) {
 
 // Number of a part beside others, in the middle of its heaviest hypothesis.
 function drawNumber(part, px, svg) {
-  const item = part.hypotheses[0], points = (setting.outlines[`${item.object}/${item.state}`] || [])[0];
-  if (!points) return;
-  const [u, v] = [0, 1].map((k) => points.reduce((sum, point) => sum + point[k], 0) / points.length);
+  const item = part.hypotheses[0], [u, v] = setting.middles[`${item.object}/${item.state}`] || [0, 0];
   const c = Math.cos(item.theta), s = Math.sin(item.theta);
   label(part.number, ...at([c * u - s * v + item.x, s * u + c * v + item.y]), 18 * px, "part", svg);
 }

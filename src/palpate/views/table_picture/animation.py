@@ -23,7 +23,7 @@ from palpate.rig.session.recorded_session import EventSample, SessionSamples, Ti
 from palpate.views import svg
 from palpate.views.answer import headline, part_answer, rest_words
 from palpate.views.numerals import at_least, at_most, decimal
-from palpate.views.run_scene import heaviest, outlines_in_w
+from palpate.views.run_scene import heaviest, outlines_in_w, widest_place
 from palpate.views.table_picture.frame import View, grid, normal_wedge, scale_bar, ticks
 
 _FILM_S, _HOLD_S, _FADE_S = 14.0, 6.0, 1.2  # the run, how long its end stands still, how long outlines fall
@@ -236,7 +236,7 @@ def _hypotheses(
                 stroke_width=svg.THICK if is_only else 2.0,
             )
             if is_only and story.divisions and pages:
-                x, y = pages[0].mean(axis=0).tolist()
+                x, y = widest_place(pages)
                 path += svg.text(item.object, x, y + 5, size=14, fill=colour, anchor="middle", weight="bold")
             falls = not any(_is_same(item, other) for other in after)
             yield film.shown(path, t_s, end_s, film.fade_s if falls else 0.0)
