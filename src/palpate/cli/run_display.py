@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from rich.console import Console
+from rich.padding import Padding
 
 from palpate.base.errors import InputError, MissingPackageError, quantity
 from palpate.base.optional_imports import install_command
@@ -44,23 +45,28 @@ class IdentificationProgress(StatusLine):
             case StageEvent(grip, stage):
                 self.now(f"grip {grip}: {stage.value}")
             case PlanEvent(grip, plan, reason):
-                self.console.print(f"        next {reason}")
+                self._print_under(f"next {reason}")
                 self.now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
             case TouchEvent(grip, touches):
                 contacts = [touch.contact for touch in touches]
                 each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
                 self.console.print(f"grip {grip}: {', '.join(each)}")
-            case RecognitionEvent(_, recognition, others):
-                known = "; ".join(map(_hypotheses, (recognition, *others)))
-                self.console.print(f"        {known}")
+            case RecognitionEvent(_, recognition, _, None):
+                self._print_under(_hypotheses(recognition))
+            case RecognitionEvent(_, recognition, others, divisions):
+                for number, part in enumerate((recognition, *others), start=1):
+                    self._print_under(f"part {number}, {_hypotheses(part)}")
+                if divisions is not None and divisions > 1:
+                    self._print_under(f"{divisions} ways to divide the touches among parts")
             case MoveEvent(_, float() as furthest_mm):
                 far = f"by {furthest_mm:.1f} mm" if math.isfinite(furthest_mm) else "without a bound"
-                moved = f"fingers may have moved the part {far}"
-                self.console.print(f"        {moved}: earlier grips are dropped")
+                self._print_under(f"fingers may have moved the part {far}: earlier grips are dropped")
             case MoveEvent():
-                self.console.print(
-                    "        contradicts earlier grips: the part may have moved, they are dropped"
-                )
+                self._print_under("contradicts earlier grips: the part may have moved, they are dropped")
+
+    def _print_under(self, words: str) -> None:
+        """Print below a grip, indented."""
+        self.console.print(Padding(words, (0, 0, 0, 8), expand=False))
 
 
 def _hypotheses(recognition: Recognition) -> str:

@@ -21,12 +21,20 @@ class EndOut(Out):
     message: str | None
 
 
+class NamedPartOut(Out):
+    """One of several parts that a run has found; `object` and `state` are null where none is left."""
+
+    verdict: str
+    object: str | None
+    state: str | None
+
+
 class ReplayOut(Out):
     """Answer of `palpate replay`.
 
     `same`: as far as the log goes, every byte sent and every value is as recorded. `events`: lines of the log
     that came about again. `end` is null if the log was cut off; `object` and `state` are null if nothing
-    was identified. `recorded_by`: palpate's version then.
+    was identified. `recorded_by`: palpate's version then. `parts`: of several on one table, each.
     """
 
     format: Literal["palpate/replay@1"] = "palpate/replay@1"
@@ -41,6 +49,7 @@ class ReplayOut(Out):
     difference: DifferenceOut | None
     recorded_by: str
     session: str
+    parts: tuple[NamedPartOut, ...] = ()
 
 
 class SessionOut(Out):
@@ -50,7 +59,7 @@ class SessionOut(Out):
     `emulated`: by the rig file, or by what served devices say of themselves, known when there is a result;
     null for sessions of versions that did not record it. `ended` is null while the run goes on, and of one
     that was killed (`writing` says which). `duration` (s) is the rig's own time. `verdict` is null where
-    there was no answer, `object` and `state` where it names none.
+    there was no answer, `object` and `state` where it names none. `parts`: of several on one table, each.
     """
 
     path: str
@@ -70,6 +79,7 @@ class SessionOut(Out):
     object: str | None
     state: str | None
     bytes: int
+    parts: tuple[NamedPartOut, ...] = ()
 
 
 class PortOfSessionOut(Out):

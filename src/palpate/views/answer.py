@@ -88,18 +88,24 @@ def part_answer(out: IdentificationOut, part: PartOut) -> IdentificationOut:
 
 def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
     """The parts that were found, a paragraph each, and what else may be on the table."""
-    lines = [f"{out.verdict}: {_parts_words(out)}"]
-    if not table.divisions:
-        lines.append("  the touches are not those of so many parts of the catalogue, wherever they lie")
-    if table.divisions > 1:
-        lines.append(f"  touches may be those of one part or another in {table.divisions} ways")
-    if out.limit:
-        lines.append(f"  ended by {out.limit} of the rig file")
+    lines = [f"{out.verdict}: {_parts_words(out)}", *(f"  {line}" for line in table_notes(out, table))]
     for number, part in enumerate(out.parts, start=1):
         first, *others = answer_lines(part_answer(out, part))
         doubt = "" if part.agreed else " (some of its touches may be another part's)"
-        lines += [f"part {number}, {first}{doubt}", *others]
-    return [*lines, rest_words(table)]
+        lines += [f"part {number}, {first}{doubt}", *(f"  {line.strip()}" for line in others)]
+    return lines
+
+
+def table_notes(out: IdentificationOut, table: TableOut) -> list[str]:
+    """Notes on a table: what touches leave open, what ended the run, what else may lie there."""
+    notes = []
+    if not table.divisions:
+        notes.append("the touches are not those of so many parts of the catalogue, wherever they lie")
+    if table.divisions > 1:
+        notes.append(f"touches may be those of one part or another in {table.divisions} ways")
+    if out.limit:
+        notes.append(f"ended by {out.limit} of the rig file")
+    return [*notes, rest_words(table)]
 
 
 def rest_words(table: TableOut) -> str:
@@ -170,7 +176,7 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
 
 
 def _part_fact(part: PartOut) -> tuple[str, str]:
-    """Name of one of several parts and its place, with the half-widths of its bounds."""
+    """Name of one of several parts, and its x, y and θ with the half-widths of their bounds."""
     if part.configuration is None or part.bounds is None:
         return "a part", part.verdict.value
     at, bounds = part.configuration, part.bounds
@@ -178,8 +184,10 @@ def _part_fact(part: PartOut) -> tuple[str, str]:
         f"{value:.1f} ± {ceil_to(max(hi - value, value - lo), 1):.1f}"
         for value, (lo, hi) in ((at.x, bounds.x), (at.y, bounds.y))
     )
-    turn = f", {math.degrees(at.theta):.0f}°" if part.symmetry_order else ""
-    return str(part.object), f"x {x}, y {y} mm{turn}"
+    lo, hi = bounds.theta
+    half = ceil_to(math.degrees(max(hi - at.theta, at.theta - lo)), 1)
+    turn = f", θ {math.degrees(at.theta):.1f} ± {half:.1f}°" if part.symmetry_order else ""
+    return str(part.object), f"{x}, {y} mm{turn}".replace("-", "−")
 
 
 def _share(probability: float) -> str:

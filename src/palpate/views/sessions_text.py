@@ -9,7 +9,14 @@ from rich.console import Console
 from rich.markup import escape
 
 from palpate.base.errors import quantity
-from palpate.config.session_results import DifferenceOut, EndOut, ReplayOut, SessionOut, UnreadableOut
+from palpate.config.session_results import (
+    DifferenceOut,
+    EndOut,
+    NamedPartOut,
+    ReplayOut,
+    SessionOut,
+    UnreadableOut,
+)
 from palpate.views.tables import folding_column, table
 
 if TYPE_CHECKING:  # a list of sessions needs nothing of the recogniser
@@ -86,7 +93,19 @@ def _answer_words(item: SessionOut) -> str:
     if item.verdict is None:
         end = _end_words(item)
         return "none" if end == "done" else f"none ({end})"
-    return f"{item.verdict}: {item.object}, {item.state}" if item.object else item.verdict
+    return _named_words(item)
+
+
+def _named_words(item: SessionOut | ReplayOut) -> str:
+    """A verdict with what it names: an object and its state, or those of each part."""
+    parts = [_part_words(part, item.verdict) for part in item.parts]
+    parts = parts or ([f"{item.object}, {item.state}"] if item.object else [])
+    return ": ".join(filter(None, (item.verdict, "; ".join(parts))))
+
+
+def _part_words(part: NamedPartOut, verdict: str | None) -> str:
+    name = f"{part.object}, {part.state}" if part.object else "a part"
+    return name if part.verdict == verdict else f"{name} ({part.verdict})"
 
 
 def _end_words(item: SessionOut) -> str:
@@ -110,6 +129,7 @@ def replay_out(file: "SessionFile", replayed: "Replayed", by: str, folder: str) 
         difference=None if replayed.difference is None else _difference(replayed.difference),
         recorded_by=by,
         session=folder,
+        parts=() if answer is None else tuple(NamedPartOut.of(part) for part in answer.parts),
     )
 
 
@@ -133,8 +153,7 @@ def replay_lines(file: "SessionFile", out: ReplayOut) -> list[str]:
 
 def _ending(out: ReplayOut) -> str:
     if out.verdict is not None:
-        named = f": {out.object}, {out.state}" if out.object is not None else ""
-        return f"{out.verdict}{named}"
+        return _named_words(out)
     if out.end is None:
         return "no answer so far"
     return f"ended by {out.end.how}: {out.end.message}" if out.end.message else f"ended by {out.end.how}"

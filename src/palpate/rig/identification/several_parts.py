@@ -21,7 +21,7 @@ from palpate.config import RigFile
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, predict
 from palpate.rig.conversion import finger_of
 from palpate.rig.identification.divisions import Division, GripDivider, PartSearch
-from palpate.rig.identification.events import Observers, RecognitionEvent, TouchEvent
+from palpate.rig.identification.events import Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.identification.exploration import (
     InscribedDisc,
     exploring_grip,
@@ -172,6 +172,9 @@ class SeveralSearch:
         if choice.grip is None:
             self._settled[part] = choice.verdict
             return ()
+        why = chooser.reason(choice, part.search.evidence, known)
+        whose = f"for part {1 + division.parts.index(part)}: " if division is self._divisions[0] else ""
+        self._observers(PlanEvent(len(self._grips) + 1, choice.grip, whose + why))
         part.search.evidence.checks += choice.is_check
         return choice.grip.limited_approaches
 

@@ -19,6 +19,7 @@ from palpate.config import FingerConfig, RigFile, load_rig
 from palpate.config.emulation import MAX_SCENE_PARTS
 from palpate.config.session_results import (
     EndOut,
+    NamedPartOut,
     PortOfSessionOut,
     SessionInfoOut,
     SessionOut,
@@ -90,7 +91,13 @@ def summary_of(folder: Path) -> SessionOut:
         object=_text(result.get("object")),
         state=_text(result.get("state")),
         bytes=sum(item.stat().st_size for item in folder.iterdir() if item.is_file()),
+        parts=tuple(_part(item) for item in result.get("parts") or ()),
     )
+
+
+def _part(values: Mapping[str, Any]) -> NamedPartOut:
+    named = {name: _text(values.get(name)) for name in ("object", "state")}
+    return NamedPartOut(verdict=_text(values.get("verdict")) or "?", **named)
 
 
 def _seed(header: Mapping[str, Any]) -> int | None:

@@ -161,7 +161,8 @@ def _hashable(value: object) -> object:
 class GripRecord:
     """One grip: what its events say; `stages`: when each began (s).
 
-    `decisive`: whether the plan before it was; None for a grip that explores.
+    `decisive`: whether the plan before it was; None for a grip that explores. `divisions`: that are left of
+    the touches among several parts; None for one part.
     """
 
     number: int
@@ -171,6 +172,7 @@ class GripRecord:
     verdict: str | None = None
     decisive: bool | None = None
     is_moved: bool = False
+    divisions: int | None = None
 
 
 def grip_records(file: SessionFile) -> list[GripRecord]:
@@ -187,7 +189,7 @@ def grip_records(file: SessionFile) -> list[GripRecord]:
             grip.touches = touches_in(values)
         elif kind == "recognised":
             grip.hypotheses = sort_by_weight(hypotheses_in(kind, values))
-            grip.verdict = values["verdict"]
+            grip.verdict, grip.divisions = values["verdict"], values.get("divisions")
         elif kind == "planned":
             grip.decisive = bool(values["decisive"])
         elif kind == "moved":

@@ -16,11 +16,12 @@ from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.logged_values import (
     GripRecord,
     LoggedPlacement,
+    by_part,
     grip_records,
     placements_in,
 )
 from palpate.rig.session.recorded_session import SessionSamples
-from palpate.views.answer import answer_lines, headline, place_lines
+from palpate.views.answer import answer_lines, headline, part_answer, place_lines, table_notes
 from palpate.views.numerals import at_least, at_most, decimal
 from palpate.views.recognition import ContactRecord, bounded_pose, touch_mark, why_lines
 from palpate.views.report.page import (
@@ -34,7 +35,7 @@ from palpate.views.report.page import (
     section,
     table,
 )
-from palpate.views.run_scene import outlines_in_w
+from palpate.views.run_scene import heaviest, outlines_in_w
 from palpate.views.sessions_text import info_lines, instant_words
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import FingerBase, OtherHypothesis, Picture, TouchMark
@@ -85,6 +86,9 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
     if grip.verdict is None:
         return " ".join([*words, "Its contacts were not interpreted."])
     left = {item.name for item in grip.hypotheses}
+    if grip.divisions is not None:
+        ways = quantity(grip.divisions, "way", "ways")
+        return " ".join([*words, f"{ways} to divide the touches among parts left."])
     if before is not None:
         fell = sorted({item.name for item in before.hypotheses} - left)
         words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out no state.")
@@ -95,6 +99,8 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
 def _kind(grip: GripRecord, before: GripRecord | None) -> str:
     if grip.decisive is None:
         return "An exploring grip: too little was known for a plan."
+    if grip.divisions is not None:
+        return "A planned grip: it tells a part from others, places it more finely, or confirms it."
     if before is not None and len(before.hypotheses) == 1:
         return "A grip that narrows the only hypothesis, or confirms it: does it predict the contacts?"
     if grip.decisive:
@@ -106,9 +112,11 @@ def _title(grip: GripRecord) -> str:
     """Return what the contacts say."""
     if grip.verdict is None:
         return "not interpreted"
-    if len(grip.hypotheses) == 1:
-        return f"only {grip.hypotheses[0].name} is left"
-    return f"{len(grip.hypotheses)} hypotheses" if grip.hypotheses else "nothing agrees"
+    parts = by_part(grip.hypotheses)
+    said = [f"only {own[0].name} is left" if len(own) == 1 else f"{len(own)} hypotheses" for own in parts]
+    if grip.divisions is not None:
+        said = [f"part {own[0].part}: {words}" for own, words in zip(parts, said, strict=True)]
+    return "; ".join(said) or "nothing agrees"
 
 
 def _touches(grip: GripRecord) -> str:
@@ -137,19 +145,21 @@ def _normal(normal: NormalRange | None) -> str:
 
 
 def _hypotheses(grip: GripRecord) -> str:
+    listed = heaviest(grip.hypotheses, _MAX_LISTED)
     rows = [
         (
-            item.name,
+            item.name if grip.divisions is None else f"{item.part}: {item.name}",
             f"{100 * item.weight:.1f}",
             f"{item.configuration.x_mm:.2f}",
             f"{item.configuration.y_mm:.2f}",
             f"{math.degrees(item.configuration.theta_rad):.1f}" if item.symmetry_order else "any",
         )
-        for item in grip.hypotheses[:_MAX_LISTED]
+        for item in listed
     ]
-    if len(grip.hypotheses) > _MAX_LISTED:
-        rows.append((f"and {len(grip.hypotheses) - _MAX_LISTED} more", "", "", "", ""))
-    return table(("hypothesis", "%", "x, mm", "y, mm", "θ, °"), rows, ("%", "x, mm", "y, mm", "θ, °"))
+    if len(grip.hypotheses) > len(listed):
+        rows.append((f"and {len(grip.hypotheses) - len(listed)} more", "", "", "", ""))
+    name = "hypothesis" if grip.divisions is None else "part: hypothesis"
+    return table((name, "%", "x, mm", "y, mm", "θ, °"), rows, ("%", "x, mm", "y, mm", "θ, °"))
 
 
 def _picture(
@@ -159,16 +169,17 @@ def _picture(
     models: Mapping[str, ObjectModel],
     truths: Sequence[LoggedPlacement],
 ) -> Picture:
-    only = grip.hypotheses[0] if len(grip.hypotheses) == 1 else None
+    only = [own[0] for own in by_part(grip.hypotheses) if len(own) == 1]
+    placed = only[0] if len(grip.hypotheses) == 1 else None
     others = [
         OtherHypothesis(item.object, f"still possible, {100 * item.weight:.0f} %", rings)
-        for item in grip.hypotheses[:_MAX_DRAWN]
-        if item is not only and (rings := outlines_in_w(item, models))
+        for item in heaviest(grip.hypotheses, _MAX_DRAWN)
+        if item not in only and (rings := outlines_in_w(item, models))
     ]
     return Picture(
         title=f"After grip {grip.number}: {_title(grip)}",
-        found=() if only is None else outlines_in_w(only, models),
-        pose=None if only is None else bounded_pose(only.configuration, only.bounds),
+        found=tuple(ring for item in only for ring in outlines_in_w(item, models)),
+        pose=None if placed is None else bounded_pose(placed.configuration, placed.bounds),
         truth=tuple(ring for item in truths for ring in outlines_in_w(item, models)),
         others=tuple(others),
         touches=marks,
@@ -194,8 +205,14 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
             f"{Path(summary.path).name}, {instant_words(summary.began)}",
         ),
         section("Answer", *_answer_parts(answer, summary, folder)),
+        *_part_sections(answer),
         *_grip_sections(grips, samples.rig, samples.objects, truths, not has_picture),
-        section("Why each rival fell", _rivals(grips, samples.objects)),
+        # Of several parts the log does not say which touches are whose.
+        *(
+            []
+            if answer and answer.table
+            else [section("Why each rival fell", _rivals(grips, samples.objects))]
+        ),
         section("Timing", _timing(grips, summary)),
         section("Devices", _devices(samples.rig, file)),
         section("Calibration", _calibration(answer, summary)),
@@ -215,14 +232,30 @@ def _answer_parts(answer: IdentificationOut | None, summary: SessionOut, folder:
         yield paragraph("The run ended before there was an answer.")
         yield lines("\n".join(info_lines(summary)))
         return
+    if answer.table is None:
+        yield from _place_and_notes(answer)
+    else:
+        yield bullets(table_notes(answer, answer.table))
+    drawn = folder / "picture.svg"
+    if drawn.is_file():
+        yield picture(_read(drawn))
+
+
+def _part_sections(answer: IdentificationOut | None) -> Iterator[str]:
+    """A section for each of several parts."""
+    if answer is None:
+        return
+    for number, part in enumerate(answer.parts, start=1):
+        one = part_answer(answer, part)
+        yield section(f"Part {number}, {headline(one).lower()}", *_place_and_notes(one))
+
+
+def _place_and_notes(answer: IdentificationOut) -> Iterator[str]:
     placed = place_lines(answer)
     if placed:
         yield _place_table(answer)
     said = [line.strip() for line in answer_lines(answer) if line not in placed]
     yield bullets(line for line in said if line != headline(answer).lower())
-    drawn = folder / "picture.svg"
-    if drawn.is_file():
-        yield picture(_read(drawn))
 
 
 def _place_table(answer: IdentificationOut) -> str:
