@@ -69,7 +69,14 @@ def identify(
         ros_starter,
         view_starter,
     )
-    from palpate.cli.terminal import Terminal, print_notices, rig_files, scene_files, with_rig_given
+    from palpate.cli.terminal import (
+        Terminal,
+        fit_to_screen,
+        print_notices,
+        rig_files,
+        scene_files,
+        with_rig_given,
+    )
     from palpate.jobs.rig import open_rig
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
@@ -106,7 +113,7 @@ def identify(
         failure = failure or error
     place = picture or Path(answer.session or "", "picture.svg")
     lines = closing_lines(answer, place)
-    typer.echo(answer.to_json() if json else with_rig_given("\n".join(lines)))
+    typer.echo(answer.to_json() if json else fit_to_screen(with_rig_given("\n".join(lines))))
     if failure is not None:
         raise failure
     return 0 if answer.verdict.is_answer else 1

@@ -5,7 +5,9 @@ errors and vocabulary.
 """
 
 import re
+import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +24,8 @@ from rich.text import Text
 
 from palpate.base.errors import InputError, complete_commands, printable_text
 from palpate.base.vocabulary import Strategy
+
+_HANGING = 2  # columns by which a line goes on further to the right
 
 VIEW_PORT = 8765
 """Of the live view, if no other is given."""
@@ -202,6 +206,21 @@ def with_rig_given(text: str, quote: Callable[[str], str] = str) -> str:
     """Text whose commands name the rig file that --rig gave to this one, so that they can be copied."""
     found = re.findall(r"\0--rig[=\0]([^\0]+)", "\0".join(["", *sys.argv[1:]]))
     return complete_commands(text, quote(found[-1])) if found else text
+
+
+def fit_to_screen(text: str) -> str:
+    """Text whose lines break between words where stdout is a terminal; else as it is."""
+    if not sys.stdout.isatty():
+        return text
+    width = max(shutil.get_terminal_size().columns, 2 * _HANGING)
+    lines = []
+    for line in text.splitlines():
+        indent = " " * (len(line) - len(line.lstrip()) + _HANGING)
+        wrapper = textwrap.TextWrapper(
+            width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        )
+        lines += wrapper.wrap(line) or [""]
+    return "\n".join(lines)
 
 
 def print_notices(lines: Iterable[str]) -> None:

@@ -153,7 +153,7 @@ class Answer:
 
     def __repr__(self) -> str:
         failed = [] if self.failure is None else [str(self.failure)]
-        lines = [" ".join(line.split()) for line in answer_lines(self.result)[:4]]
+        lines = [" ".join(line.split()) for line in answer_lines(self.result)[: 1 if self.parts else 4]]
         return f"<Answer {'; '.join([*lines, *failed])}>"
 
 

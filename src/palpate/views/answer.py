@@ -19,7 +19,7 @@ from palpate.config.recognition_results import (
     TableOut,
     TruthOut,
 )
-from palpate.views.numerals import ceil_to, floor_to
+from palpate.views.numerals import at_most, ceil_to, decimal, floor_to
 
 _STRANGER_SIZE_MM = 100.0  # as large as a part: touches would rather have missed it
 _MAX_ALTERNATIVES = 12
@@ -93,11 +93,11 @@ def _table_lines(out: IdentificationOut, table: TableOut) -> list[str]:
         first, *others = answer_lines(part_answer(out, part))
         doubt = "" if part.agreed else " (some of its touches may be another part's)"
         lines += [f"part {number}, {first}{doubt}", *(f"  {line.strip()}" for line in others)]
-    return lines
+    return [*lines, rest_words(table)]
 
 
 def table_notes(out: IdentificationOut, table: TableOut) -> list[str]:
-    """Notes on a table: what touches leave open, what ended the run, what else may lie there."""
+    """Notes on a table: what touches leave open, and what ended the run."""
     notes = []
     if not table.divisions:
         notes.append("the touches are not those of so many parts of the catalogue, wherever they lie")
@@ -105,7 +105,7 @@ def table_notes(out: IdentificationOut, table: TableOut) -> list[str]:
         notes.append(f"touches may be those of one part or another in {table.divisions} ways")
     if out.limit:
         notes.append(f"ended by {out.limit} of the rig file")
-    return [*notes, rest_words(table)]
+    return notes
 
 
 def rest_words(table: TableOut) -> str:
@@ -164,7 +164,7 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
         ("devices", "emulated" if out.emulated else "hardware"),
     ]
     if out.table is not None:
-        return [rows[0], rows[1], *rows[3:], *map(_part_fact, out.parts)]
+        return [rows[0], rows[1], *rows[3:], *(row for part in out.parts for row in _part_facts(part))]
     if out.symmetry_order > 1:
         rows.append(("symmetry", f"{out.symmetry_order}-fold: θ modulo {360 / out.symmetry_order:g}°"))
     if out.symmetry_order == 0:
@@ -175,19 +175,21 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
     return rows
 
 
-def _part_fact(part: PartOut) -> tuple[str, str]:
-    """Name of one of several parts, and its x, y and θ with the half-widths of their bounds."""
+def _part_facts(part: PartOut) -> list[tuple[str, str]]:
+    """Place of one of several parts, with the half-widths of its bounds."""
     if part.configuration is None or part.bounds is None:
-        return "a part", part.verdict.value
-    at, bounds = part.configuration, part.bounds
-    x, y = (
-        f"{value:.1f} ± {ceil_to(max(hi - value, value - lo), 1):.1f}"
-        for value, (lo, hi) in ((at.x, bounds.x), (at.y, bounds.y))
-    )
-    lo, hi = bounds.theta
-    half = ceil_to(math.degrees(max(hi - at.theta, at.theta - lo)), 1)
-    turn = f", θ {math.degrees(at.theta):.1f} ± {half:.1f}°" if part.symmetry_order else ""
-    return str(part.object), f"{x}, {y} mm{turn}".replace("-", "−")
+        return [("a part", part.verdict.value)]
+    at, bounds, name = part.configuration, part.bounds, str(part.object)
+    rows = [(f"{name}, x, y", f"{_plus_minus(at.x, bounds.x)}, {_plus_minus(at.y, bounds.y)} mm")]
+    lo, hi = map(math.degrees, bounds.theta)
+    turn = f"{_plus_minus(math.degrees(at.theta), (lo, hi))}°" if part.symmetry_order else "any"
+    return [*rows, (f"{name}, θ", turn)]
+
+
+def _plus_minus(value: float, bounds: tuple[float, float]) -> str:
+    """A value with a half-width that holds for it as printed."""
+    shown, (lo, hi) = round(value, 1), bounds
+    return f"{decimal(shown, 1)} ± {at_most(max(hi - shown, shown - lo), 1)}"
 
 
 def _share(probability: float) -> str:

@@ -21,7 +21,7 @@ from palpate.rig.session.logged_values import (
     placements_in,
 )
 from palpate.rig.session.recorded_session import SessionSamples
-from palpate.views.answer import answer_lines, headline, part_answer, place_lines, table_notes
+from palpate.views.answer import answer_lines, headline, part_answer, place_lines, rest_words, table_notes
 from palpate.views.numerals import at_least, at_most, decimal
 from palpate.views.recognition import ContactRecord, bounded_pose, touch_mark, why_lines
 from palpate.views.report.page import (
@@ -235,7 +235,7 @@ def _answer_parts(answer: IdentificationOut | None, summary: SessionOut, folder:
     if answer.table is None:
         yield from _place_and_notes(answer)
     else:
-        yield bullets(table_notes(answer, answer.table))
+        yield bullets([*table_notes(answer, answer.table), rest_words(answer.table)])
     drawn = folder / "picture.svg"
     if drawn.is_file():
         yield picture(_read(drawn))
