@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ import palpate
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import load_objects, load_rig, shipped_objects
-from palpate.config.emulation import Scene
 from palpate.config.schema import schema_text
 from palpate.jobs.session import open_session
 from palpate.recognizer import Catalogue
@@ -29,6 +29,7 @@ from palpate.rig.identification.several_parts import SeveralSearch
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.study.simulated_touches import SimulatedTouches
+from palpate.views.sessions_text import replay_lines, replay_out
 from support.benches.rigs import firm_rig
 from support.oracles.shapely_touches import (
     SHIPPED_OBJECTS,
@@ -212,31 +213,24 @@ def test_a_part_of_no_catalogue_is_not_named() -> None:
 # ----------------------------------------------------------------------------------------------------
 # Runs on the emulated bench.
 
-TWO = {
-    "format": "palpate/scene@1",
-    "parts": [
-        {"object": "tr-1", "configuration": {"x": -10.0, "y": 50.0, "theta": 0.3}},
-        {"object": "grip", "configuration": {"x": 5.0, "y": -45.0, "theta": 2.0}},
-    ],
-}
 
-
-def test_two_parts_on_the_emulated_bench_and_their_replay(tmp_path: Path) -> None:
-    with palpate.open_rig(firm_rig(), seed=0) as rig:
-        answer = rig.identify(scene=Scene.model_validate(TWO), parts=2, sessions=tmp_path)
-    out = json.loads(answer.to_json())
+def test_two_parts_on_the_emulated_bench_and_their_replay(recorded: Callable[[str], Path]) -> None:
+    folder = recorded("two parts")
+    out = json.loads((folder / "result.json").read_text())
     Draft202012Validator(json.loads(schema_text("identification"))).validate(out)
     assert out["verdict"] == "identified"
     assert {part["object"] for part in out["parts"]} == {"tr-1", "grip"}
     assert all(part["truth"]["inside_bounds"] for part in out["parts"])
     assert out["table"]["asked"] == "2"
     assert out["table"]["divisions"] == 1
-    assert {part.object for part in answer.parts} == {"tr-1", "grip"}
-    assert "tr-1" in answer.text()
-    assert answer.picture().count("<svg") == 1
-    replayed = open_session(Path(str(answer.session))).replay()
+    assert (folder / "picture.svg").read_text().count("<svg") == 1
+    replayed = open_session(folder).replay()
     assert replayed.difference is None
     assert replayed.complete
+    assert replayed.run is not None
+    named = replay_lines(open_session(folder).log, replay_out(open_session(folder).log, replayed, "0", ""))
+    assert "tr-1" in named[0]
+    assert "grip, flat" in named[0]
 
 
 def test_flat_faces_and_own_strategies_are_refused() -> None:

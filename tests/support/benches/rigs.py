@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import palpate
 from palpate.config import ObjectsFile, RigFile, load_objects
+from palpate.config.emulation import Scene
 from support.commands.repository import EXAMPLES
 
 # ----------------------------------------------------------------------------------------------------
@@ -137,9 +138,26 @@ def grips(folder: Path, count: int, rig: Path, objects: Path | None = None) -> P
     return found
 
 
+TWO_PARTS = {
+    "format": "palpate/scene@1",
+    "parts": [
+        {"object": "tr-1", "configuration": {"x": -10.0, "y": 50.0, "theta": 0.3}},
+        {"object": "grip", "configuration": {"x": 5.0, "y": -45.0, "theta": 2.0}},
+    ],
+}
+
+
+def two_parts(folder: Path) -> Path:
+    """The folder, in `folder`, of a whole session with two parts on the table."""
+    with palpate.open_rig(firm_rig(), seed=0) as opened:
+        answer = opened.identify(scene=Scene.model_validate(TWO_PARTS), parts=2, sessions=folder)
+    return Path(str(answer.session))
+
+
 RUNS: Mapping[str, Callable[[Path], Path]] = {
     "two grips": lambda folder: grips(folder, 2, firm_rig()),
     "two grips with pads": lambda folder: grips(folder, 2, EXAMPLES / "pad-rig.toml"),
     "one grip": lambda folder: grips(folder, 1, *quick_bench(folder)),
     "whole": lambda folder: grips(folder, 8, *quick_bench(folder)),
+    "two parts": two_parts,
 }
