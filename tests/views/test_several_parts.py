@@ -1,5 +1,6 @@
 """Several parts on one table, as people see them: page, moving picture, report, lists and lines of a run."""
 
+import csv
 import json
 import re
 import xml.etree.ElementTree as ET
@@ -14,10 +15,12 @@ from palpate.base.geometry.outlines import rings_of
 from palpate.config.recognition_results import IdentificationOut
 from palpate.jobs.session import open_session
 from palpate.rig.session.logged_values import by_part, grip_records
+from palpate.rig.session.recorded_session import open_samples
 from palpate.views.answer import answer_lines, picture_facts, rest_words
+from palpate.views.exports.csv_files import write_csv
 from palpate.views.live.frames import SessionFeed
 from palpate.views.numerals import at_least, at_most
-from palpate.views.run_scene import heaviest, widest_place
+from palpate.views.run_scene import SceneFeed, frame_of, heaviest, widest_place
 from support.commands.command import Here, log_events
 from support.commands.pages import Page
 
@@ -137,3 +140,14 @@ def test_of_each_part_some_hypotheses_are_drawn(session: Path) -> None:
 def test_names_stand_inside_of_outlines() -> None:
     ring = shapely.box(0, 0, 60, 40).difference(shapely.box(10, 10, 60, 30)).union(shapely.box(70, 0, 71, 1))
     assert shapely.Point(widest_place(rings_of(ring))).within(ring)
+
+
+def test_every_part_has_a_frame_and_rows_of_its_own(session: Path, tmp_path: Path) -> None:
+    samples = open_samples(open_session(session).log, session)
+    feed = SceneFeed(samples.rig, samples.objects)
+    scenes = [scene for sample in samples if (scene := feed.take(sample)) is not None]
+    assert [frame_of(item) for item in scenes[-1].parts] == ["part", "part-2"]
+    write_csv(samples, tmp_path / "csv")
+    with (tmp_path / "csv" / "hypotheses.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if not row["grip"]]
+    assert [(row["object"], row["part"]) for row in rows] == [("tr-1", "1"), ("grip", "2")]

@@ -150,13 +150,18 @@ class TipPosition:
 
 @dataclass(frozen=True, eq=False)
 class SceneSnapshot:
-    """Everything that is there from `t_s` on, until the next one; `part`: the heaviest hypothesis."""
+    """Everything that is there from `t_s` on, until the next one; `parts`: the heaviest hypothesis of each."""
 
     t_s: float
     outlines: tuple[Outline, ...]
     tips: tuple[TipPosition, ...]
-    part: LoggedHypothesis | None
+    parts: tuple[LoggedHypothesis, ...]
     touches: tuple[LoggedTouch, ...]
+
+
+def frame_of(item: LoggedHypothesis) -> str:
+    """Name of the frame of a part: `part` of the only one, or the first."""
+    return "part" if item.part == 1 else f"part-{item.part}"
 
 
 class SceneFeed:
@@ -181,9 +186,9 @@ class SceneFeed:
         elif sample.kind != "session":
             return None
         self._next_s = sample.t_s + _PERIOD_S
-        part = next(iter(self._run.hypotheses), None)
+        parts = tuple(own[0] for own in by_part(self._run.hypotheses))
         tips, touches = tuple(self._tips.values()), tuple(self._run.touches)
-        return SceneSnapshot(sample.t_s, self._outlines, tips, part, touches)
+        return SceneSnapshot(sample.t_s, self._outlines, tips, parts, touches)
 
 
 class _SceneShapes:

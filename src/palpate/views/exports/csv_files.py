@@ -63,6 +63,7 @@ _HYPOTHESES = (
     "y_hi_mm",
     "theta_lo_rad",
     "theta_hi_rad",
+    "part",
 )
 
 
@@ -172,4 +173,5 @@ def _hypothesis(item: LoggedHypothesis) -> _Row:
         item.verified,
         *(at.x_mm, at.y_mm, at.theta_rad),
         *(*bounds.x_mm, *bounds.y_mm, *bounds.theta_rad),
+        item.part,
     ]

@@ -20,10 +20,17 @@ from palpate.base.optional_imports import import_extra
 from palpate.config import RigFile
 from palpate.rig.session.recorded_session import Sample, SessionSamples
 from palpate.views.exports.json_channels import json_message, json_schema, json_topics
-from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneFeed, SceneSnapshot, TipPosition
+from palpate.views.run_scene import (
+    COLOURS,
+    LogClock,
+    Outline,
+    SceneFeed,
+    SceneSnapshot,
+    TipPosition,
+    frame_of,
+)
 
 _FRAME = "W"
-_PART_FRAME = "part"
 _M_PER_MM = 1e-3
 _TIP_COLOUR = (0.3, 0.75, 0.6)
 _TIP_HEIGHT_MM = 20.0
@@ -102,16 +109,17 @@ class FoxgloveChannels:
         self.counts[topic] += 1
 
     def _log_frames(self, scene: SceneSnapshot) -> None:
-        """Log where the tips and the part are."""
+        """Log where the tips and the parts are."""
         m, stamp = self._messages, self._stamp(scene.t_s)
         places = {f"tip-{tip.finger}": (tip.at_mm, tip.height_mm, 0.0) for tip in scene.tips}
-        if scene.part is not None:
-            at = scene.part.configuration
-            places[_PART_FRAME] = (at.x_mm, at.y_mm), 0.0, at.theta_rad
-            if scene.part is not self._part:
-                pose = self._pose(*places[_PART_FRAME])
-                self._log("/pose", scene.t_s, m.PoseInFrame(timestamp=stamp, frame_id=_FRAME, pose=pose))
-        self._part = scene.part
+        for item in scene.parts:
+            at = item.configuration
+            places[frame_of(item)] = (at.x_mm, at.y_mm), 0.0, at.theta_rad
+        part = scene.parts[0] if scene.parts else None
+        if part is not None and part is not self._part:
+            pose = self._pose(*places[frame_of(part)])
+            self._log("/pose", scene.t_s, m.PoseInFrame(timestamp=stamp, frame_id=_FRAME, pose=pose))
+        self._part = part
         transforms = [
             m.FrameTransform(
                 timestamp=stamp,

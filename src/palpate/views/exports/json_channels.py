@@ -69,7 +69,7 @@ _FIELDS: Mapping[str, Mapping[str, Any]] = {
     "touches": {"grip": int, "touches": list[_typed("Touch", _TOUCH)]},  # type: ignore[misc]
     "recognised": {
         **{"grip": int, "verdict": str},
-        **{"levels": list[LevelCount], "hypotheses": list[LoggedHypothesis]},
+        **{"levels": list[LevelCount], "hypotheses": list[LoggedHypothesis], "divisions": int | None},
     },
     "planned": {
         **{"grip": int, "decisive": bool, "remaining": float},

@@ -21,7 +21,7 @@ from palpate.recognizer import Contact
 from palpate.rig.session.logged_values import LoggedHypothesis
 from palpate.rig.session.recorded_session import EventSample, FrameSample, Sample, ServoSample, TipSample
 from palpate.views.exports.urdf import joint_values
-from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneFeed, SceneSnapshot
+from palpate.views.run_scene import COLOURS, LogClock, Outline, SceneFeed, SceneSnapshot, frame_of
 
 _FRAME = "W"
 _M_PER_MM = 1e-3
@@ -88,16 +88,17 @@ class RosMessages:
 
     def _scene(self, scene: SceneSnapshot, *, is_event: bool) -> Iterator[Message]:
         places = {f"tip-{tip.finger}": (*tip.at_mm, tip.height_mm, 0.0) for tip in scene.tips}
-        if scene.part is not None:
-            at = scene.part.configuration
-            places["part"] = at.x_mm, at.y_mm, 0.0, at.theta_rad
+        for item in scene.parts:
+            at = item.configuration
+            places[frame_of(item)] = at.x_mm, at.y_mm, 0.0, at.theta_rad
         transforms = [self._transform(scene.t_s, name, *place) for name, place in places.items()]
         yield "/tf", scene.t_s, self._make("tf2_msgs/msg/TFMessage", transforms=transforms)
         if not is_event:
             return
-        if scene.part is not None and scene.part is not self._part:
-            yield "/pose", scene.t_s, self._pose_in_bounds(scene.t_s, scene.part)
-        self._part = scene.part
+        part = scene.parts[0] if scene.parts else None
+        if part is not None and part is not self._part:
+            yield "/pose", scene.t_s, self._pose_in_bounds(scene.t_s, part)
+        self._part = part
         lines = [(item.kind == "normal", self._line(scene.t_s, item)) for item in scene.outlines]
         touched = [place for touch in scene.touches for place in touch.places if place.touched]
         spheres = [self._tip(scene.t_s, place) for place in touched]
