@@ -150,7 +150,7 @@ class TipPosition:
 
 @dataclass(frozen=True, eq=False)
 class SceneSnapshot:
-    """Everything that is there from `t_s` on, until the next one; `parts`: the heaviest hypothesis of each."""
+    """Everything that is there from `t_s` on, until the next; `parts`: the heaviest hypothesis of each."""
 
     t_s: float
     outlines: tuple[Outline, ...]
