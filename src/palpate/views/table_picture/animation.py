@@ -339,11 +339,12 @@ def _panel(story: _Story, objects: int, film: _Film) -> tuple[str, float]:
     for at in _rows(story):
         t_s, grip, items = story.left[at]
         y += _ROW
+        label = svg.text(f"grip {grip}", left, y - 8, size=13.5, fill=svg.MUTED)
         if grip in story.divisions:
             row, y = _part_rows(story.divisions[grip], items, colours[at], left, y)
         else:
             row = _only_row(items, colours[at], left, y)
-        shown.append(film.shown(svg.text(f"grip {grip}", left, y - 8, size=13.5, fill=svg.MUTED) + row, t_s))
+        shown.append(film.shown(label + row, t_s))
     if story.answer is not None:
         answer, y = _answer(story.answer, left, y + 54)
         shown.append(film.shown(answer, story.end_s))
@@ -389,7 +390,7 @@ def _part_rows(
             words = _half_widths(item) if only else f"{100 * item.weight:.0f} %"
             name = svg.shorten(item.object, 13.5, 110, bold=True)
             width = svg.text_width(name, 13.5, bold=True) + 6
-            if not only and x + width + 56 > left + _PANEL:
+            if not only and x + width + 90 > left + _PANEL:
                 row += svg.text(f"of {len(own)}", x, line, size=13, fill=svg.MUTED)
                 break
             row += svg.text(name, x, line, size=13.5, fill=colour, weight="bold")
@@ -407,8 +408,11 @@ def _half_widths(item: LoggedHypothesis) -> str:
 
 def _answer(out: IdentificationOut, left: float, y: float) -> tuple[str, float]:
     """Verdict and place, or those of each part and what else may lie there; the y at which they end."""
-    title = svg.shorten(headline(out), 19, _PANEL, bold=True)
-    shown = svg.text(title, left, y, size=19, fill=svg.FOUND, weight="bold")
+    first, *more = svg.wrap(headline(out), 19, _PANEL, most_lines=2, bold=True)
+    shown = svg.text(first, left, y, size=19, fill=svg.FOUND, weight="bold")
+    for line in more:
+        y += 24
+        shown += svg.text(line, left, y, size=19, fill=svg.FOUND, weight="bold")
     if out.table is None:
         place, y = _place(out, left, y)
         return shown + place, y
