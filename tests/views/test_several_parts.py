@@ -18,7 +18,7 @@ from palpate.rig.session.logged_values import by_part, grip_records
 from palpate.rig.session.recorded_session import open_samples
 from palpate.views.answer import answer_lines, picture_facts, rest_words
 from palpate.views.exports.csv_files import write_csv
-from palpate.views.live.frames import SessionFeed
+from palpate.views.live.frames import FrameStore
 from palpate.views.numerals import at_least, at_most
 from palpate.views.run_scene import SceneFeed, frame_of, heaviest, widest_place
 from support.commands.command import Here, log_events
@@ -39,9 +39,9 @@ def answer(session: Path) -> IdentificationOut:
 
 @pytest.fixture(scope="module")
 def frames(session: Path) -> list[dict[str, Any]]:
-    feed = SessionFeed(session)
-    feed.update()
-    return list(map(json.loads, feed.store.texts))
+    store = FrameStore()
+    store.take(open_samples(open_session(session).log, session))
+    return list(map(json.loads, store.texts))
 
 
 def bounds_in_words(answer: IdentificationOut, decimals: int) -> list[str]:
