@@ -103,10 +103,11 @@ def test_frames_say_what_the_log_says(session: Path, page: Page) -> None:
     last = page.json(f"/frame?t={extent['last']}")
     (result,) = [event["result"] for event in events if event["event"] == "result"]
     assert (last["verdict"], last["end"]["how"]) == (result["verdict"], "done")
-    shown = last["hypotheses"][0]
+    (part,) = last["parts"]
+    shown = part["hypotheses"][0]
     assert {name: shown[name] for name in ("x", "y", "theta")} == result["configuration"]
     assert list(shown["bounds"].values()) == [list(pair) for pair in result["bounds"].values()]
-    assert (last["left"], last["plan"]) == (1 + len(result["alternatives"]), [])
+    assert (part["left"], last["plan"]) == (1 + len(result["alternatives"]), [])
     touches = [touch for event in events for touch in event.get("touches", ())]
     assert [item["end"] for item in last["contacts"]] == [touch["contact"]["end_mm"] for touch in touches]
     for event in events:
@@ -284,7 +285,7 @@ def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
             until(lambda: len(page.json("/frame?t=1e9")["arrays"]) == 3)
             frame = page.json("/frame?t=1e9")
             assert page.json("/setting")["outlines"] == {}
-            assert (set(frame["arrays"]), frame["hypotheses"]) == ({"f1", "f2", "f3"}, [])
+            assert (set(frame["arrays"]), frame["parts"]) == ({"f1", "f2", "f3"}, [])
             assert frame["doing"] in (tmp_path / "said").read_text(), "as the terminal says"
             folder = Path(
                 next(
