@@ -37,9 +37,6 @@ from palpate.config.slide_finger import SlideFingerConfig
 _MOCK_SCHEME = "mock://"
 """Ports of emulated devices begin so."""
 
-_WITHOUT_ARRAYS: frozenset[Ability] = frozenset({"identify", "plan", "turn on the way"})
-"""What fingers that sense by current can do."""
-
 _DRAWN_BY_STAGE = (
     ("stage_backlash_deg", "backlash_deg"),
     ("stage_error_deg", "bound_deg"),
@@ -354,9 +351,10 @@ class RigFile(FileModel):
         return self.emulation is not None
 
     def why_not(self, ability: Ability) -> str | None:
-        """Reason why the rig cannot do something, by the first tip that cannot; None if it can."""
-        if ability not in _WITHOUT_ARRAYS and not all(finger.array.has_device for finger in self.fingers):
-            return f"its fingers have no arrays and sense by Present Current: they cannot {ability}"
+        """Reason why the rig cannot do something, by the first array or tip that cannot; None if it can."""
+        for finger in self.fingers:
+            if (why := finger.array.cannot.get(ability)) is not None:
+                return f"finger {finger.name}: {why}"
         return next(
             (
                 f"finger {finger.name}: its tip is {finger.tip.kind.with_article}, and {why}"

@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Annotated, Any, ClassVar, Literal, Self, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_args
 
 from pydantic import (
     Field,
@@ -20,6 +20,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, registered_names
+from palpate.base.tips import Ability, Refusals
 from palpate.config.calibration_finger import ContactBounds, PlaceInHandFrame, TactileCalibration
 from palpate.config.emulation import MechanicsConfig
 from palpate.config.fields import (
@@ -40,6 +41,9 @@ from palpate.config.rig_tips import TipConfig, check_keys
 
 PALPATE_PROTOCOL = "palpate"
 """Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
+
+CONTACT_LINES_PROTOCOL = "contact-lines"
+"""Protocol of contact sources that send lines of text, docs/contact-lines.md: built in, too."""
 
 CURRENT_PROTOCOL = "present-current"
 """In place of an array's protocol: the finger has none, and senses by its servos' Present Current."""
@@ -95,12 +99,17 @@ class ArrayConfig(FileModel):
 
     has_device: ClassVar[bool] = True
     """True if there is an array, on a port of its own."""
+    reports_contacts: ClassVar[bool] = False
+    """True if the device reports contacts and no taxels."""
+    cannot: ClassVar[Refusals] = {}
+    """Abilities that a finger with it has not, and why; a reason goes on from "finger f1: "."""
     idle_noise_counts: ClassVar[float] = 2.0
     """Standard deviation of a taxel that was not calibrated; 0: at rest it may always read the same."""
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
     protocol: Text = Field(
-        description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts", '
+        description='What the array speaks: "palpate" is docs/tactile-protocol.md, "contact-lines" '
+        'docs/contact-lines.md; "weiss-wts", '
         '"weiss-dsa", "reskin", "fsr-matrix", "flexitac" and "paxini" come by plug-ins in plugins/; others '
         "add more."
     )
@@ -142,8 +151,8 @@ class ArrayConfig(FileModel):
     def variant(cls, data: object) -> type[FileModel]:
         """The model of the protocol that `data` names. Raises a pydantic error if no plug-in adds it."""
         name = data.get("protocol") if isinstance(data, dict) else None
-        if name == CURRENT_PROTOCOL:
-            return CurrentSensingConfig
+        if name in _BUILT_IN:
+            return _BUILT_IN[name]
         return ArrayConfig if not isinstance(name, str) or name == PALPATE_PROTOCOL else _model_of(name)
 
     @model_validator(mode="wrap")
@@ -157,8 +166,7 @@ class ArrayConfig(FileModel):
         """Return the schema with the keys of shipped plug-ins that are installed; those of others vary."""
         schema = handler.resolve_ref_schema(handler(core))
         if cls is ArrayConfig:
-            models: dict[str, type[ArrayConfig]] = {CURRENT_PROTOCOL: CurrentSensingConfig}
-            models |= _installed_models()
+            models = _BUILT_IN | _installed_models()
             for model in models.values():
                 schema["properties"] = model.model_json_schema()["properties"] | schema["properties"]
             schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *models]
@@ -213,10 +221,57 @@ class WrappedArrayConfig(FreeRunningArrayConfig):
     )
 
 
+class ContactSourceConfig(FreeRunningArrayConfig):
+    """Keys of contact sources: devices that report contacts by themselves, at a rate that nobody sets."""
+
+    reports_contacts: ClassVar[bool] = True
+    cannot: ClassVar[Refusals] = {
+        "calibrate": "its contact source reports contacts and no taxels; measure the finger by hand",
+        "calibrate taxels": "its contact source has no taxels",
+        "check what parts hold": "its contact source may not know which way the part presses",
+        "locate presses": "its contact source has no taxels whose order could be wrong",
+        "simulate": "contact sources have bounds of their own, which nobody knows beforehand",
+    }
+    idle_noise_counts: ClassVar[float] = 0.0
+    gain_spread: Share = Field(
+        default=0.0,
+        description="Bound: forces that planning expects are off by at most this share; of contacts the "
+        "source's own bounds count.",
+    )
+    angle_bound_deg: Annotated[Length, Field(le=180)] = Field(
+        default=0.0,
+        description="Bound: no angle that the source reports is trusted to be nearer than this (contact "
+        "sources).",
+    )
+    force_bound_n: Length = Field(
+        default=0.0,
+        description="Bound: no force that the source reports is trusted to be nearer than this (contact "
+        "sources).",
+    )
+
+
+class ContactLinesConfig(ContactSourceConfig):
+    """Keys of contact sources that send lines of text."""
+
+    protocol: Literal["contact-lines"] = Field(description="Lines of JSON, docs/contact-lines.md.")
+    source: Name | None = Field(
+        default=None,
+        description='What its lines say as "finger", where several share a connection (contact-lines).',
+    )
+    checksum: bool = Field(
+        default=False, description="True: lines without a checksum are left out (contact-lines)."
+    )
+
+
 class CurrentSensingConfig(ArrayConfig):
     """What a finger without an array senses with: its servos' Present Current, beyond their friction."""
 
     has_device: ClassVar[bool] = False
+    cannot: ClassVar[Refusals] = {
+        ability: f"it has no array and senses by Present Current: it cannot {ability}"
+        for ability in get_args(Ability)
+        if ability not in ("identify", "plan", "turn on the way")
+    }
     protocol: Literal["present-current"] = Field(description="The finger has no array.")
     port: Literal["none"] = Field(default="none", description="It has none.")
     baudrate_bps: Literal[0] = Field(default=0, description="It has none.")
@@ -243,6 +298,13 @@ class CurrentSensingConfig(ArrayConfig):
         """Force (N) that friction may hide, with the tip so far from the aim's axis."""
         low, high = self.friction_n
         return (1 + self.gain_spread) * math.hypot(high - low, 2 * self.aim_friction_nmm / lever_mm)
+
+
+_BUILT_IN: dict[str, type[ArrayConfig]] = {
+    CURRENT_PROTOCOL: CurrentSensingConfig,
+    CONTACT_LINES_PROTOCOL: ContactLinesConfig,
+}
+"""Models of what is built in beside the array that describes itself."""
 
 
 def _model_of(protocol: str) -> type[ArrayConfig]:

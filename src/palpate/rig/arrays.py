@@ -1,6 +1,7 @@
 """Tactile arrays of a rig: the driver, the emulated device and the contact extractor of each finger."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar, cast
 
@@ -17,17 +18,26 @@ from palpate.config import (
     RigFile,
     TipConfig,
 )
-from palpate.config.rig_fingers import PALPATE_PROTOCOL
-from palpate.drivers.emulators import EmulatedArray, SampledArray, Taxels
+from palpate.config.rig_fingers import (
+    CONTACT_LINES_PROTOCOL,
+    PALPATE_PROTOCOL,
+    ContactLinesConfig,
+    ContactSourceConfig,
+)
+from palpate.drivers.emulators import EmulatedArray, EmulatedContactSource, SampledArray, Taxels
 from palpate.drivers.tactile import (
+    MAX_LINE_BYTES,
     ArrayDriver,
+    ContactLineDecoder,
     ContactExtractor,
     Description,
     FreeRunningArray,
     Port,
     Shape,
+    SourceExtractor,
     TactileArray,
     TipCalibration,
+    source_description,
 )
 from palpate.drivers.transport import Clock, PlaybackPort
 from palpate.rig.conversion import first_corner, measured_force_share
@@ -60,6 +70,33 @@ _SELF_DESCRIBING = ArrayPlugin(
 )
 
 
+def _contact_lines(
+    port: Port, clock: Clock, finger: str, config: ContactLinesConfig, _tip_radius_mm: float
+) -> FreeRunningArray:
+    emulated = str(port.port).startswith("mock://")
+    return FreeRunningArray(
+        port,
+        clock,
+        finger,
+        source_description(CONTACT_LINES_PROTOCOL, config.rate_hz, emulated=emulated),
+        ContactLineDecoder(config.source, checksum=config.checksum),
+        MAX_LINE_BYTES,
+        config.delay_s,
+    )
+
+
+_BUILT_IN: Mapping[str, ArrayPlugin[Any]] = {
+    PALPATE_PROTOCOL: _SELF_DESCRIBING,
+    CONTACT_LINES_PROTOCOL: ArrayPlugin(
+        ContactLinesConfig,
+        _contact_lines,
+        lambda taxels, advance, config, _radius: EmulatedContactSource(
+            taxels.description, advance, config.rate_hz, config.source, config.delay_s
+        ),
+    ),
+}
+
+
 _PITCH_ROUNDING_SHARE = 1e-3  # of a pitch
 _STEADY_MEAN_FRAMES = 64  # in their mean a steady push is noticed
 _NOISE_FACTOR = 1.5  # times what is noticed: three standard deviations more, and it certainly is
@@ -69,9 +106,9 @@ _PUSH_LEVERAGE = 3.0  # a part that is pushed obliquely at its end moves under a
 
 def array_plugin(protocol: str) -> ArrayPlugin[Any]:
     """The kind of array that speaks `protocol`. Raises InputError if nothing installed does."""
-    if protocol == PALPATE_PROTOCOL:
-        return _SELF_DESCRIBING
-    plugin = load_extension(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
+    if protocol in _BUILT_IN:
+        return _BUILT_IN[protocol]
+    plugin = load_extension(TACTILE_ARRAYS, protocol, list(_BUILT_IN))
     if not isinstance(plugin, ArrayPlugin):
         raise broken_plugin_error(
             TACTILE_ARRAYS, protocol, f"it is a {type(plugin).__name__}, not an ArrayPlugin"
@@ -118,9 +155,18 @@ def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> 
     """
     if (wrong := pad_problem(spec, description)) is not None:
         raise DeviceError(f"tactile array {spec.name}: {wrong}")
-    extractor = ContactExtractor(description, calibration_of(rig, spec, description))
+    extractor = bare_extractor(rig, spec, description)
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
+
+
+def bare_extractor(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
+    """The same, not prepared, and of a pad whose array need not fit it. Raises InputError as `extractor_of`."""
+    calibration = calibration_of(rig, spec, description)
+    if isinstance(spec.array, ContactSourceConfig):
+        bound_rad = math.radians(spec.array.angle_bound_deg)
+        return SourceExtractor(description, calibration, bound_rad, spec.array.force_bound_n)
+    return ContactExtractor(description, calibration)
 
 
 def pad_problem(spec: FingerConfig, description: Description) -> str | None:
@@ -175,6 +221,8 @@ def threshold_problem(
 
     Or, on a pad, it may not be felt at all where it is spread over the whole face, at the end of a way.
     """
+    if isinstance(extractor, SourceExtractor):
+        return extractor.threshold_problem(closing.contact_force_n)
     least = extractor.least_force_n
     hidden_n = extractor.spread_hidden_n(_SEARCH_S)
     if tip is not None and tip.kind.has_face and closing.contact_force_n < hidden_n:

@@ -13,9 +13,9 @@ from typing import Any, TypeVar
 from palpate.base.tips.ball import Ball
 from palpate.base.tips.cylinder import Cylinder
 from palpate.base.tips.pad import Pad
-from palpate.base.tips.tip import Ability, Tip
+from palpate.base.tips.tip import Ability, Refusals, Tip
 
-__all__ = ["Ability", "Tip", "TipShape", "implementation_for", "tip_of"]
+__all__ = ["Ability", "Refusals", "Tip", "TipShape", "implementation_for", "tip_of"]
 
 T = TypeVar("T")
 

@@ -15,6 +15,7 @@ Ability = Literal[
     "check what parts hold",
     "compare touches",
     "identify",
+    "locate presses",
     "move parts",
     "plan",
     "simulate",

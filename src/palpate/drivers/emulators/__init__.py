@@ -6,6 +6,7 @@ They take the place of a real rig's hardware. Only rig's composition root and te
 
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench
+from palpate.drivers.emulators.contact_source import EmulatedContactSource
 from palpate.drivers.emulators.device_server import LOOPBACK, DeviceServer, serve_tcp
 from palpate.drivers.emulators.finger import EmulatedFinger, SampledArray
 from palpate.drivers.emulators.free_running import EmulatedFreeRunningArray, SharedWire
@@ -62,6 +63,7 @@ __all__ = [
     "Displacements",
     "EmulatedArray",
     "EmulatedFinger",
+    "EmulatedContactSource",
     "EmulatedFreeRunningArray",
     "EmulatedServo",
     "EmulatedStage",

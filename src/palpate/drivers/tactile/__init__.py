@@ -4,6 +4,8 @@ from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.baseline import BOUND_SIGMAS, Baseline
 from palpate.drivers.tactile.columns import column_windows, windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.contact_lines import MAX_LINE_BYTES, ContactLineDecoder, encode_line
+from palpate.drivers.tactile.contact_source import SourceExtractor, source_counts, source_description
 from palpate.drivers.tactile.description import Corner, Description, Mounting, Shape
 from palpate.drivers.tactile.disturbances import Disturbances, find_disturbances
 from palpate.drivers.tactile.exchange import ArrayExchange
@@ -12,6 +14,7 @@ from palpate.drivers.tactile.frames import (
     ArrayDriver,
     ArrayLost,
     ArraySilent,
+    ContactReading,
     FrameTimes,
     TactileFrame,
 )
@@ -30,6 +33,7 @@ from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 
 __all__ = [
     "BOUND_SIGMAS",
+    "MAX_LINE_BYTES",
     "ArrayCounters",
     "ArrayDriver",
     "ArrayExchange",
@@ -38,7 +42,9 @@ __all__ = [
     "BadTaxel",
     "Baseline",
     "ContactExtractor",
+    "ContactLineDecoder",
     "ContactPatch",
+    "ContactReading",
     "Corner",
     "DecodedFrame",
     "Describe",
@@ -57,6 +63,7 @@ __all__ = [
     "SelfTestReport",
     "SelfTestResult",
     "Shape",
+    "SourceExtractor",
     "StreamedArray",
     "TactileArray",
     "TactileFrame",
@@ -64,7 +71,10 @@ __all__ = [
     "TipCalibration",
     "column_windows",
     "count_repeats",
+    "encode_line",
     "find_disturbances",
     "is_new",
+    "source_counts",
+    "source_description",
     "windows_within",
 ]

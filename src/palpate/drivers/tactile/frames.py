@@ -4,6 +4,7 @@
 a step much longer than usual means that frames are missing. A device that pauses by itself looks the same.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from statistics import median
@@ -26,6 +27,24 @@ class ArraySilent(DeviceError):
     """An array does not say what it is, or what comes from its port is no message."""
 
 
+class ContactReading(NamedTuple):
+    """Contact that a device computes by itself, in the tip frame; each value is off by its bound at most.
+
+    `time_s`: when it was sampled, by the device's clock; None: on its arrival, or a while before. `angle_rad`
+    points from the tip's axis to what it touches, as in `ContactPatch`, and is nan where the device does not
+    know the normal; likewise `height_mm`. `force_n` is 0, within its bound, where nothing touches.
+    """
+
+    force_n: float
+    force_bound_n: float
+    angle_rad: float = math.nan
+    angle_half_range_rad: float = math.pi
+    height_mm: float = math.nan
+    height_bound_mm: float = math.inf
+    time_s: float | None = None
+    time_bound_s: float = 0.0
+
+
 class TactileFrame(NamedTuple):
     """One sample of every taxel: `counts` has shape (rows, cols), uint16, lowest row first.
 
@@ -33,7 +52,8 @@ class TactileFrame(NamedTuple):
     was read from the port, which is later by the time on the wire and by the wait until it was read.
     `tared` says that the array took a zero of its own off, so that counts are not raw. `age_s`, of an array
     that stamps no time: how long before `host_time_s` it was sampled at most; `device_time_s` is the same as
-    that then. None: the array's own clock says when.
+    that then. None: the array's own clock says when. `contact`: of a contact source, whose only taxel is the
+    force.
     """
 
     sequence: int
@@ -42,6 +62,7 @@ class TactileFrame(NamedTuple):
     counts: Counts
     tared: bool = False
     age_s: float | None = None
+    contact: ContactReading | None = None
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple, Protocol
 from palpate.base.errors import DeviceError
 from palpate.base.geometry import Counts
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import FrameTime, FrameTimes, TactileFrame
+from palpate.drivers.tactile.frames import ContactReading, FrameTime, FrameTimes, TactileFrame
 from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 from palpate.drivers.transport.clock import Clock
 
@@ -24,10 +24,15 @@ _MAX_RATE_RATIO = 1.2
 
 
 class DecodedFrame(NamedTuple):
-    """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one."""
+    """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one.
+
+    `contact`: of a contact source. `problem`: why the frame makes no sense, although no byte of it was damaged.
+    """
 
     counts: Counts
     stamp: int | None = None
+    contact: ContactReading | None = None
+    problem: str | None = None
 
 
 class FrameDecoder(Protocol):
@@ -81,6 +86,7 @@ class FreeRunningArray(StreamedArray):
         self._stream.expect(_MAX_RATE_RATIO * stated.max_rate_hz, self._frame_bytes)
         before = self._seen
         if not self._stream.wait_until(lambda: self._seen > before, _CONNECT_S):
+            self._stream.frames()  # raises what is wrong with frames that make no sense
             raise DeviceError(
                 f"{where} does not answer; check its power, its cable, its port and the baud rate: it came "
                 f"{self._stream.silence}, and frames of {self._frame_bytes} bytes are expected"
@@ -117,7 +123,10 @@ class FreeRunningArray(StreamedArray):
         self._since_s = None
 
     def _take(self, data: bytes) -> None:
-        for counts, stamp in self._decoder.feed(data):
+        for counts, stamp, contact, problem in self._decoder.feed(data):
+            if problem is not None:
+                self._refuse(problem)
+                continue
             self._seen += 1
             now, age_s = self._clock.now(), self._delay_s + self._stream.read_within_s
             if self._since_s is None or now - age_s < self._since_s:
@@ -130,4 +139,6 @@ class FreeRunningArray(StreamedArray):
                 continue
             self._sequence = place.sequence
             within_s = age_s if stamp is None else None
-            self._stream.push(TactileFrame(place.sequence, place.time_s, now, counts, age_s=within_s))
+            self._stream.push(
+                TactileFrame(place.sequence, place.time_s, now, counts, age_s=within_s, contact=contact)
+            )

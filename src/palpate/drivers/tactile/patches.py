@@ -24,6 +24,7 @@ class PatchFlag(enum.Enum):
     SEVERAL_PATCHES = "touched in several places; this is the strongest"
     WIDE = "wider than one edge explains: probably two edges in a notch"
     DEAD_NEIGHBOUR = "a dead or hot taxel in or beside the patch"
+    EDGES_UNKNOWN = "one edge or more: the contact source does not say"
 
     @property
     def bit(self) -> int:

@@ -2,7 +2,8 @@
 
 Firmware sends them if it samples more slowly than it streams, or hangs. Noise tells them: it moves taxels
 independently, so a frame in which none has changed is as rare as the product of their chances to keep still.
-An array without noise may send the same reading for ever, and nothing is said of it.
+An array without noise may send the same reading for ever, and nothing is said of it; nor of a contact source,
+which has nothing else to report as long as nothing touches.
 """
 
 import math
@@ -44,7 +45,7 @@ def is_new(frames: Sequence[TactileFrame], before: TactileFrame | None = None) -
     earlier = (before, *frames)
     return np.array(
         [
-            last is None or not np.array_equal(last.counts, frame.counts)
+            last is None or frame.contact is not None or not np.array_equal(last.counts, frame.counts)
             for last, frame in zip(earlier, frames, strict=False)
         ],
         dtype=bool,
@@ -59,6 +60,8 @@ def count_repeats(frames: Sequence[TactileFrame], noise_counts: float = 0.0) -> 
     """
     counts = np.stack([frame.counts for frame in frames])
     changed = counts[1:] != counts[:-1]
+    if frames[0].contact is not None:
+        changed[:] = True
     new = changed.any(axis=(1, 2))
     # Where drift takes readings to 0 noise goes, too: each stretch is judged by itself.
     stretches = np.array_split(np.arange(len(new)), max(len(new) // _STRETCH_FRAMES, 1))

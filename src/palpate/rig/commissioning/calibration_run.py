@@ -62,8 +62,8 @@ from palpate.config.calibration_file import (
 from palpate.config.calibration_finger import Actuators, FingerCalibration, TactileCalibration
 from palpate.config.calibration_overlay import frame_offset_bound_mm
 from palpate.config.loading import load_json
-from palpate.drivers.tactile import ContactExtractor, Description, TactileFrame
-from palpate.rig.arrays import calibration_of, doubt_warning
+from palpate.drivers.tactile import Description, TactileFrame
+from palpate.rig.arrays import bare_extractor, doubt_warning
 from palpate.rig.commissioning.hand_prober import HandProber, TableOperator, approaches_of
 from palpate.rig.fingers import Stage
 from palpate.rig.motion.hand import Environment
@@ -253,7 +253,7 @@ class _CalibrationRun:
         for spec, description in zip(rig.fingers, there.arrays, strict=True):
             idle = idles[spec.name]
             frames = zip(idle.time_s.tolist(), idle.counts, strict=True)
-            extractor = ContactExtractor(description, calibration_of(rig, spec, description))
+            extractor = bare_extractor(rig, spec, description)
             extractor.tare([TactileFrame(k, t, t, counts) for k, (t, counts) in enumerate(frames)])
             if (doubt := doubt_warning(rig, spec, extractor)) is not None:
                 self._tell(f"array {spec.name}: {doubt}")

@@ -11,8 +11,8 @@ import numpy as np
 from palpate.base.errors import InputError, quantity
 from palpate.base.geometry import Bools
 from palpate.config.diagnosis_results import Cause, FindingOut
-from palpate.drivers.tactile import ContactExtractor, SelfTestResult, Shape, TaxelFault
-from palpate.rig.arrays import calibration_of, pad_problem, shape_warning
+from palpate.drivers.tactile import SelfTestResult, Shape, TaxelFault
+from palpate.rig.arrays import bare_extractor, pad_problem, shape_warning
 from palpate.rig.diagnostics.array_examination import ExaminedArray, UntouchedArray
 from palpate.rig.diagnostics.readings import Readings
 from palpate.rig.diagnostics.steps import DiagnosisCase, Judgement, join_words, name_flag, warning, wrong
@@ -44,6 +44,8 @@ def judge_geometry(_case: DiagnosisCase, readings: Readings) -> Judgement:
 def _kind(item: ExaminedArray) -> str:
     described = item.description
     assert described is not None
+    if item.spec.array.reports_contacts:
+        return "a contact source"
     return f"{described.rows} × {described.cols} {described.shape.name.lower()}"
 
 
@@ -109,7 +111,7 @@ def find_misfits(case: DiagnosisCase, item: ExaminedArray) -> list[FindingOut]:
                 )
             ]
     try:
-        ContactExtractor(described, calibration_of(case.rig, spec, described))
+        bare_extractor(case.rig, spec, described)
     except InputError as error:
         return [
             wrong(

@@ -4,8 +4,7 @@ import math
 
 from palpate.base.errors import quantity
 from palpate.config.diagnosis_results import Cause, FindingOut
-from palpate.drivers.tactile import ContactExtractor
-from palpate.rig.arrays import calibration_of, doubt_warning, threshold_problem
+from palpate.rig.arrays import bare_extractor, doubt_warning, threshold_problem
 from palpate.rig.diagnostics.array_examination import (
     ExaminedArray,
     UntouchedArray,
@@ -138,7 +137,7 @@ def _noise_and_drift(
         ]
     if (found := _disturbance_findings(array, shown)) or shown.unsteady.any():  # which the taxel map has
         return found
-    extractor = ContactExtractor(described, calibration_of(case.rig, spec, described))
+    extractor = bare_extractor(case.rig, spec, described)
     extractor.tare(array.seen.frames)
     noisy = threshold_problem(extractor, case.rig.closing, spec.tip)
     if noisy is not None:

@@ -110,6 +110,7 @@ _ROW_PITCH_MM = 2.0
 _BALL_ROWS_SHARE = 0.9  # of a ball's height
 _PAD_ROWS, _PAD_ROW_PITCH_MM = 4, 4.0
 _MAX_COLUMNS = 255
+_SOURCE_COLUMNS = 180  # of the skin whose load a contact source samples
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
 _BOOT_TEXT = b"boot: palpate emulator\r\n"
@@ -318,9 +319,14 @@ def _board(array: SampledArray, emulation: EmulationConfig, reset_s: float | Non
     )
 
 
+def _columns(finger: FingerConfig) -> int:
+    """Number of columns round the tip."""
+    return _SOURCE_COLUMNS if finger.array.reports_contacts else _COLUMNS
+
+
 def _column_pitch_mm(finger: FingerConfig) -> float:
     """Distance of columns round the tip; in whole 1/100 mm where the array can only tell these."""
-    pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _COLUMNS
+    pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _columns(finger)
     return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
 
 
@@ -345,8 +351,9 @@ def description_of(finger: FingerConfig, seed: int) -> Description:
         if finger.array.shape == "flat":
             raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
+    columns = _even_places(_columns(finger), pitch)
     return replace(
-        _flat_description(finger, seed, per_n, _even_places(_COLUMNS, pitch), (_ROWS, _row_pitch_mm(finger))),
+        _flat_description(finger, seed, per_n, columns, (_ROWS, _row_pitch_mm(finger))),
         shape=Shape.CYLINDER,
         tip_radius_mm=finger.tip.radius_mm,
     )

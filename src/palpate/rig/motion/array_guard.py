@@ -86,9 +86,12 @@ class SampleTimes:
             self._first += len(frames)
             self._delay_s = max(soonest - self._apart_s, 0.0)
         # Where the last few are all later than others before, delays have grown, or the clock is slow.
-        self.spread_s = self._delay_s + lately - soonest
-        self.sampled_s = max(self.sampled_s, stamps[-1] + lately - self.spread_s)
-        return [stamp + lately for stamp in stamps]
+        # Stamps may be off: that of the soonest frame, that of the first one, and that of the frame itself.
+        off_s = max(frame.contact.time_bound_s if frame.contact else 0.0 for frame in frames)
+        latest = [stamp + lately + 2 * off_s for stamp in stamps]
+        self.spread_s = self._delay_s + lately - soonest + 4 * off_s
+        self.sampled_s = max(self.sampled_s, latest[-1] - self.spread_s)
+        return latest
 
     def _unstamped_s(self, frames: Sequence[TactileFrame]) -> list[float]:
         """The same of frames without stamps."""

@@ -223,7 +223,7 @@ def _direction(start: tuple[float, float], end: tuple[float, float]) -> float:
 
 
 _MAX_EDGES_TOUCHED = 3  # that a disc of given size meets at once
-_TWO_EDGE_FLAGS = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
+_TWO_EDGE_FLAGS = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES, PatchFlag.EDGES_UNKNOWN})
 
 
 @dataclass(frozen=True, repr=False)

@@ -13,9 +13,8 @@ from palpate.base.errors import SafetyStop
 from palpate.config import FingerConfig, RigFile, RigServo
 from palpate.config.diagnosis_results import Cause, FindingOut, Outcome, Severity
 from palpate.drivers.dynamixel import OperatingMode, StateReader, StatusError, guarded_move
-from palpate.drivers.tactile import ContactExtractor
 from palpate.drivers.transport import MonotonicClock
-from palpate.rig.arrays import calibration_of
+from palpate.rig.arrays import bare_extractor
 from palpate.rig.diagnostics.array_examination import UntouchedArray, frame_rate_hz
 from palpate.rig.diagnostics.diagnosis import Diagnosis, Step
 from palpate.rig.diagnostics.readings import Readings
@@ -132,7 +131,7 @@ def _noise(diagnosis: Diagnosis, array: UntouchedArray) -> Mapping[str, object]:
     described, spec = array.seen.description, array.seen.spec
     if array.shown is None or described is None:
         return {}
-    extractor = ContactExtractor(described, calibration_of(diagnosis.case.rig, spec, described))
+    extractor = bare_extractor(diagnosis.case.rig, spec, described)
     extractor.tare(array.seen.frames)
     return {"noise_counts": array.shown.noise_counts, "least_contact_force_n": extractor.least_force_n}
 
