@@ -28,8 +28,8 @@ from palpate.drivers.emulators import EmulatedArray, EmulatedContactSource, Samp
 from palpate.drivers.tactile import (
     MAX_LINE_BYTES,
     ArrayDriver,
-    ContactLineDecoder,
     ContactExtractor,
+    ContactLineDecoder,
     Description,
     FreeRunningArray,
     Port,
@@ -161,7 +161,7 @@ def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> 
 
 
 def bare_extractor(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
-    """The same, not prepared, and of a pad whose array need not fit it. Raises InputError as `extractor_of`."""
+    """The same, not prepared, of an array that need not fit a pad. Raises InputError as `extractor_of`."""
     calibration = calibration_of(rig, spec, description)
     if isinstance(spec.array, ContactSourceConfig):
         bound_rad = math.radians(spec.array.angle_bound_deg)

@@ -43,8 +43,17 @@ def _place_words(patch: ContactPatch, shape: Shape) -> str:
     """Say where round the tip a contact is; of a flat array that is not known."""
     if shape is Shape.FLAT:
         return "direction not known: flat array"
+    if patch.angle_half_range_rad >= math.pi:
+        return "direction not known"
     angle, half = math.degrees(patch.angle_rad), math.degrees(patch.angle_half_range_rad)
     return f"{angle:+.1f}° ± {half:.1f}°"
+
+
+def _height_words(patch: ContactPatch) -> str:
+    """Say how high on the tip a contact is."""
+    if math.isnan(patch.height_mm):
+        return "height not known"
+    return f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm"
 
 
 def _flag_words(patch: ContactPatch) -> list[str]:
@@ -312,12 +321,12 @@ def _finger(
     d = view.description
     step = _step_of(d.rows, d.cols, width // cell, _MAX_MAP_ROWS)
     rows = _map_rows(view, scale, cell=cell, step=step, colour=colour)
-    if width - len(rows[0]) >= _HEIGHTS_COLUMNS:
+    if d.row_heights_mm and width - len(rows[0]) >= _HEIGHTS_COLUMNS:
         rows[0].append(f" {d.row_heights_mm[-1]:.0f}", style="dim")
         rows[-1].append(f" {d.row_heights_mm[0]:.0f} mm", style="dim")
     lines = [
         _name_line(view, width),
-        *rows,
+        *(rows if d.taxels > 1 else ()),  # a contact source has no map
         _range_line(view.patch, d, cell, step),
         _axis_line(d, cell, step),
         *_force_lines(view, width, full_force_n),
@@ -345,7 +354,7 @@ def _state(view: FingerView) -> tuple[str, str]:
 
 def _range_line(patch: ContactPatch | None, d: Description, cell: int, step: int) -> Text:
     """Beneath the map: the columns that the contact's normals point through."""
-    if patch is None or d.shape is Shape.FLAT or d.cols < 2:
+    if patch is None or d.shape is not Shape.CYLINDER or d.cols < 2:
         return Text()
     ends = [patch.angle_rad + sign * patch.angle_half_range_rad for sign in (-1, 0, 1)]
     width = math.ceil(d.cols / step) * cell
@@ -366,7 +375,9 @@ def _character(angle_rad: float, d: Description, cell: int, step: int) -> int:
 
 
 def _axis_line(d: Description, cell: int, step: int) -> Text:
-    """The outermost columns' places, and the middle between them."""
+    """The outermost columns' places, and the middle between them; nothing where they have none."""
+    if not d.columns:
+        return Text()
     unit = (lambda value: f"{value:.0f} mm") if d.shape is Shape.FLAT else _degrees
     width = math.ceil(d.cols / step) * cell
     left, right = unit(d.columns[0]), unit(d.columns[-1])
@@ -392,7 +403,7 @@ def _force_lines(view: FingerView, width: int, full_force_n: float) -> list[Text
         Text.assemble("force  ", (f"{patch.force_n:.3f}", "bold"), f" {bound}"),
         _bar(patch.force_n, width, full_force_n),
         Text.assemble("at     ", (_place_words(patch, view.description.shape), "bold")),
-        Text(f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm"),
+        Text(_height_words(patch)),
     ]
 
 

@@ -23,8 +23,8 @@ from palpate.drivers.tactile.frames import ContactReading
 class SourceTruth:
     """Truth of one source, and the bounds that it states.
 
-    Of each bound `held_share` is a held error at most, and `noise_share` noise. `least_angle_n`: from that force
-    on it knows the normal. `clock_share`: its clock is off by that at most. It computes a reading for
+    Of each bound `held_share` is a held error at most, and `noise_share` noise. From `least_angle_n` on it
+    knows the normal. `clock_share`: its clock is off by that at most. It computes a reading for
     `delay_share` of the declared delay.
     """
 

@@ -1,4 +1,4 @@
-"""Codec of contact lines: one JSON object a line, each a contact reading of one finger; without port or clock.
+"""Codec of contact lines: a JSON object a line, each a contact reading of a finger; without port or clock.
 
     {"finger": "left", "t_s": 12.345, "t_bound_s": 0.001, "force_n": 0.52, "force_bound_n": 0.05,
      "angle_deg": -12.5, "angle_bound_deg": 6, "height_mm": 9.1, "height_bound_mm": 1.5}*9bd366ae

@@ -72,12 +72,12 @@ class SourceExtractor(ContactExtractor):
         return self.baseline
 
     def threshold_problem(self, contact_force_n: float) -> str | None:
-        """Why contacts above `contact_force_n` cannot be told from none, by the last tare; None if they can."""
+        """Why contacts above a threshold cannot be told from none, by the last tare; None if they can."""
         rest = self._at_rest
         if rest is not None and rest.force_n > self._force_bound(rest):
             return (
-                f"it reports {rest.force_n:.2g} ± {self._force_bound(rest):.2g} N, and nothing should touch its "
-                "tip; see what presses there, and if nothing does, let the source take its zero anew"
+                f"it reports {rest.force_n:.2g} ± {self._force_bound(rest):.2g} N, and nothing should touch "
+                "its tip; see what presses there, and if nothing does, let the source take its zero anew"
             )
         if self._rest_bound_n <= contact_force_n:
             return None

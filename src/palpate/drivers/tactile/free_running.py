@@ -26,7 +26,7 @@ _MAX_RATE_RATIO = 1.2
 class DecodedFrame(NamedTuple):
     """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one.
 
-    `contact`: of a contact source. `problem`: why the frame makes no sense, although no byte of it was damaged.
+    `contact`: of a contact source. `problem`: why it makes no sense, although no byte of it was damaged.
     """
 
     counts: Counts

@@ -197,7 +197,7 @@ def _odd_shape(item: ExaminedArray) -> list[FindingOut]:
 
 def judge_scale(_case: DiagnosisCase, readings: Readings) -> Judgement:
     """Counts per N beside full scale, bits and the other arrays."""
-    seen = [array.seen for array in readings.untouched]
+    seen = [array.seen for array in readings.with_taxels]
     per_n = {item: item.description.counts_per_n for item in seen if item.description}
     usual = float(np.median(list(per_n.values())))
     findings = []
@@ -232,7 +232,7 @@ _MAX_TAXELS_NAMED = 6
 
 def judge_taxels(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Taxels of arrays that fit the rig file."""
-    arrays = readings.untouched
+    arrays = readings.with_taxels
     leave_out = (
         "list it in array.taxels.unusable"
         if case.rig.why_not("calibrate")

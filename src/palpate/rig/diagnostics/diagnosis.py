@@ -74,6 +74,7 @@ from palpate.rig.diagnostics.readings import (
     need_servos,
     need_settings,
     need_sound_servo,
+    need_taxels,
 )
 from palpate.rig.diagnostics.servo_bus import list_servos
 from palpate.rig.diagnostics.servo_examination import examine_servos
@@ -192,7 +193,7 @@ STEPS = (
     Step(
         "taxel map",
         "let arrays test themselves, and looked for taxels that are stuck or unsteady",
-        _FITTING,
+        (*_FITTING, need_taxels),
         judge_taxels,
     ),
     Step(
@@ -204,7 +205,7 @@ STEPS = (
     Step(
         "force scale",
         "compared counts per N, full scale and bits with each other and between arrays",
-        _FITTING,
+        (*_FITTING, need_taxels),
         judge_scale,
     ),
     Step(

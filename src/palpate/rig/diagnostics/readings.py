@@ -76,6 +76,11 @@ class Readings:
     touch_force: TouchForceOut
 
     @property
+    def with_taxels(self) -> Sequence[UntouchedArray]:
+        """Untouched arrays that are no contact sources."""
+        return [array for array in self.untouched if not array.seen.spec.array.reports_contacts]
+
+    @property
     def usable(self) -> frozenset[str]:
         """Ports that open."""
         return frozenset(port for port, error in self.ports.items() if error is None)
@@ -169,6 +174,11 @@ def need_described_array(_case: DiagnosisCase, readings: Readings) -> str | None
 def need_fitting_array(_case: DiagnosisCase, readings: Readings) -> str | None:
     """The need of an array that fits the rig file."""
     return None if readings.untouched else "no array is of the rig file's geometry"
+
+
+def need_taxels(_case: DiagnosisCase, readings: Readings) -> str | None:
+    """The need of an array that has taxels, and fits."""
+    return None if readings.with_taxels else "contact sources have no taxels"
 
 
 def need_frames(_case: DiagnosisCase, readings: Readings) -> str | None:

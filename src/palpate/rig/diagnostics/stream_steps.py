@@ -110,8 +110,11 @@ def judge_noise(case: DiagnosisCase, readings: Readings) -> Judgement:
     """Noise that would pass for a contact, and zeros that move."""
     heard = [(array, array.shown) for array in readings.untouched if array.shown is not None]
     findings = [found for array, shown in heard for found in _noise_and_drift(case, array, shown)]
-    noises = [shown.noise_counts for _, shown in heard]
-    drifts = [shown.drift_counts_per_s for _, shown in heard]
+    own = [shown for array, shown in heard if array in readings.with_taxels]
+    if not own:
+        return "contact sources: what they report at rest, beside contact_force_n", findings
+    noises = [shown.noise_counts for shown in own]
+    drifts = [shown.drift_counts_per_s for shown in own]
     drift = f"drift up to {max(drifts):.2g} counts/s" if any(drifts) else "no drift beyond what is declared"
     noise = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (min(noises), max(noises))))
     return f"noise of {noise} counts, {drift}", findings
@@ -122,6 +125,8 @@ def _noise_and_drift(
 ) -> list[FindingOut]:
     spec, described = array.seen.spec, array.seen.description
     assert described is not None
+    if spec.array.reports_contacts:
+        return _source_at_rest(case, array)
     if shown.drifting:
         allowed = spec.array.drift_counts_per_s
         return [
@@ -156,6 +161,19 @@ def _noise_and_drift(
         return []
     means, _, do = doubt.partition("; ")[2].partition(": ")
     return [warning(Cause.HIDDEN_PUSH, array.seen.device, doubt.partition("; ")[0], means, do)]
+
+
+def _source_at_rest(case: DiagnosisCase, array: UntouchedArray) -> list[FindingOut]:
+    """A contact source that reports at rest what contacts would be taken for."""
+    spec, described = array.seen.spec, array.seen.description
+    assert described is not None
+    extractor = bare_extractor(case.rig, spec, described)
+    extractor.tare(array.seen.frames)
+    problem = threshold_problem(extractor, case.rig.closing, spec.tip)
+    if problem is None:
+        return []
+    saw, _, do = problem.partition("; ")
+    return [wrong(Cause.NOISE, array.seen.device, saw, _LIKE_CONTACTS, do)]
 
 
 def _disturbance_findings(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:
