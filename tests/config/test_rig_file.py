@@ -16,7 +16,12 @@ import tomlkit
 from palpate.base.errors import InputError
 from palpate.base.extensions import TACTILE_ARRAYS
 from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
-from palpate.config.rig_fingers import CURRENT_PROTOCOL, PALPATE_PROTOCOL, SHIPPED_PROTOCOLS
+from palpate.config.rig_fingers import (
+    CONTACT_LINES_PROTOCOL,
+    CURRENT_PROTOCOL,
+    PALPATE_PROTOCOL,
+    SHIPPED_PROTOCOLS,
+)
 from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
 from palpate.drivers.dynamixel.models import SPECIFICATIONS
@@ -321,6 +326,7 @@ def test_the_schema_shows_the_protocols_of_the_plug_ins_in_this_repository() -> 
     assert array["properties"]["protocol"]["examples"] == [
         PALPATE_PROTOCOL,
         CURRENT_PROTOCOL,
+        CONTACT_LINES_PROTOCOL,
         *SHIPPED_PROTOCOLS,
     ]
 

@@ -249,6 +249,13 @@ class ContactSourceConfig(FreeRunningArrayConfig):
         "sources).",
     )
 
+    @model_validator(mode="after")
+    def _has_no_taxels(self) -> Self:
+        for key in ("taxels", "first_texel", "pitch_mm", "drift_counts_per_s"):
+            if getattr(self, key):
+                raise problem("is there, and a contact source has no taxels; leave it out", key)
+        return self
+
 
 class ContactLinesConfig(ContactSourceConfig):
     """Keys of contact sources that send lines of text."""

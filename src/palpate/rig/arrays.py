@@ -162,11 +162,11 @@ def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> 
 
 def bare_extractor(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
     """The same, not prepared, of an array that need not fit a pad. Raises InputError as `extractor_of`."""
-    calibration = calibration_of(rig, spec, description)
     if isinstance(spec.array, ContactSourceConfig):
-        bound_rad = math.radians(spec.array.angle_bound_deg)
-        return SourceExtractor(description, calibration, bound_rad, spec.array.force_bound_n)
-    return ContactExtractor(description, calibration)
+        return SourceExtractor(
+            description, math.radians(spec.array.angle_bound_deg), spec.array.force_bound_n
+        )
+    return ContactExtractor(description, calibration_of(rig, spec, description))
 
 
 def pad_problem(spec: FingerConfig, description: Description) -> str | None:

@@ -43,7 +43,8 @@ class SourceTruth:
 class EmulatedContactSource(EmulatedFreeRunningArray):
     """A contact source on the skin that `cells` describe, whose lines name `source`.
 
-    Drawn by the id of the cells: its errors, its clock, and whether it stamps its readings.
+    Drawn by the id of the cells: its errors, its clock, and whether it stamps its readings. `spoil`, for
+    faults: what is sent instead of a reading; None: nothing.
     """
 
     def __init__(
@@ -61,12 +62,14 @@ class EmulatedContactSource(EmulatedFreeRunningArray):
         self._columns, self._rows_mm = np.asarray(cells.columns), np.asarray(cells.row_heights_mm)
         self._begun_s, self._stamps = self._rng.uniform(0.0, 100.0), bool(self._rng.integers(2))
         self._clock_rate = 1 + self._truth.clock_share * self._rng.uniform(-1, 1)
+        self.spoil: Callable[[ContactReading], ContactReading | None] = lambda reading: reading
         self._held = np.zeros(3)
         self._touches = False
         super().__init__(cells, advance, rate_hz, self._line, self._truth.delay_share * delay_s)
 
     def _line(self, now: float, force_n: Floats) -> bytes:
-        return encode_line(self.reading(now, force_n), self._source)
+        sent = self.spoil(self.reading(now, force_n))
+        return b"" if sent is None else encode_line(sent, self._source)
 
     def reading(self, now: float, force_n: Floats) -> ContactReading:
         """The reading at `now` (s) of forces (rows, cols) on the skin."""

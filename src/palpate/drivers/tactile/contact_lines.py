@@ -37,14 +37,15 @@ def encode_line(reading: ContactReading, finger: str | None = None, *, checksum:
     """The line of a reading; of a finger that is named where several share a connection."""
     values: dict[str, object] = {} if finger is None else {"finger": finger}
     if reading.time_s is not None:
-        values |= {"t_s": round(reading.time_s, 6), "t_bound_s": reading.time_bound_s}
+        values |= {"t_s": reading.time_s, "t_bound_s": reading.time_bound_s}
     values |= {"force_n": reading.force_n, "force_bound_n": reading.force_bound_n}
     if not math.isnan(reading.angle_rad):
         values["angle_deg"] = math.degrees(reading.angle_rad)
         values["angle_bound_deg"] = math.degrees(reading.angle_half_range_rad)
     if not math.isnan(reading.height_mm):
         values |= {"height_mm": reading.height_mm, "height_bound_mm": reading.height_bound_mm}
-    text = json.dumps(values, ensure_ascii=True, separators=(",", ":")).encode()
+    rounded = {key: round(value, 6) if isinstance(value, float) else value for key, value in values.items()}
+    text = json.dumps(rounded, ensure_ascii=True, separators=(",", ":")).encode()
     return text + (b"*%08x\n" % zlib.crc32(text) if checksum else b"\n")
 
 

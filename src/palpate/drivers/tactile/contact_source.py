@@ -50,14 +50,8 @@ def source_counts(force_n: float) -> Counts:
 class SourceExtractor(ContactExtractor):
     """Patches of the readings of a contact source, none of which is trusted beyond the stated bounds."""
 
-    def __init__(
-        self,
-        description: Description,
-        calibration: TipCalibration,
-        angle_bound_rad: float,
-        force_bound_n: float,
-    ) -> None:
-        super().__init__(description, calibration)
+    def __init__(self, description: Description, angle_bound_rad: float, force_bound_n: float) -> None:
+        super().__init__(description, TipCalibration(np.ones((1, 1)), gain_spread=0.0, noise_counts=0.0))
         self._angle_bound_rad, self._force_bound_n = angle_bound_rad, force_bound_n
         self._at_rest: ContactReading | None = None
         self._doubt_n = self._rest_bound_n = force_bound_n

@@ -170,10 +170,15 @@ def _source_at_rest(case: DiagnosisCase, array: UntouchedArray) -> list[FindingO
     extractor = bare_extractor(case.rig, spec, described)
     extractor.tare(array.seen.frames)
     problem = threshold_problem(extractor, case.rig.closing, spec.tip)
-    if problem is None:
+    if problem is not None:
+        saw, _, do = problem.partition("; ")
+        return [wrong(Cause.NOISE, array.seen.device, saw, _LIKE_CONTACTS, do)]
+    doubt = doubt_warning(case.rig, spec, extractor)
+    if doubt is None:
         return []
-    saw, _, do = problem.partition("; ")
-    return [wrong(Cause.NOISE, array.seen.device, saw, _LIKE_CONTACTS, do)]
+    saw, means = doubt.partition(": ")[0].split("; ")
+    do = "let it know its force better, or hold parts down and leave part_holds_n out"
+    return [warning(Cause.HIDDEN_PUSH, array.seen.device, saw, means, do)]
 
 
 def _disturbance_findings(array: UntouchedArray, shown: UntouchedStatistics) -> list[FindingOut]:

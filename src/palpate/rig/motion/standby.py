@@ -251,7 +251,8 @@ class _WayMover(FreeMover):
         if not self._feels or all(self._hand.reading(f).force_n <= contact_n for f in self._hand.fingers):
             return None
         patch = self.finger.extractor.extract(reading.frames)
-        self._patch_rad = None if patch is None else patch.angle_rad
+        is_known = patch is not None and patch.angle_half_range_rad < math.pi
+        self._patch_rad = patch.angle_rad if patch is not None and is_known else None
         return MoveEnd.CONTACT
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
