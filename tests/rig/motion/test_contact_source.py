@@ -81,6 +81,7 @@ def test_every_touch_is_true_of_the_bench(seed: int) -> None:
     assert all(patch.angle_half_range_rad < math.pi for patch in found)
 
 
+@pytest.mark.slow
 def test_touches_without_normals_are_true_too() -> None:
     session = session_of(3)
     for finger in range(3):
@@ -91,12 +92,13 @@ def test_touches_without_normals_are_true_too() -> None:
     assert all(touch.contact.normal is None for touch in found)
 
 
+@pytest.mark.slow
 def test_no_reading_is_trusted_beyond_the_rig_file() -> None:
     touches = run_checked(session_of(3, angle_bound_deg=20.0, force_bound_n=0.2), 2, 3)
     for touch in touches:
         if touch.patch is not None:
             assert touch.patch.angle_half_range_rad >= math.radians(20.0) - 1e-9
-            assert touch.patch.force_bound_n >= 0.2
+            assert touch.patch.force_bound_n >= 0.2 - 1e-9
 
 
 # ----------------------------------------------------------------------------------------------------
@@ -130,13 +132,14 @@ def check_off(session: EmulatedSession) -> None:
     assert session.rest(0.5) < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_source_that_fails_in_motion_is_named_and_torque_goes_off(name: str, tmp_path: Path) -> None:
     session = session_of()
     spoil, seen = FAULTS[name]
 
     def on_stage(now: GripPhase) -> None:
-        if now is GripPhase.APPROACHING:
+        if now is GripPhase.CLOSING:
             session.clock.after(0.5, lambda: setattr(source_of(session, 1), "spoil", spoil))
 
     with pytest.raises(DeviceError) as caught:
@@ -148,11 +151,12 @@ def test_a_source_that_fails_in_motion_is_named_and_torque_goes_off(name: str, t
     check_off(session)
 
 
+@pytest.mark.slow
 def test_time_that_runs_backwards_is_named_and_torque_goes_off(tmp_path: Path) -> None:
     session = session_of(_seed_that_stamps(1))
 
     def on_stage(now: GripPhase) -> None:
-        if now is GripPhase.APPROACHING:
+        if now is GripPhase.CLOSING:
             session.clock.after(0.5, lambda: setattr(source_of(session, 1), "spoil", Backwards()))
 
     with pytest.raises(DeviceError) as caught:
@@ -216,13 +220,14 @@ def test_a_threshold_below_its_bounds_is_refused_by_doctor_and_by_a_run(rig: Rig
     file = tmp_path / "blunt.toml"
     text = CONTACT_RIG.read_text(encoding="utf-8")
     file.write_text(text.replace("force_bound_n = 0.03", "force_bound_n = 0.6"), encoding="utf-8")
-    found = json.loads(palpate.check(file).to_json())
-    wrong = [item for item in found["findings"] if item["severity"] == "wrong"]
-    assert {item["cause"] for item in wrong} == {"noise"}
-    with palpate.open_rig(file, seed=7) as opened, pytest.raises(PalpateError, match=r"f1.*contact_force_n"):
-        opened.identify(sessions=tmp_path)
+    with palpate.open_rig(file, seed=7) as opened:
+        wrong = [item for item in opened.doctor().findings if item.severity == "wrong"]
+        assert {item.cause for item in wrong} == {"noise"}
+        with pytest.raises(PalpateError, match=r"f1.*contact_force_n"):
+            opened.identify(sessions=tmp_path)
 
 
+@pytest.mark.slow
 def test_a_run_is_recorded_and_replayed_to_the_same_result(tmp_path: Path) -> None:
     file = tmp_path / "brief.toml"
     text = CONTACT_RIG.read_text(encoding="utf-8")
@@ -230,6 +235,8 @@ def test_a_run_is_recorded_and_replayed_to_the_same_result(tmp_path: Path) -> No
     with palpate.open_rig(file, seed=7) as opened:
         answer = opened.identify(sessions=tmp_path)
     (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    again = palpate.replay(folder)
-    assert again.to_json() is not None
-    assert json.loads(answer.to_json())["verdict"] == json.loads(again.to_json())["verdict"]
+    replayed = palpate.open_session(folder).replay()
+    assert replayed.difference is None
+    assert replayed.complete
+    assert replayed.run is not None
+    assert replayed.run.result.grips == answer.grips == 1

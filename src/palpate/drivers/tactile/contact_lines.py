@@ -78,7 +78,7 @@ class ContactLineDecoder:
         return [frame for frame in found if frame is not None]
 
     def _decode(self, line: bytes) -> DecodedFrame | None:
-        """The reading of a line; None if it is damaged, empty or of another finger."""
+        """The reading of a line; None if it is damaged or empty."""
         if not line.strip():
             return None
         values = self._values_of(line.strip())
@@ -87,7 +87,7 @@ class ContactLineDecoder:
             return None
         name = values.get("finger")
         if self._source is not None and name is not None and name != self._source:
-            return None
+            return DecodedFrame(_NO_COUNTS, is_other=True)
         try:
             reading = self._check(_reading_of(values), name)
         except ValueError as error:

@@ -27,12 +27,14 @@ class DecodedFrame(NamedTuple):
     """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one.
 
     `contact`: of a contact source. `problem`: why it makes no sense, although no byte of it was damaged.
+    `is_other`: it is of another finger on the same connection.
     """
 
     counts: Counts
     stamp: int | None = None
     contact: ContactReading | None = None
     problem: str | None = None
+    is_other: bool = False
 
 
 class FrameDecoder(Protocol):
@@ -123,7 +125,10 @@ class FreeRunningArray(StreamedArray):
         self._since_s = None
 
     def _take(self, data: bytes) -> None:
-        for counts, stamp, contact, problem in self._decoder.feed(data):
+        for counts, stamp, contact, problem, is_other in self._decoder.feed(data):
+            if is_other:
+                self._stream.note_answer()  # the wire is sound
+                continue
             if problem is not None:
                 self._refuse(problem)
                 continue
