@@ -6,7 +6,13 @@
 
 from palpate.base.errors import DeviceError, InputError, printable_text
 from palpate.base.geometry import Counts, Floats
-from palpate.config import ArrayConfig, FreeRunningArrayConfig, MountedArrayConfig, WrappedArrayConfig
+from palpate.config import (
+    ArrayConfig,
+    ContactSourceConfig,
+    FreeRunningArrayConfig,
+    MountedArrayConfig,
+    WrappedArrayConfig,
+)
 from palpate.drivers.dynamixel import (
     COMMON_ITEMS,
     Access,
@@ -20,6 +26,7 @@ from palpate.drivers.emulators import EmulatedFreeRunningArray, SampledArray, Ta
 from palpate.drivers.tactile import (
     ArrayCounters,
     ArrayDriver,
+    ContactReading,
     Corner,
     DecodedFrame,
     Description,
@@ -32,6 +39,8 @@ from palpate.drivers.tactile import (
     Shape,
     StreamedArray,
     TactileFrame,
+    source_description,
+    source_frame,
 )
 from palpate.drivers.transport import Clock, Device, Emission, wire_time_s
 from palpate.rig.arrays import ArrayPlugin
@@ -46,6 +55,8 @@ __all__ = [
     "ArrayDriver",
     "ArrayPlugin",
     "Clock",
+    "ContactReading",
+    "ContactSourceConfig",
     "Corner",
     "Counts",
     "DecodedFrame",
@@ -77,6 +88,8 @@ __all__ = [
     "first_corner",
     "mounting_of",
     "printable_text",
+    "source_description",
+    "source_frame",
     "table_of",
     "wire_time_s",
     "wrapped_description",

@@ -41,6 +41,8 @@ from palpate.config.objects_file import ObjectsFile, load_objects
 from palpate.config.rig_file import RigFile, add_finger_type, load_rig
 from palpate.config.rig_fingers import (
     ArrayConfig,
+    ContactLinesConfig,
+    ContactSourceConfig,
     CurrentSensingConfig,
     FingerConfig,
     FreeRunningArrayConfig,
@@ -64,6 +66,8 @@ __all__ = [
     "ClosingConfig",
     "ContactBounds",
     "ContactEntry",
+    "ContactLinesConfig",
+    "ContactSourceConfig",
     "ContactsFile",
     "CurrentSensingConfig",
     "DirectionParts",

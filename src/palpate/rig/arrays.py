@@ -13,17 +13,14 @@ from palpate.base.extensions import TACTILE_ARRAYS, broken_plugin_error, load_ex
 from palpate.config import (
     ArrayConfig,
     ClosingConfig,
+    ContactLinesConfig,
+    ContactSourceConfig,
     FingerConfig,
     FreeRunningArrayConfig,
     RigFile,
     TipConfig,
 )
-from palpate.config.rig_fingers import (
-    CONTACT_LINES_PROTOCOL,
-    PALPATE_PROTOCOL,
-    ContactLinesConfig,
-    ContactSourceConfig,
-)
+from palpate.config.rig_fingers import CONTACT_LINES_PROTOCOL, PALPATE_PROTOCOL
 from palpate.drivers.emulators import EmulatedArray, EmulatedContactSource, SampledArray, Taxels
 from palpate.drivers.tactile import (
     MAX_LINE_BYTES,

@@ -1,6 +1,5 @@
-"""Contact sources on a rig: true touches, faults, what is refused, and a run that is recorded and replayed."""
+"""Contact sources on a rig: true touches, faults, what is refused, recorded and replayed."""
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,7 +5,7 @@ from palpate.drivers.tactile.baseline import BOUND_SIGMAS, Baseline
 from palpate.drivers.tactile.columns import column_windows, windows_within
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.contact_lines import MAX_LINE_BYTES, ContactLineDecoder, encode_line
-from palpate.drivers.tactile.contact_source import SourceExtractor, source_counts, source_description
+from palpate.drivers.tactile.contact_source import SourceExtractor, source_description, source_frame
 from palpate.drivers.tactile.description import Corner, Description, Mounting, Shape
 from palpate.drivers.tactile.disturbances import Disturbances, find_disturbances
 from palpate.drivers.tactile.exchange import ArrayExchange
@@ -15,10 +15,12 @@ from palpate.drivers.tactile.frames import (
     ArrayLost,
     ArraySilent,
     ContactReading,
+    DecodedFrame,
+    FrameDecoder,
     FrameTimes,
     TactileFrame,
 )
-from palpate.drivers.tactile.free_running import DecodedFrame, FrameDecoder, FreeRunningArray
+from palpate.drivers.tactile.free_running import FreeRunningArray
 from palpate.drivers.tactile.messages import (
     BadTaxel,
     Describe,
@@ -74,7 +76,7 @@ __all__ = [
     "encode_line",
     "find_disturbances",
     "is_new",
-    "source_counts",
     "source_description",
+    "source_frame",
     "windows_within",
 ]

@@ -15,13 +15,10 @@ from collections import Counter
 from collections.abc import Mapping
 
 from palpate.base.errors import printable_text
-from palpate.drivers.tactile.contact_source import source_counts
-from palpate.drivers.tactile.frames import ContactReading
-from palpate.drivers.tactile.free_running import DecodedFrame
+from palpate.drivers.tactile.contact_source import source_frame
+from palpate.drivers.tactile.frames import ContactReading, DecodedFrame
 
 MAX_LINE_BYTES = 512
-STAMP_S = 1e-6
-"""Unit of the stamps of frames."""
 
 _MAX_TIME_S = 1e9
 _MAX_FORCE_N = 1e3
@@ -30,7 +27,7 @@ _MAX_HEIGHT_MM = 1e3
 _SUM_DIGITS = 8
 _MAX_OLD_LINES = 16  # after which an earlier time is taken for a new beginning
 
-_NO_COUNTS = source_counts(0.0)
+_NO_COUNTS = source_frame(ContactReading(0.0, 0.0)).counts
 
 
 def encode_line(reading: ContactReading, finger: str | None = None, *, checksum: bool = True) -> bytes:
@@ -92,8 +89,7 @@ class ContactLineDecoder:
             reading = self._check(_reading_of(values), name)
         except ValueError as error:
             return DecodedFrame(_NO_COUNTS, problem=str(error))
-        stamp = None if reading.time_s is None else round(reading.time_s / STAMP_S) % (1 << 32)
-        return DecodedFrame(source_counts(reading.force_n), stamp, reading)
+        return source_frame(reading)
 
     def _values_of(self, line: bytes) -> dict[str, object] | str:
         """Values of a line, or the kind of damage."""

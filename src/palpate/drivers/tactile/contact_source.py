@@ -10,16 +10,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.base.geometry import Counts, Floats
+from palpate.base.geometry import Floats
 from palpate.base.geometry.plane import wrap_angle
 from palpate.drivers.tactile.baseline import BOUND_SIGMAS, Baseline
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.description import Description, Shape
-from palpate.drivers.tactile.frames import ContactReading, TactileFrame
+from palpate.drivers.tactile.frames import ContactReading, DecodedFrame, TactileFrame
 from palpate.drivers.tactile.patches import ContactPatch, PatchFlag, TipCalibration
 
 _COUNTS_PER_N = 1000.0
 _BIT_DEPTH = 16
+_STAMP_S = 1e-6  # unit of stamps, as of all free-running arrays
 
 
 def source_description(name: str, rate_hz: float, *, emulated: bool) -> Description:
@@ -41,10 +42,11 @@ def source_description(name: str, rate_hz: float, *, emulated: bool) -> Descript
     )
 
 
-def source_counts(force_n: float) -> Counts:
-    """The force as the counts (1, 1) of a source's frame."""
-    most = (1 << _BIT_DEPTH) - 1
-    return np.array([[min(max(round(force_n * _COUNTS_PER_N), 0), most)]], dtype=np.uint16)
+def source_frame(reading: ContactReading) -> DecodedFrame:
+    """The frame of a reading, stamped if it has a time; its counts are the force."""
+    count = min(max(round(reading.force_n * _COUNTS_PER_N), 0), (1 << _BIT_DEPTH) - 1)
+    stamp = None if reading.time_s is None else round(reading.time_s / _STAMP_S) % (1 << 32)
+    return DecodedFrame(np.array([[count]], dtype=np.uint16), stamp, reading)
 
 
 class SourceExtractor(ContactExtractor):

@@ -5,7 +5,8 @@ a step much longer than usual means that frames are missing. A device that pause
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 from typing import NamedTuple, Protocol
@@ -63,6 +64,30 @@ class TactileFrame(NamedTuple):
     tared: bool = False
     age_s: float | None = None
     contact: ContactReading | None = None
+
+
+class DecodedFrame(NamedTuple):
+    """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one.
+
+    `contact`: of a contact source. `problem`: why it makes no sense, although no byte of it was damaged.
+    `is_other`: it is of another finger on the same connection.
+    """
+
+    counts: Counts
+    stamp: int | None = None
+    contact: ContactReading | None = None
+    problem: str | None = None
+    is_other: bool = False
+
+
+class FrameDecoder(Protocol):
+    """Codec of a free-running array; it promises what docs/adding-a-device.md asks of codecs."""
+
+    faults: Counter[str]
+
+    def feed(self, data: bytes) -> Sequence[DecodedFrame]:
+        """Take bytes as they came; return the frames that they complete."""
+        ...
 
 
 @dataclass(frozen=True)

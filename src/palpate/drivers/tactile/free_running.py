@@ -6,14 +6,11 @@ was sampled no later than it arrived, and earlier by no more than what sensor, w
 """
 
 import math
-from collections import Counter
-from collections.abc import Sequence
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar
 
 from palpate.base.errors import DeviceError
-from palpate.base.geometry import Counts
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import ContactReading, FrameTime, FrameTimes, TactileFrame
+from palpate.drivers.tactile.frames import FrameDecoder, FrameTime, FrameTimes, TactileFrame
 from palpate.drivers.tactile.stream import FrameStream, Port, StreamedArray
 from palpate.drivers.transport.clock import Clock
 
@@ -21,30 +18,6 @@ _CONNECT_S = 3.0  # boards that restart when their port is opened take up to two
 _COUNTED_S = 0.5
 _LEAST_RATE_SHARE = 0.9
 _MAX_RATE_RATIO = 1.2
-
-
-class DecodedFrame(NamedTuple):
-    """Matrix (rows, cols) of a frame; and its stamp by the array's clock, 32 bits, if it has one.
-
-    `contact`: of a contact source. `problem`: why it makes no sense, although no byte of it was damaged.
-    `is_other`: it is of another finger on the same connection.
-    """
-
-    counts: Counts
-    stamp: int | None = None
-    contact: ContactReading | None = None
-    problem: str | None = None
-    is_other: bool = False
-
-
-class FrameDecoder(Protocol):
-    """Codec of a free-running array; it promises what docs/adding-a-device.md asks of codecs."""
-
-    faults: Counter[str]
-
-    def feed(self, data: bytes) -> Sequence[DecodedFrame]:
-        """Take bytes as they came; return the frames that they complete."""
-        ...
 
 
 class FreeRunningArray(StreamedArray):
