@@ -20,6 +20,7 @@ from palpate.drivers.tactile import (
     encode_line,
     source_description,
 )
+from support.commands.repository import ROOT
 
 # ----------------------------------------------------------------------------------------------------
 # The codec: bytes in, readings out.
@@ -28,7 +29,7 @@ PAGE = (
     b'{"finger": "left", "t_s": 12.345, "t_bound_s": 0.001, "force_n": 0.52, "force_bound_n": 0.05, '
     b'"angle_deg": -12.5, "angle_bound_deg": 6, "height_mm": 9.1, "height_bound_mm": 1.5}'
 )
-"""The line of docs/contact-lines.md."""
+"""The line of docs/contact-lines.md, but for its checksum."""
 
 
 def decode(*pieces: bytes, source: str | None = None, checksum: bool = False) -> list[DecodedFrame]:
@@ -51,6 +52,13 @@ def test_a_line_says_what_the_page_says() -> None:
         assert frame.contact == pytest.approx(
             (0.52, 0.05, math.radians(-12.5), math.radians(6), 9.1, 1.5, 12.345, 0.001)
         )
+
+
+def test_the_line_of_the_page_has_the_right_checksum() -> None:
+    lines = (ROOT / "docs" / "contact-lines.md").read_bytes().splitlines(keepends=True)
+    (line,) = [line for line in lines if line.startswith(b'{"finger"')]
+    assert line.startswith(PAGE)
+    assert len(decode(line, source="left", checksum=True)) == 1
 
 
 def test_what_a_line_leaves_out_is_not_known() -> None:

@@ -1,6 +1,8 @@
 """Contact sources on a rig: true touches, faults, what is refused, recorded and replayed."""
 
 import math
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,16 +13,18 @@ import pytest
 
 import palpate
 from palpate.base.errors import DeviceError, InputError, PalpateError
-from palpate.config import RigFile, load_rig
+from palpate.config import ArrayConfig, RigFile, load_rig
 from palpate.config.rig_file import change_tables
 from palpate.drivers.emulators import EmulatedContactSource
 from palpate.drivers.tactile import ContactReading
+from palpate.drivers.transport import MonotonicClock, open_port
+from palpate.rig.arrays import array_plugin
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.testing import FreeRunningConformance, RigConformance
 from palpate.testing.conformance import ArrayBench
 from support.benches.rigs import small_objects, small_rig
 from support.benches.session import EmulatedSession, emulated_session, run_checked
-from support.commands.repository import EXAMPLES
+from support.commands.repository import EXAMPLES, ROOT
 
 CONTACT_RIG = EXAMPLES / "contact-rig.toml"
 
@@ -239,3 +243,26 @@ def test_a_run_is_recorded_and_replayed_to_the_same_result(tmp_path: Path) -> No
     assert replayed.complete
     assert replayed.run is not None
     assert replayed.run.result.grips == answer.grips == 1
+
+
+@pytest.mark.realtime
+def test_the_program_of_the_page_is_read_on_a_pseudo_terminal() -> None:
+    page = (ROOT / "docs" / "contact-lines.md").read_text(encoding="utf-8")
+    program = page.split("```python\n")[1].split("```")[0]
+    sense = "import math\nsense = lambda: (0.25, -30.0)\n"
+    unbuffered = [sys.executable, "-u", "-c", sense + program]
+    with subprocess.Popen(unbuffered, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        url = running.stdout.readline().split(" = ")[1].strip()
+        config = ArrayConfig.model_validate(
+            {"port": url, "baudrate_bps": 115200, "protocol": "contact-lines", "rate_hz": 45.0}
+        )
+        with open_port(url, 115200) as port:
+            array = array_plugin("contact-lines").driver(port, MonotonicClock(), "f1", config, 5.0)
+            array.connect()
+            array.start(20.0)
+            frames = [array.wait_frame(1.0) for _ in range(10)]
+            array.stop()
+        running.terminate()
+    assert {frame.counts.item() for frame in frames} == {250}
+    assert array.counters.faults == 0

@@ -1,7 +1,7 @@
 """Codec of contact lines: a JSON object a line, each a contact reading of a finger; without port or clock.
 
     {"finger": "left", "t_s": 12.345, "t_bound_s": 0.001, "force_n": 0.52, "force_bound_n": 0.05,
-     "angle_deg": -12.5, "angle_bound_deg": 6, "height_mm": 9.1, "height_bound_mm": 1.5}*9bd366ae
+     "angle_deg": -12.5, "angle_bound_deg": 6, "height_mm": 9.1, "height_bound_mm": 1.5}*11d06f52
 
 in one line, which ends with a line feed. Only the force is needed. A value never comes without its bound;
 what is not known is left out, and other keys are not looked at. The eight digits are the CRC-32 of all from {
