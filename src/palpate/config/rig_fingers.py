@@ -229,7 +229,6 @@ class ContactSourceConfig(FreeRunningArrayConfig):
         "calibrate": "its contact source reports contacts and no taxels; measure the finger by hand",
         "calibrate taxels": "its contact source has no taxels",
         "check what parts hold": "its contact source may not know which way the part presses",
-        "locate presses": "its contact source has no taxels whose order could be wrong",
         "simulate": "contact sources have bounds of their own, which nobody knows beforehand",
     }
     idle_noise_counts: ClassVar[float] = 0.0

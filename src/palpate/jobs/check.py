@@ -302,9 +302,6 @@ class WiringCheck:
                 f'rig "{case.rig.name}" is real: give an onlooker, who presses tips and says which one moved'
             )
 
-        if self.press:
-            case.on_bench.rig.require("locate presses")
-
         def carry_out() -> Judgement:
             try:
                 return self._carry_out(case, permit)

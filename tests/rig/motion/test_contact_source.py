@@ -197,7 +197,7 @@ def rig() -> RigFile:
     return load_rig(CONTACT_RIG)
 
 
-@pytest.mark.parametrize("ability", ["calibrate", "simulate", "check what parts hold", "locate presses"])
+@pytest.mark.parametrize("ability", ["calibrate", "simulate", "check what parts hold"])
 def test_what_needs_taxels_or_a_calibration_is_refused(rig: RigFile, ability: Any) -> None:
     with pytest.raises(InputError, match="finger f1"):
         rig.require(ability)
@@ -266,3 +266,9 @@ def test_the_program_of_the_page_is_read_on_a_pseudo_terminal() -> None:
         running.terminate()
     assert {frame.counts.item() for frame in frames} == {250}
     assert array.counters.faults == 0
+
+
+def test_presses_show_whose_contacts_a_name_carries() -> None:
+    with palpate.open_rig(CONTACT_RIG, seed=7) as opened:
+        found = opened.doctor(press=True)
+    assert [item.cause for item in found.findings if item.severity == "wrong"] == []

@@ -15,7 +15,6 @@ Ability = Literal[
     "check what parts hold",
     "compare touches",
     "identify",
-    "locate presses",
     "move parts",
     "plan",
     "simulate",

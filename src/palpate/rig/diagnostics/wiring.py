@@ -88,7 +88,7 @@ class FingerWiring:
     """Wiring of a finger. `signs`: sense of a tip, left or outward, as its joints' servos count upwards.
 
     `array_deg`: where the array's middle looks from the finger's direction; `mirrored`, `inverted`: its
-    columns, its rows are counted the other way round.
+    columns, its rows are counted the other way round, which those of a contact source cannot be.
     """
 
     name: str
@@ -102,6 +102,7 @@ class FingerWiring:
     inverted: bool
     coverage_deg: float
     has_face: bool
+    reports_contacts: bool = False
 
     @classmethod
     def of(cls, spec: FingerConfig) -> "FingerWiring":
@@ -120,6 +121,7 @@ class FingerWiring:
             first.startswith("upper"),
             spec.array.coverage_deg,
             spec.tip.kind.has_face,
+            spec.array.reports_contacts,
         )
 
     @property
@@ -377,7 +379,8 @@ def _with_array(case: _Case, array: FingerWiring, item: FingerWiring, place: int
     presses, here = case.presses_at(place), replace(item, port=array.port)
     found: dict[int, list[FingerWiring]] = {0: [], 1: [], 2: []}
     turns = _TURNS_DEG[:1] if item.has_face else _TURNS_DEG
-    for turn_deg, mirrored, inverted in product(turns, (False, True), (False, True)):
+    flips = (False,) if item.reports_contacts else (False, True)
+    for turn_deg, mirrored, inverted in product(turns, flips, flips):
         mounted = replace(
             here,
             array_deg=here.array_deg + turn_deg,

@@ -18,8 +18,8 @@ from palpate.config import FingerConfig, RigFile
 from palpate.config.rig_servos import RotaryConfig, SlideConfig
 from palpate.drivers.dynamixel import MoveEnd, Servo, ServoMover
 from palpate.drivers.emulators import EmulatedFinger, PartSection
-from palpate.drivers.tactile import ArrayDriver, Description, Shape, TactileFrame
-from palpate.drivers.transport import open_port
+from palpate.drivers.tactile import ArrayDriver, ContactReading, Description, Shape, TactileFrame
+from palpate.drivers.transport import PortSharing, open_port
 from palpate.rig.arrays import array_of
 from palpate.rig.bench import BenchRig
 from palpate.rig.diagnostics.wiring import Side, TipMove, TipPress, Way, standing_at
@@ -169,7 +169,7 @@ def _see_press(finger: FingerConfig, side: Side, arrays: "_Arrays", onlooker: On
     for _ in range(_LOOKS):
         if max(float(force.sum()) for force in arrays.forces_n().values()) >= _MIN_FORCE_N:
             break
-    forces = arrays.forces_n()
+    forces, contacts = arrays.forces_n(), arrays.contacts
     onlooker.release()
     arrays.listen(_LET_GO_S)
     least = max(_MIN_FORCE_N, _OTHERS_SHARE * max(float(force.sum()) for force in forces.values()))
@@ -179,7 +179,10 @@ def _see_press(finger: FingerConfig, side: Side, arrays: "_Arrays", onlooker: On
     force, described = forces[felt[0]], arrays.drivers[felt[0]].description
     height = float(np.average(np.linspace(0, 1, described.rows), weights=force.sum(axis=1)))
     low = None if described.rows < 2 or 0.4 <= height <= 0.6 else height < 0.5
-    angle_deg = _angle_deg(described, force)
+    if finger.array.reports_contacts:
+        angle_deg, low = _source_angle_deg(felt[0], contacts[felt[0]]), None
+    else:
+        angle_deg = _angle_deg(described, force)
     return TipPress(finger.name, side, tuple(felt), angle_deg, low if side is Side.FRONT else None)
 
 
@@ -188,15 +191,20 @@ _Statistics = tuple[Floats, Floats, int]
 
 
 class _Arrays:
-    """All arrays of a rig, by finger, which stream until the ways out are taken; untouched at first."""
+    """All arrays of a rig, by finger, which stream until the ways out are taken; untouched at first.
+
+    `contacts`: what contact sources reported when they were listened to last.
+    """
 
     def __init__(self, rig: RigFile, bench: BenchRig, ways_out: ExitStack) -> None:
         """Raises DeviceError if one does not answer."""
         self._clock = bench.clock
         self.drivers: dict[str, ArrayDriver] = {}
+        self.contacts: Mapping[str, Sequence[ContactReading]] = {}
         rig.require_arrays()
+        sharing = PortSharing(lambda port, baudrate: open_port(bench.urls(port), baudrate))
         for spec in rig.fingers:
-            port = open_port(bench.urls(spec.array.port), spec.array.baudrate_bps)
+            port = sharing.open(spec.array.port, spec.array.baudrate_bps)
             ways_out.callback(port.close)
             self.drivers[spec.name] = array_of(spec, port, bench.clock)
             self.drivers[spec.name].connect()
@@ -217,6 +225,10 @@ class _Arrays:
             self._clock.sleep(_POLL_S)
             for name, array in self.drivers.items():
                 frames[name] += array.frames()
+        self.contacts = {
+            name: [frame.contact for frame in own if frame.contact is not None]
+            for name, own in frames.items()
+        }
         return {name: _statistics(name, own) for name, own in frames.items()}
 
     def forces_n(self) -> dict[str, Floats]:
@@ -251,6 +263,17 @@ def _angle_deg(described: Description, force: Floats) -> float:
         return 0.0 if abs(share) < 0.25 else math.copysign(90.0, share)
     x, y, _ = np.einsum("rc,rcd->d", force, described.normals())
     return math.degrees(math.atan2(y, x))
+
+
+def _source_angle_deg(name: str, contacts: Sequence[ContactReading]) -> float:
+    """Mean of the angles that a contact source reports; DeviceError if it reports none."""
+    known = [np.exp(1j * reading.angle_rad) for reading in contacts if not math.isnan(reading.angle_rad)]
+    if not known:
+        raise DeviceError(
+            f"contact source {name} feels the press and does not report where; press harder, or see "
+            "whether it can tell angles at all"
+        )
+    return math.degrees(float(np.angle(np.sum(known))))
 
 
 def see_moves(hand: Hand, onlooker: Onlooker, tell: Callable[[str], None]) -> list[TipMove]:
