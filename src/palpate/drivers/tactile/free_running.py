@@ -64,7 +64,7 @@ class FreeRunningArray(StreamedArray):
             self._stream.frames()  # raises what is wrong with frames that make no sense
             raise DeviceError(
                 f"{where} does not answer; check its power, its cable, its port and the baud rate: it came "
-                f"{self._stream.silence}, and frames of {self._frame_bytes} bytes are expected"
+                f"{self._stream.silence}, and frames of up to {self._frame_bytes} bytes are expected"
             )
         first, begun_s = self._seen, self._clock.now()
         self._stream.wait_until(lambda: False, max(_COUNTED_S, 8 / stated.max_rate_hz))
