@@ -32,7 +32,7 @@ from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Catalogue
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements, scene_of
-from palpate.rig.identification.divisions import Division, GripDivider, PartSearch
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip
 from palpate.rig.identification.identify import begin_search
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.motion.touch import Touch
@@ -137,7 +137,7 @@ def _grips_on(parts: list[Placed], nothing: PartSearch, rng: np.random.Generator
                 travels = [stop(shape, start, direction, 5.0, 2 * RING_MM) for shape in shapes]
                 owned[int(np.argmin(travels))].add((number, k))
             touches.append(Touch(k, met, None, (math.nan, math.nan)))
-        divisions, untouched = GripDivider((), touches).divide(divisions, untouched, asked)
+        divisions, untouched = GripDivider(TakenGrip((), touches)).divide(divisions, untouched, asked)
         count.grips += 1
         count.divisions = max(count.divisions, len(divisions))
         wanted = {frozenset(item) for item in owned if item}

@@ -210,7 +210,7 @@ def with_fingers(rig: RigFile, table: str, **values: float) -> RigFile:
 def test_more_friction_than_usual_counts_if_the_rig_file_allows_for_it() -> None:
     """Tips that may have 1.4: they drag where they are pressed from 36° on, and push as much more."""
     trace, rigs = press(1.0, 0.5), (declared(0.3), with_fingers(declared(0.3), "tip", max_friction=1.4))
-    (few,), (more,) = (MotionBounds(rig, CATALOGUE)._loads([touched(trace)]) for rig in rigs)
+    (few,), (more,) = (MotionBounds(rig, CATALOGUE).loads([touched(trace)]) for rig in rigs)
     larger = math.hypot(1, 1.4) / math.hypot(1, 0.7)
     assert more.work_mj.sum() / few.work_mj.sum() == pytest.approx(larger)
     assert more.at_contact_n.max() / few.at_contact_n.max() == pytest.approx(larger)
@@ -223,7 +223,7 @@ def test_what_carries_a_tip_stores_energy_beside_its_skin() -> None:
     trace, stiff = press(1.0, 0.0), declared(0.3)
     soft = with_fingers(stiff, "bounds", deflection_mm_per_n=0.2)
     stored = [
-        float(MotionBounds(rig, CATALOGUE)._loads([touched(trace)])[-1].stored_mj.max())
+        float(MotionBounds(rig, CATALOGUE).loads([touched(trace)])[-1].stored_mj.max())
         for rig in (stiff, soft)
     ]
     tip, pressed_n = RIG.fingers[0].tip, 1 / 0.7
@@ -320,7 +320,7 @@ def test_lost_frames_hide_no_work(lost: int) -> None:
     )
     left = {name: value[kept] for name in names if np.ndim(value := getattr(trace, name)) == 1}
     gappy = replace(trace, **left, advance_mm=trace.advance_mm[kept] * passed)
-    work_mj = sum(float(load.work_mj.sum()) for load in bounds._loads([touched(gappy)])[-1:])
+    work_mj = sum(float(load.work_mj.sum()) for load in bounds.loads([touched(gappy)])[-1:])
     # Until the next frame it may have pushed with 5 N all the way.
     assert work_mj >= 5.0 * 5 * (lost + 1) * period_s
     moved = bounds.of_grip([touched(gappy)]).within(np.arange(6))

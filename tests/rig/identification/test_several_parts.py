@@ -20,7 +20,7 @@ from palpate.recognizer import Catalogue
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements
 from palpate.rig.fingers import resolution_of
-from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, as_free_way
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip, as_free_way
 from palpate.rig.identification.identify import begin_search
 from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.outcome import Identification
@@ -89,7 +89,7 @@ def test_the_true_division_and_the_true_places_are_never_lost(seed: int) -> None
         for k, item in enumerate(met):
             if item.touched:
                 owned[_owner(item.start_mm, item.end_mm, parts)].add((number, k))
-        divisions, untouched = GripDivider((), touches).divide(divisions, untouched, PartCount(2))
+        divisions, untouched = GripDivider(TakenGrip((), touches)).divide(divisions, untouched, PartCount(2))
         true = [
             item
             for item in divisions

@@ -271,7 +271,7 @@ def judged(grip: Grip, rig: RigFile, catalogue: Catalogue, placement: Placement)
 def _claim_loads(
     grip: Grip, bounds: MotionBounds, rig: RigFile, claim: Callable[[str, float, float], None]
 ) -> None:
-    loads = bounds._loads(grip.touches)
+    loads = bounds.loads(grip.touches)
     traces = [touch.trace for touch in grip.touches if touch.trace is not None]
     if not loads or len(traces) < len(grip.touches):
         return

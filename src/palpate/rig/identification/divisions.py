@@ -14,10 +14,10 @@ from itertools import combinations
 
 import shapely
 
-from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Recognition, predict
 from palpate.rig.identification.grip_evidence import paths_of
 from palpate.rig.identification.loop import Search
+from palpate.rig.identification.motion_bounds import GripLoads, MotionBounds
 from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.motion.touch import Touch
@@ -50,8 +50,7 @@ class PartSearch:
     @cached_property
     def is_refuted(self) -> bool:
         """True if no state of the catalogue fits these touches."""
-        known = self.search.evidence.recognition
-        return known is not None and known.verdict is RecognitionVerdict.NONE
+        return self.search.evidence.is_refuted
 
     @cached_property
     def cores(self) -> tuple[Core, ...] | None:
@@ -88,7 +87,7 @@ class PartSearch:
             return 0.0
         return min(one.gap_mm(two) for one in self.cores for two in other.cores)
 
-    def _free_mm(self, touches: Sequence[Touch]) -> list[float | None]:
+    def free_mm(self, touches: Sequence[Touch]) -> list[float]:
         """Distance that each finger kept from the part all along, at least: all that is asked for, or 0."""
         known = self.recognition
         if known is None or not known.hypotheses:
@@ -110,17 +109,15 @@ class PartSearch:
         """Distance by which the last grip has moved any point of the part, at most."""
         return self.search.pushed_mm
 
-    def grow(
-        self, grip: Sequence[FingerApproach], touches: Sequence[Touch], own: frozenset[int], *, is_apart: bool
-    ) -> "PartSearch":
+    def grow(self, grip: "TakenGrip", own: frozenset[int], *, is_apart: bool) -> "PartSearch":
         """The same after one more grip, of which the touches `own` (indices) met this part.
 
         `is_apart`: no other part was pushed into this one.
         """
-        free_mm = self._free_mm(touches) if is_apart else [None] * len(touches)
-        seen = [item if k in own else as_free_way(item, free_mm[k]) for k, item in enumerate(touches)]
+        free_mm = self.free_mm(grip.touches) if is_apart else [None] * len(grip.touches)
+        seen = grip.view(own, free_mm)
         search = self.search.copy()
-        search.take(grip, tuple(seen))
+        search.take(grip.approaches, seen, grip.loads(seen, search.bounds))
         if not own:
             search.evidence.keep_judgement_of(self.search.evidence)
         elif not is_apart and search.pushed_mm:
@@ -159,11 +156,42 @@ def _free_way(contact: Contact) -> Contact:
 
 
 @dataclass(frozen=True, eq=False)
+class TakenGrip:
+    """One grip as parts see it: their own touches as they are, those of others as free ways.
+
+    What it did is worked out once for all parts that see the same of it.
+    """
+
+    approaches: Sequence[FingerApproach]
+    touches: Sequence[Touch]
+    _free_ways: dict[tuple[int, float | None], Touch] = field(default_factory=dict)
+    _loads: dict[tuple[int, ...], Sequence[GripLoads]] = field(default_factory=dict)
+
+    def view(self, own: frozenset[int], free_mm: Sequence[float | None]) -> tuple[Touch, ...]:
+        """The touches as a part sees them that met those of indices `own`; `free_mm` as `as_free_way` has it."""
+        return tuple(
+            touch if k in own else self._free_way(k, free_mm[k]) for k, touch in enumerate(self.touches)
+        )
+
+    def _free_way(self, number: int, free_mm: float | None) -> Touch:
+        key = number, free_mm
+        if key not in self._free_ways:
+            self._free_ways[key] = as_free_way(self.touches[number], free_mm)
+        return self._free_ways[key]
+
+    def loads(self, seen: Sequence[Touch], bounds: MotionBounds) -> Sequence[GripLoads]:
+        """Loads of the touches that `seen` has returned."""
+        key = tuple(id(touch.trace) for touch in seen)
+        if key not in self._loads:
+            self._loads[key] = bounds.loads(seen)
+        return self._loads[key]
+
+
+@dataclass(frozen=True, eq=False)
 class GripDivider:
     """Divides the touches of one grip. What parts have in common in several divisions is worked out once."""
 
-    grip: Sequence[FingerApproach]
-    touches: Sequence[Touch]
+    grip: TakenGrip
     _grown: dict[tuple[int, frozenset[int], bool], PartSearch] = field(default_factory=dict)
     _excluded: dict[tuple[int, int], bool] = field(default_factory=dict)
     _gaps_mm: dict[tuple[int, int], float] = field(default_factory=dict)
@@ -172,7 +200,7 @@ class GripDivider:
         self, divisions: Sequence[Division], untouched: PartSearch, count: PartCount
     ) -> tuple[list[Division], PartSearch]:
         """All divisions after the grip, and what is known of a part that nothing has touched."""
-        met = [k for k, touch in enumerate(self.touches) if touch.contact.touched]
+        met = [k for k, touch in enumerate(self.grip.touches) if touch.contact.touched]
         found: dict[object, Division] = {}
         for division in divisions:
             # Where other parts may lie unknown, any of them may carry a push on.
@@ -188,26 +216,39 @@ class GripDivider:
         self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]], *, all_known: bool
     ) -> tuple[PartSearch, ...] | None:
         """The parts after the grip; None if they cannot be on one table."""
-        if all_known:
-            parts = self._grow(before, shares, is_apart=True)
-            if parts is None or self._keep_apart(before, parts):
-                return parts
-        return self._grow(before, shares, is_apart=False)
+        if all_known and all(self._gap_mm(*pair) > 0 for pair in combinations(before, 2)):
+            # What the touches of others say of a part counts only once they are known to keep apart.
+            parts = [self._part(*item, is_apart=True) for item in zip(before, shares, strict=True)]
+            if self._keep_apart(before, parts):
+                return tuple(parts) if self._are_possible(parts) else None
+        return self._grow(before, shares)
 
     def _grow(
-        self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]], *, is_apart: bool
+        self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]]
     ) -> tuple[PartSearch, ...] | None:
+        if any(self._is_known_refuted(*item) for item in zip(before, shares, strict=True)):
+            return None
         parts: list[PartSearch] = []
         for part, own in zip(before, shares, strict=True):
-            parts.append(self._part(part, own, is_apart=is_apart))
-            if parts[-1].is_refuted or any(self._exclude(item, parts[-1]) for item in parts[:-1]):
+            parts.append(self._part(part, own, is_apart=False))
+            if parts[-1].is_refuted:
                 return None
-        return tuple(parts)
+        return tuple(parts) if self._are_possible(parts) else None
+
+    def _are_possible(self, parts: Sequence[PartSearch]) -> bool:
+        """Return whether all of the parts may be on one table."""
+        if any(part.is_refuted for part in parts):
+            return False
+        return not any(self._exclude(*pair) for pair in combinations(parts, 2))
+
+    def _is_known_refuted(self, part: PartSearch, own: frozenset[int]) -> bool:
+        grown = self._grown.get((id(part), own, False))
+        return grown is not None and grown.is_refuted
 
     def _part(self, part: PartSearch, own: frozenset[int], *, is_apart: bool) -> PartSearch:
         key = id(part), own, is_apart
         if key not in self._grown:
-            self._grown[key] = part.grow(self.grip, self.touches, own, is_apart=is_apart)
+            self._grown[key] = part.grow(self.grip, own, is_apart=is_apart)
         return self._grown[key]
 
     def _exclude(self, one: PartSearch, two: PartSearch) -> bool:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.base.geometry import Floats
+from palpate.base.vocabulary import RecognitionVerdict
 from palpate.recognizer import (
     STANDARD_BUDGET,
     Approach,
@@ -97,6 +98,15 @@ class GripEvidence:
         """Judge as before the last grip, which did not touch the part, what grips on it have gained."""
         self.idle, self.checks = before.idle, before.checks
         self.detectable_shift_mm = before.detectable_shift_mm
+
+    @property
+    def is_refuted(self) -> bool:
+        """True if no state of the catalogue fits the contacts."""
+        if self.recognition is not None:
+            return self.recognition.verdict is RecognitionVerdict.NONE
+        touched = [contact for contact in self.contacts if contact.touched]
+        # Of so few, pairings with edges say all that is worth its time.
+        return len(touched) > 1 and not recognise(self.catalogue, touched, budget=self.budget).possible_states
 
     @property
     def stranger_probability(self) -> float | None:

@@ -66,7 +66,7 @@ from palpate.rig.identification.exploration import (
 )
 from palpate.rig.identification.grip_choice import GripChooser
 from palpate.rig.identification.grip_evidence import GripEvidence
-from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
+from palpate.rig.identification.motion_bounds import GripLoads, GripMotion, MotionBounds
 from palpate.rig.identification.outcome import Identification
 from palpate.rig.motion.touch import Touch
 
@@ -127,6 +127,11 @@ class Search:
     def rig(self) -> RigFile:
         """The rig whose touches it understands."""
         return self._rig
+
+    @property
+    def bounds(self) -> MotionBounds:
+        """What bounds the motions of its grips."""
+        return self._bounds
 
     @property
     def chooser(self) -> GripChooser:
@@ -381,15 +386,20 @@ class Search:
         self._observers(MoveEvent(number, furthest_mm))
         self._add(number, None)
 
-    def take(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
-        """Interpret the contacts of a grip that was carried out."""
+    def take(
+        self,
+        grip: Sequence[FingerApproach],
+        touches: tuple[Touch, ...],
+        loads: Sequence[GripLoads] | None = None,
+    ) -> None:
+        """Interpret the contacts of a grip that was carried out; `loads` as `MotionBounds.of_grip` has it."""
         number = len(self._grips) + 1
         self._grips.append(touches)
         self._made.append(grip)
         since = self._motions[-1].after if self._motions else None
         self._observers(TouchEvent(number, touches))
         known = self._evidence.recognition if self._doubted is None else None
-        self._motions.append(self._bounds.of_grip(touches, known, since))
+        self._motions.append(self._bounds.of_grip(touches, known, since, loads))
         if self._doubted is None and self._repeated is None:
             self._understand(number)
         # Contacts of one grip are of the part as it lay then, so fewer fingers say less. Only a part that is

@@ -172,7 +172,7 @@ class MotionBounds:
 
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""
-        loads = self._loads(touches)
+        loads = self.loads(touches)
         if not loads:
             return math.inf
         return float((loads[0].at_contact_n + loads[0].anywhere_n).sum(axis=0).max(initial=0.0))
@@ -182,12 +182,14 @@ class MotionBounds:
         touches: Sequence[Touch],
         recognition: Recognition | None = None,
         since: Motion | None = None,
+        loads: Sequence[GripLoads] | None = None,
     ) -> GripMotion:
         """Bounds on what a grip moved.
 
-        `recognition`: what was known of the part, `since`: how it may have moved from then to the grip.
+        `recognition`: what was known of the part, `since`: how it may have moved from then to the grip;
+        `loads`: those of the touches, if they are worked out already.
         """
-        loads, table = self._loads(touches), self.supports
+        loads, table = self.loads(touches) if loads is None else loads, self.supports
         anywhere = np.repeat(table.leverage[:, None], len(touches), axis=1)
         if recognition is None:
             slides = _slide_bounds_mm(table, loads, anywhere)
@@ -205,7 +207,7 @@ class MotionBounds:
         )
         return GripMotion(before, after, whole)
 
-    def _loads(self, touches: Sequence[Touch]) -> list[GripLoads]:
+    def loads(self, touches: Sequence[Touch]) -> list[GripLoads]:
         """Loads of all fingers on one timeline; for motions that are larger and larger, the last for any.
 
         Empty if nothing is known of one of them.

@@ -20,7 +20,7 @@ from palpate.base.vocabulary import IdentificationVerdict, RunLimit
 from palpate.config import RigFile
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach, predict
 from palpate.rig.conversion import finger_of
-from palpate.rig.identification.divisions import Division, GripDivider, PartSearch
+from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip
 from palpate.rig.identification.events import Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.identification.exploration import (
     InscribedDisc,
@@ -105,7 +105,7 @@ class SeveralSearch:
     def _divide(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
         """Divide the touches of one more grip among the fewest parts that may explain all."""
         count = PartCount(self._fewest, self._count.exactly and self._fewest == self._count.most)
-        found, self._untouched = GripDivider(grip, touches).divide(self._divisions, self._untouched, count)
+        found, self._untouched = GripDivider(TakenGrip(grip, touches)).divide(self._divisions, self._untouched, count)
         self._divisions = sorted(found, key=lambda item: -item.log_volume)
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
