@@ -235,6 +235,14 @@ class Recognition(ShortRepr):
         extended = earlier._with(contacts, branches, earlier.constraints.carried)
         return earlier._extend_anew(contacts) if extended._is_led_by_widened else extended
 
+    def allows(self, contacts: Sequence[Contact]) -> bool:
+        """Return whether further contacts can be paired with edges: far less work than to `extend`.
+
+        Free paths and the exact check, which are left out, may yet rule them out.
+        """
+        branches = branches_of(self.interpretations, self.cells)
+        return bool(len(self._with(contacts, branches, None).constraints.nodes))
+
     def move(self, motion: Motion) -> "Recognition":
         """All that is known after a motion of the part; its earlier contacts are widened by it.
 

@@ -89,7 +89,7 @@ def test_the_true_division_and_the_true_places_are_never_lost(seed: int) -> None
         for k, item in enumerate(met):
             if item.touched:
                 owned[_owner(item.start_mm, item.end_mm, parts)].add((number, k))
-        divisions, untouched = GripDivider(TakenGrip((), touches)).divide(divisions, untouched, PartCount(2))
+        divisions, untouched = GripDivider(TakenGrip((), touches, untouched.search.bounds)).divide(divisions, untouched, PartCount(2))
         true = [
             item
             for item in divisions

@@ -17,7 +17,7 @@ import shapely
 from palpate.recognizer import FREE_MARGIN_MM, Contact, FingerApproach, Recognition, predict
 from palpate.rig.identification.grip_evidence import paths_of
 from palpate.rig.identification.loop import Search
-from palpate.rig.identification.motion_bounds import GripLoads, MotionBounds
+from palpate.rig.identification.motion_bounds import GripLoads, GripMotion, MotionBounds
 from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.motion.touch import Touch
@@ -55,10 +55,12 @@ class PartSearch:
     @cached_property
     def cores(self) -> tuple[Core, ...] | None:
         """Region that the part fills by each hypothesis; None: too little is known, or there are too many."""
-        known = self.recognition
-        if known is None or not 0 < len(known.hypotheses) <= _MOST_CORES:
-            return None
-        return tuple(map(Core, known.hypotheses))
+        return _cores_of(self.recognition)
+
+    @cached_property
+    def _measured_cores(self) -> tuple[Core, ...] | None:
+        """The same as it lay when the last grip was measured, as all other parts were."""
+        return _cores_of(self.search.evidence.recognition)
 
     def room(self, span_mm: tuple[float, float]) -> shapely.Geometry:
         """Region in W, between two heights (mm), that the part fills wherever it is; empty if unknown."""
@@ -67,9 +69,10 @@ class PartSearch:
 
     def excludes(self, other: "PartSearch") -> bool:
         """Return whether the two cannot be on one table: all of their hypotheses overlap."""
-        if self.cores is None or other.cores is None:
+        cores, others = self._measured_cores, other._measured_cores
+        if cores is None or others is None:
             return False
-        return all(one.overlaps(two) for one in self.cores for two in other.cores)
+        return all(one.overlaps(two) for one in cores for two in others)
 
     @cached_property
     def log_volume(self) -> float:
@@ -109,6 +112,11 @@ class PartSearch:
         """Distance by which the last grip has moved any point of the part, at most."""
         return self.search.pushed_mm
 
+    def may_have_met(self, grip: "TakenGrip", own: frozenset[int]) -> bool:
+        """Return whether touches of the next grip (indices) may be of this part, as far as is told at once."""
+        contacts = [contact for k in sorted(own) for contact in grip.touches[k].evidence]
+        return self.search.may_have_met(contacts, grip.motion)
+
     def grow(self, grip: "TakenGrip", own: frozenset[int], *, is_apart: bool) -> "PartSearch":
         """The same after one more grip, of which the touches `own` (indices) met this part.
 
@@ -117,13 +125,19 @@ class PartSearch:
         free_mm = self.free_mm(grip.touches) if is_apart else [None] * len(grip.touches)
         seen = grip.view(own, free_mm)
         search = self.search.copy()
-        search.take(grip.approaches, seen, grip.loads(seen, search.bounds))
+        search.take(grip.approaches, seen, grip.loads(seen))
         if not own:
             search.evidence.keep_judgement_of(self.search.evidence)
         elif not is_apart and search.pushed_mm:
             search.evidence.idle = self.search.evidence.idle  # what it gained, others may have taken away
         number = len(search.made_grips)
         return PartSearch(search, self.touched | {(number, k) for k in own})
+
+
+def _cores_of(known: Recognition | None) -> tuple[Core, ...] | None:
+    if known is None or not 0 < len(known.hypotheses) <= _MOST_CORES:
+        return None
+    return tuple(map(Core, known.hypotheses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +178,7 @@ class TakenGrip:
 
     approaches: Sequence[FingerApproach]
     touches: Sequence[Touch]
+    bounds: MotionBounds
     _free_ways: dict[tuple[int, float | None], Touch] = field(default_factory=dict)
     _loads: dict[tuple[int, ...], Sequence[GripLoads]] = field(default_factory=dict)
 
@@ -179,12 +194,17 @@ class TakenGrip:
             self._free_ways[key] = as_free_way(self.touches[number], free_mm)
         return self._free_ways[key]
 
-    def loads(self, seen: Sequence[Touch], bounds: MotionBounds) -> Sequence[GripLoads]:
-        """Loads of the touches that `seen` has returned."""
+    def loads(self, seen: Sequence[Touch]) -> Sequence[GripLoads]:
+        """Loads of the touches that `view` has returned."""
         key = tuple(id(touch.trace) for touch in seen)
         if key not in self._loads:
-            self._loads[key] = bounds.loads(seen)
+            self._loads[key] = self.bounds.loads(seen)
         return self._loads[key]
+
+    @cached_property
+    def motion(self) -> GripMotion:
+        """Motion of any part, if all that pressed may have pressed it anywhere."""
+        return self.bounds.of_grip(self.touches, loads=self.loads(self.touches))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +212,7 @@ class GripDivider:
     """Divides the touches of one grip. What parts have in common in several divisions is worked out once."""
 
     grip: TakenGrip
+    _possible: dict[tuple[int, frozenset[int]], bool] = field(default_factory=dict)
     _grown: dict[tuple[int, frozenset[int], bool], PartSearch] = field(default_factory=dict)
     _excluded: dict[tuple[int, int], bool] = field(default_factory=dict)
     _gaps_mm: dict[tuple[int, int], float] = field(default_factory=dict)
@@ -216,6 +237,8 @@ class GripDivider:
         self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]], *, all_known: bool
     ) -> tuple[PartSearch, ...] | None:
         """The parts after the grip; None if they cannot be on one table."""
+        if not all(self._may_have_met(*item) for item in zip(before, shares, strict=True)):
+            return None
         if all_known and all(self._gap_mm(*pair) > 0 for pair in combinations(before, 2)):
             # What the touches of others say of a part counts only once they are known to keep apart.
             parts = [self._part(*item, is_apart=True) for item in zip(before, shares, strict=True)]
@@ -226,24 +249,27 @@ class GripDivider:
     def _grow(
         self, before: Sequence[PartSearch], shares: Sequence[frozenset[int]]
     ) -> tuple[PartSearch, ...] | None:
-        if any(self._is_known_refuted(*item) for item in zip(before, shares, strict=True)):
-            return None
-        parts: list[PartSearch] = []
-        for part, own in zip(before, shares, strict=True):
-            parts.append(self._part(part, own, is_apart=False))
-            if parts[-1].is_refuted:
+        # What is worked out already may spare the rest.
+        for part, own in sorted(zip(before, shares, strict=True), key=lambda item: not self._is_grown(*item)):
+            if self._part(part, own, is_apart=False).is_refuted:
                 return None
-        return tuple(parts) if self._are_possible(parts) else None
+        parts = tuple(self._part(*item, is_apart=False) for item in zip(before, shares, strict=True))
+        return parts if self._are_possible(parts) else None
+
+    def _is_grown(self, part: PartSearch, own: frozenset[int]) -> bool:
+        return (id(part), own, False) in self._grown
+
+    def _may_have_met(self, part: PartSearch, own: frozenset[int]) -> bool:
+        key = id(part), own
+        if key not in self._possible:
+            self._possible[key] = not own or part.may_have_met(self.grip, own)
+        return self._possible[key]
 
     def _are_possible(self, parts: Sequence[PartSearch]) -> bool:
         """Return whether all of the parts may be on one table."""
         if any(part.is_refuted for part in parts):
             return False
         return not any(self._exclude(*pair) for pair in combinations(parts, 2))
-
-    def _is_known_refuted(self, part: PartSearch, own: frozenset[int]) -> bool:
-        grown = self._grown.get((id(part), own, False))
-        return grown is not None and grown.is_refuted
 
     def _part(self, part: PartSearch, own: frozenset[int], *, is_apart: bool) -> PartSearch:
         key = id(part), own, is_apart

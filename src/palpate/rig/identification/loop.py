@@ -38,6 +38,7 @@ from palpate.recognizer import (
     Hypothesis,
     Motion,
     Recognition,
+    contact_after_motion,
     contact_in_motion,
     is_explained,
 )
@@ -407,6 +408,21 @@ class Search:
         moved_mm = self._motions[-1].whole.displacements_mm(self._catalogue)[self._states()]
         if len(grip) > 1 and np.median(moved_mm) > _MAX_CARRIED_MOTION_MM:
             self._most_at_once = len(grip) - 1
+
+    def may_have_met(self, contacts: Sequence[Contact], motion: GripMotion) -> bool:
+        """Return whether contacts of the next grip may be of the part, which it moves by `motion` at most.
+
+        Far less work than to take the grip, which may yet rule it out.
+        """
+        known, states = self._evidence.recognition, self._states()
+        if known is None:
+            return True
+        moved = self._motions[-1].after + motion.before
+        if not self._is_bounded(moved):
+            return True
+        # Seen from the part as it lay in the last grip: a motion back is as wide as the motion.
+        measured = [contact_in_motion(motion.before, self._catalogue, item, states) for item in contacts]
+        return known.allows([contact_after_motion(moved, self._catalogue, item, states) for item in measured])
 
     def touch_mm_s(self, approach: FingerApproach) -> float:
         """Speed at which an approach of the next grip may meet the part.
