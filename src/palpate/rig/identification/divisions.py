@@ -55,7 +55,7 @@ class PartSearch:
     @cached_property
     def cores(self) -> tuple[Core, ...] | None:
         """Region that the part fills by each hypothesis; None: too little is known, or there are too many."""
-        return _cores_of(self.recognition)
+        return _cores_of(self.recognition) if self._measured_cores else None
 
     @cached_property
     def _measured_cores(self) -> tuple[Core, ...] | None:
