@@ -139,7 +139,9 @@ def _grips_on(parts: list[Placed], nothing: PartSearch, rng: np.random.Generator
                 travels = [stop(shape, start, direction, 5.0, 2 * RING_MM) for shape in shapes]
                 owned[int(np.argmin(travels))].add((number, k))
             touches.append(Touch(k, met, None, (math.nan, math.nan)))
-        divisions, untouched = GripDivider(TakenGrip((), touches, untouched.search.bounds)).divide(divisions, untouched, asked)
+        divisions, untouched = GripDivider(TakenGrip((), touches, untouched.search.bounds)).divide(
+            divisions, untouched, asked
+        )
         count.grips += 1
         count.divisions = max(count.divisions, len(divisions))
         wanted = {frozenset(item) for item in owned if item}

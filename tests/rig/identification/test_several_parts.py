@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,11 @@ from jsonschema import Draft202012Validator
 import palpate
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import IdentificationVerdict
-from palpate.config import load_objects, load_rig, shipped_objects
+from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config.emulation import Scene
 from palpate.config.schema import schema_text
 from palpate.jobs.session import open_session
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements
 from palpate.rig.fingers import resolution_of
@@ -26,6 +28,7 @@ from palpate.rig.identification.occupied_room import Core
 from palpate.rig.identification.outcome import Identification
 from palpate.rig.identification.part_count import PartCount
 from palpate.rig.identification.several_parts import SeveralSearch
+from palpate.rig.motion.load_meter import LoadTrace
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.study.simulated_touches import SimulatedTouches
@@ -89,7 +92,9 @@ def test_the_true_division_and_the_true_places_are_never_lost(seed: int) -> None
         for k, item in enumerate(met):
             if item.touched:
                 owned[_owner(item.start_mm, item.end_mm, parts)].add((number, k))
-        divisions, untouched = GripDivider(TakenGrip((), touches, untouched.search.bounds)).divide(divisions, untouched, PartCount(2))
+        divisions, untouched = GripDivider(TakenGrip((), touches, untouched.search.bounds)).divide(
+            divisions, untouched, PartCount(2)
+        )
         true = [
             item
             for item in divisions
@@ -208,6 +213,86 @@ def test_a_part_of_no_catalogue_is_not_named() -> None:
         IdentificationVerdict.UNKNOWN,
         IdentificationVerdict.UNRESOLVED,
     )
+
+
+# ----------------------------------------------------------------------------------------------------
+# Parts that slide.
+
+SLIDING = load_rig(shipped_rig())
+ON_SLIDING = reach_of(SLIDING)
+
+
+def press(force_n: float, work_mj: float) -> LoadTrace:
+    """A finger that presses with a constant force while it is measured, and did so much work before."""
+    time_s = np.arange(0.0, 3.0, 1 / SLIDING.closing.sample_rate_hz)
+    pressed = (time_s >= 1.0) & (time_s < 1.1)
+    advance_mm = np.where(pressed, work_mj / max(force_n, 1e-9) / pressed.sum(), 0.0)
+    none = np.zeros(len(time_s))
+    return LoadTrace(
+        time_s,
+        1 / SLIDING.closing.sample_rate_hz,
+        np.where(pressed, force_n, 0.0),
+        np.cumsum(advance_mm),
+        advance_mm,
+        *(none, none, none, none, none),
+        1.1,
+        math.inf,
+        *(none, none),
+        ~pressed,
+    )
+
+
+def lightly(placements: Sequence[Placement], grip: Sequence[FingerApproach], seed: int) -> list[Touch]:
+    """Touches that press nothing."""
+    made = SimulatedTouches(placements, resolution_of(SLIDING), np.random.default_rng(seed))(grip)
+    return [replace(touch, trace=press(0.0, 0.0)) for touch in made]
+
+
+def test_a_part_that_another_was_pushed_into_is_not_lost() -> None:
+    """By 1.5 mm, which its own touches cannot have done."""
+    rng = np.random.default_rng(4)
+    lying = draw_placements(OBJECTS, 2, 125.0, rng, 125.0, (0.1, 0.5))
+    search = SeveralSearch(begin_search(SLIDING, ON_SLIDING, CATALOGUE), PartCount(2))
+    verdict = None
+    while verdict is None:
+        verdict, grip = search.next()
+        if verdict is None:
+            search.take(grip, tuple(lightly(lying, grip, len(search.made_grips))))
+    assert len(search.divisions) == 1
+    gap = shapely.shortest_line(*(item.region_within((0.0, 20.0)) for item in lying))
+    way = np.diff(shapely.get_coordinates(gap), axis=0)[0]
+    ahead = way / np.hypot(*way)
+    moved = [_shift(lying[0], 1.5 * ahead + way), _shift(lying[1], 1.5 * ahead)]
+    pushing, beside = _grip_on(moved, -ahead), _grip_on(moved[::-1], ahead)
+    assert pushing.finger_index != beside.finger_index
+    grip = (pushing, beside)
+    pressed, light = lightly(moved, grip, 99)
+    search.take(grip, (replace(pressed, trace=press(2.0, 0.3)), light))
+    number = len(search.made_grips)
+    for k, lies in enumerate(moved):
+        (part,) = [item for item in search.divisions[0].parts if (number, k) in item.touched]
+        placed = Placed(lies.model, lies.x_mm, lies.y_mm, lies.theta_rad)
+        known = part.search.evidence.recognition
+        assert known is not None
+        assert holding_truth(known, placed) is not None
+
+
+def _shift(lies: Placement, by: np.ndarray) -> Placement:
+    return replace(lies, x_mm=lies.x_mm + float(by[0]), y_mm=lies.y_mm + float(by[1]))
+
+
+def _grip_on(lying: Sequence[Placement], facing: np.ndarray) -> FingerApproach:
+    """The approach that meets the first of two parts most squarely on a side that faces so."""
+
+    def squareness(item: FingerApproach) -> float:
+        start, heading = np.array(item.start_mm), item.direction_rad
+        first, second = (
+            stop(lies.region_within(item.finger.span_mm), start, heading, 5.0, 300.0) for lies in lying
+        )
+        along = np.array([math.cos(heading), math.sin(heading)])
+        return float(-along @ facing) if first < second else -1.0
+
+    return max(ON_SLIDING.approaches, key=squareness)
 
 
 # ----------------------------------------------------------------------------------------------------

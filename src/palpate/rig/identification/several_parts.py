@@ -105,7 +105,9 @@ class SeveralSearch:
     def _divide(self, grip: Sequence[FingerApproach], touches: tuple[Touch, ...]) -> None:
         """Divide the touches of one more grip among the fewest parts that may explain all."""
         count = PartCount(self._fewest, self._count.exactly and self._fewest == self._count.most)
-        found, self._untouched = GripDivider(TakenGrip(grip, touches, self._nothing.search.bounds)).divide(self._divisions, self._untouched, count)
+        found, self._untouched = GripDivider(TakenGrip(grip, touches, self._nothing.search.bounds)).divide(
+            self._divisions, self._untouched, count
+        )
         self._divisions = sorted(found, key=lambda item: -item.log_volume)
 
     def next(self) -> tuple[IdentificationVerdict | None, tuple[FingerApproach, ...]]:
