@@ -113,7 +113,7 @@ class PartSearch:
         return self.search.pushed_mm
 
     def may_have_met(self, grip: "TakenGrip", own: frozenset[int]) -> bool:
-        """Return whether touches of the next grip (indices) may be of this part, as far as is told at once."""
+        """Return whether touches of the next grip (indices) may be this part's, as far as is quickly told."""
         contacts = [contact for k in sorted(own) for contact in grip.touches[k].evidence]
         return self.search.may_have_met(contacts, grip.motion)
 
@@ -183,7 +183,7 @@ class TakenGrip:
     _loads: dict[tuple[int, ...], Sequence[GripLoads]] = field(default_factory=dict)
 
     def view(self, own: frozenset[int], free_mm: Sequence[float | None]) -> tuple[Touch, ...]:
-        """The touches as a part sees them that met those of indices `own`; `free_mm` as `as_free_way` has it."""
+        """Touches as a part sees them that met `own` (indices) of them; `free_mm` as in `as_free_way`."""
         return tuple(
             touch if k in own else self._free_way(k, free_mm[k]) for k, touch in enumerate(self.touches)
         )
