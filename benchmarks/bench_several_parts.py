@@ -8,7 +8,8 @@ configuration within the bounds of its part. A table is left after nine grips.
 `--scenes N`: identifications on the emulated bench, half of the tables with parts that touch. `--rig`:
 another rig file, such as one whose parts slide; by default parts are held. `--strangers K`: as many of them
 are in no catalogue, all of a table where it has no more. `--outlines`: the catalogue is 129 outlines of
-others. A line for each table, then the sum of all; what a table took to compute is this process's time, most
+others. `--simulated`: straight paths against outlines instead of emulated devices; a table then takes
+seconds. A line for each table, then the sum of all; what a table took to compute is this process's time, most
 of it that of the emulated bench.
 """
 
@@ -34,11 +35,14 @@ from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Catalogue
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.emulated.table import draw_placements, scene_of
+from palpate.rig.fingers import resolution_of
 from palpate.rig.identification.divisions import Division, GripDivider, PartSearch, TakenGrip
 from palpate.rig.identification.identify import begin_search
 from palpate.rig.identification.part_count import PartCount
+from palpate.rig.identification.several_parts import SeveralSearch
 from palpate.rig.motion.touch import Touch
 from palpate.rig.reach.approaches import reach_of
+from palpate.rig.study.simulated_touches import SimulatedTouches
 from support.benches.rigs import firm_rig
 from support.commands.repository import SHARED_OUTLINES
 from support.oracles.shapely_touches import (
@@ -176,18 +180,18 @@ def scenes(args: argparse.Namespace) -> None:
         picked += [strangers.objects[int(rng.integers(len(strangers.objects)))] for _ in range(count - known)]
         lying = _drawn(replace(catalogue, objects=tuple(picked)), rng, GAPS[gap])
         begin = time.process_time()
-        out = _identified(rig, catalogue, lying, number)
+        out = (_simulate if args.simulated else _identify)(rig, catalogue, lying, number)
         computed.append(time.process_time() - begin)
-        verdicts = [_verdict(item) for item in out["parts"]] or [out["verdict"]]
+        verdicts = list(out.parts) or [out.verdict]
         found.update(verdicts)
-        found["missing"] += count - len(out["parts"])
+        found["missing"] += count - len(out.parts)
         parts_in_all += count
-        touches.append(out["touches"] / count)
-        seconds.append(out["rig_seconds"] / count)
+        touches.append(out.touches / count)
+        seconds.append(out.rig_s / count)
         names = ", ".join(item.model.name for item in lying)
         print(
-            f"{number} {gap} ({names}): {out['verdict']}: {', '.join(verdicts)}; {out['touches']} touches, "
-            f"{out['rig_seconds']:.0f} s; computed in {computed[-1]:.0f} s",
+            f"{number} {gap} ({names}): {out.verdict}: {', '.join(verdicts)}; {out.touches} touches"
+            f"{_rig_time(out.rig_s)}; computed in {computed[-1]:.0f} s",
             flush=True,
         )
     print(
@@ -195,9 +199,12 @@ def scenes(args: argparse.Namespace) -> None:
         + ", ".join(f"{key} {value}" for key, value in sorted(found.items()) if value)
     )
     print(
-        f"for each part {np.mean(touches):.1f} touches, {np.mean(seconds):.0f} s in the mean; "
-        f"a table was computed in {np.mean(computed):.0f} s"
+        f"for each part {np.mean(touches):.1f} touches{_rig_time(float(np.mean(seconds)))} in the mean; a table was computed in {np.mean(computed):.0f} s"
     )
+
+
+def _rig_time(seconds: float) -> str:
+    return "" if math.isnan(seconds) else f", {seconds:.0f} s"
 
 
 def _drawn(
@@ -213,7 +220,17 @@ def _drawn(
                 return lying
 
 
-def _identified(rig: Path, catalogue: ObjectsFile, lying: Sequence[Placement], seed: int) -> dict:
+@dataclass(frozen=True)
+class Outcome:
+    """Verdict on a table, those on its parts against the truth, touches, and time (s) of the rig."""
+
+    verdict: str
+    parts: tuple[str, ...]
+    touches: int
+    rig_s: float
+
+
+def _identify(rig: Path, catalogue: ObjectsFile, lying: Sequence[Placement], seed: int) -> Outcome:
     described = scene_of(lying)
     files = {True: shipped_objects(), False: SHARED_OUTLINES}
     of_shipped = {item.name for item in load_objects(shipped_objects()).objects}
@@ -223,17 +240,50 @@ def _identified(rig: Path, catalogue: ObjectsFile, lying: Sequence[Placement], s
     scene = described.model_copy(update={"parts": parts})
     with palpate.open_rig(rig, seed=seed) as opened:
         answer = opened.identify(catalogue, scene=scene, parts=len(lying), notice=lambda _: None)
-    return json.loads(answer.to_json())
+    out = json.loads(answer.to_json())
+    verdicts = [
+        _judge(item["verdict"], item["agreed"], item["truth"]["named"], item["truth"]["inside_bounds"])
+        for item in out["parts"]
+    ]
+    return Outcome(out["verdict"], tuple(verdicts), out["touches"], out["rig_seconds"])
 
 
-def _verdict(part: dict) -> str:
+def _simulate(rig: Path, catalogue: ObjectsFile, lying: Sequence[Placement], seed: int) -> Outcome:
+    file = load_rig(rig)
+    single = begin_search(file, reach_of(file), Catalogue(catalogue.objects))
+    search = SeveralSearch(single, PartCount(len(lying)))
+    touches = SimulatedTouches(lying, resolution_of(file), np.random.default_rng([seed, 8]))
+    verdict, limit = None, None
+    while verdict is None and limit is None:
+        verdict, grip = search.next()
+        if verdict is None:
+            search.take(grip, tuple(touches(grip)))
+            limit = search.limit(0.0)
+    result = search.conclude(verdict, limit)
+    assert result.table is not None
+    verdicts, left = [], list(lying)
+    for part, agreed in zip(result.table.parts, result.table.agreed, strict=True):
+        hypotheses = part.recognition.hypotheses if part.recognition else ()
+        names = {item.state.object_name for item in hypotheses}
+        named = [item for item in left if item.model.name in names]
+        holding = [item for item in named if holding_truth(part.recognition, _placed(item))]
+        verdicts.append(_judge(part.outcome.value, agreed, bool(named), bool(holding)))
+        for item in holding[:1]:
+            left.remove(item)
+    return Outcome(result.outcome.value, tuple(verdicts), result.touches, math.nan)
+
+
+def _placed(lies: Placement) -> Placed:
+    return Placed(lies.model, lies.x_mm, lies.y_mm, lies.theta_rad)
+
+
+def _judge(verdict: str, agreed: bool, named: bool, inside_bounds: bool) -> str:
     """Verdict on a part against the truth."""
-    if part["verdict"] not in ("identified", "indistinguishable") or not part["agreed"]:
+    if verdict not in ("identified", "indistinguishable") or not agreed:
         return "open"
-    truth = part["truth"]
-    if not truth["named"]:
+    if not named:
         return "WRONG"
-    return part["verdict"] if truth["inside_bounds"] else "OUTSIDE"
+    return verdict if inside_bounds else "OUTSIDE"
 
 
 def main() -> None:
@@ -244,6 +294,7 @@ def main() -> None:
     parser.add_argument("--rig", default=None)
     parser.add_argument("--outlines", action="store_true")
     parser.add_argument("--strangers", type=int, default=0)
+    parser.add_argument("--simulated", action="store_true")
     args = parser.parse_args()
     if args.grips:
         models = outlines(SHARED_OUTLINES)[::3] if args.outlines else outlines(SHIPPED_OBJECTS)
