@@ -199,7 +199,8 @@ def scenes(args: argparse.Namespace) -> None:
         + ", ".join(f"{key} {value}" for key, value in sorted(found.items()) if value)
     )
     print(
-        f"for each part {np.mean(touches):.1f} touches{_rig_time(float(np.mean(seconds)))} in the mean; a table was computed in {np.mean(computed):.0f} s"
+        f"for each part {np.mean(touches):.1f} touches{_rig_time(float(np.mean(seconds)))} in the mean; "
+        f"a table was computed in {np.mean(computed):.0f} s"
     )
 
 
