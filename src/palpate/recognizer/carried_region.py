@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from palpate.base.geometry import Floats, Ints
+from palpate.base.geometry import Bools, Floats, Ints
 from palpate.base.geometry.plane import rotate, wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.model_test import sinusoid_maximum
@@ -20,7 +20,6 @@ from palpate.recognizer.tables import expand_ranges
 _MOST_CELLS = 16384  # more are of hypotheses that are many still, or wide: they would clip little
 _MOST_PARTS = 512  # of the region, which every cell is compared with: neighbours in orientation are one
 _DIRECTIONS = 16
-_PAIRS_AT_ONCE = 32768  # of cells and parts
 _WIDEST_RAD = np.pi / 2  # half of an interval; wider ones may meet another from both sides
 _ROUNDING_MM, _ROUNDING_RAD = 1e-9, 1e-12
 
@@ -107,28 +106,17 @@ class CarriedRegion:
         limit = np.full((len(cells), _DIRECTIONS), -np.inf)
         for state in np.unique(cells.state):
             own, rows = np.flatnonzero(self.state == state), np.flatnonzero(cells.state == state)
-            for some in np.array_split(rows, -(-len(rows) * len(own) // _PAIRS_AT_ONCE) or 1):
-                row, part, apart, half = self._near(cells, some, own)
-                first = np.flatnonzero(np.diff(row, prepend=-1))
-                if len(first):
-                    at = some[row[first]]
-                    lo[at] = np.minimum.reduceat(apart - half, first)
-                    hi[at] = np.maximum.reduceat(apart + half, first)
-                    limit[at] = np.maximum.reduceat(self.limit_mm[part], first, axis=0)
+            apart = wrap_angle(self.middle[own] - cells.middle[rows][:, None])
+            wide = np.maximum(cells.half_width[rows][:, None], self.half_width[own]) > _WIDEST_RAD
+            half = np.where(wide, np.inf, self.half_width[own])
+            near: Bools = np.abs(apart) <= cells.half_width[rows][:, None] + half
+            lo[rows] = np.where(near, apart - half, np.inf).min(axis=1, initial=np.inf)
+            hi[rows] = np.where(near, apart + half, -np.inf).max(axis=1, initial=-np.inf)
+            for direction in range(_DIRECTIONS):
+                reach = np.where(near, self.limit_mm[own, direction], -np.inf)
+                limit[rows, direction] = reach.max(axis=1, initial=-np.inf)
         lo, hi = np.maximum(cells.lo, cells.middle + lo), np.minimum(cells.hi, cells.middle + hi)
         return replace(cells, lo=lo, hi=hi), limit
-
-    def _near(self, cells: Cells, rows: Ints, own: Ints) -> tuple[Ints, Ints, Floats, Floats]:
-        """Pairs of cells and parts of their state, of `rows` and `own`, that have orientations in common.
-
-        Number of the row, in order, and the part; how far its middle is from the cell's, and its half-width.
-        """
-        apart = wrap_angle(self.middle[own] - cells.middle[rows][:, None])
-        reach = cells.half_width[rows][:, None] + self.half_width[own]
-        wide = np.maximum(cells.half_width[rows][:, None], self.half_width[own]) > _WIDEST_RAD
-        row, column = np.nonzero((np.abs(apart) <= reach) | wide)
-        half = np.where(wide[row, column], np.inf, self.half_width[own[column]])
-        return row, own[column], apart[row, column], half
 
 
 def _half_planes(cells: Cells, limit_mm: Floats) -> tuple[Floats, Floats]:
