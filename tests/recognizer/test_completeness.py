@@ -271,7 +271,10 @@ def assert_followed(
         placed = pushed_by(catalogue, placed, motion, rng)
         moved = found.move(motion)
         assert holding_truth(moved, placed) is not None, (note, number, "moved")
-        found = found.extend(draw(placed), motion)
+        further, states = draw(placed), np.unique(found.interpretations.state)
+        back = [contact_after_motion(motion, catalogue, item, states) for item in further]
+        assert found.allows(back), (note, number, "seen from where it was")
+        found = found.extend(further, motion)
         assert holding_truth(found, placed) is not None, (note, number)
 
 
@@ -323,6 +326,15 @@ def test_free_ways_of_a_part_that_moved_while_fingers_travelled(seed: int) -> No
                 break
         felt = [contact_in_motion(motion, shipped(), item, np.arange(6)) for item in (*misses, *contacts)]
         assert holding_truth(recognise(shipped(), felt), after) is not None, (seed, trial)
+
+
+def test_contacts_that_no_edge_is_near_are_not_allowed() -> None:
+    rng = np.random.default_rng(25)
+    placed = place(outlines(SHIPPED_OBJECTS)[1], rng)
+    found = recognise(shipped(), until_touched(grip, placed, rng))
+    elsewhere = [item for item in grip(replace(placed, x=placed.x + 90.0), rng) if item.touched]
+    assert elsewhere
+    assert not found.allows(elsewhere)
 
 
 def test_without_motion_nothing_changes() -> None:

@@ -106,6 +106,21 @@ def test_the_true_division_and_the_true_places_are_never_lost(seed: int) -> None
             assert part.recognition is None or holding_truth(part.recognition, placed) is not None
 
 
+def test_two_touches_further_apart_than_any_part_is_wide_are_of_two_parts() -> None:
+    lying = (_placed("tr-1", -75.0, 0.0), _placed("tr-1", 75.0, 0.0))
+    simulated = SimulatedTouches(lying, resolution_of(RIG), np.random.default_rng(2))
+    every = [touch for item in REACH.approaches[::5] for touch in simulated([item]) if touch.contact.touched]
+    left = min(every, key=lambda touch: touch.contact.end_mm[0])
+    right = max(every, key=lambda touch: touch.contact.end_mm[0])
+    assert math.dist(left.contact.end_mm, right.contact.end_mm) > 190.0
+    nothing = searching()
+    grip = TakenGrip((), [left, right], nothing.search.bounds)
+    divisions, _ = GripDivider(grip).divide([Division(())], nothing, PartCount(2))
+    assert [{part.touched for part in item.parts} for item in divisions] == [
+        {frozenset({(1, 0)}), frozenset({(1, 1)})}
+    ]
+
+
 class _Both:
     """What `grip` asks of a placed object, for two."""
 
