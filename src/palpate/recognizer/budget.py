@@ -68,6 +68,11 @@ class Budget:
         return self.units // 32
 
     @property
+    def paving(self) -> int:
+        """Cells into which the configurations of states with rough walls are divided."""
+        return self.units // 25
+
+    @property
     def refinements(self) -> int:
         """Cells, times contacts, that are cut finer at once where no configuration has been found."""
         return self.units // 30

@@ -91,6 +91,11 @@ class Constraints:
         """True if something was touched that no interpretation pairs with an edge."""
         return sum(contact.touched for contact in self.evidence.contacts) > len(self.touched)
 
+    @property
+    def is_paved(self) -> bool:
+        """True if one contact is paired and others are not: then cells are divided by what all of them say."""
+        return self.has_unpaired and len(self.touched) == 1
+
     def all_columns(self, edges: Ints) -> Ints:
         """Pairings (n, paired) with a column for every touch of the evidence: null if it is not paired."""
         rows = np.full((len(edges), len(self.evidence.contacts)), NULL_EDGE)

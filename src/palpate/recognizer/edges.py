@@ -23,6 +23,7 @@ ROUNDING_RAD = 1e-9
 NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
+_ROUGH_RAD = np.pi / 2  # mean half-turn of the normal on a state's edges
 _SUPPORT_DIRECTIONS = 360
 _NO_SUPPORT_MM = -1e4  # support of what is not there
 _KEY_STRIDE_RAD = 16.0  # rad between the sorted normals of one state and the next: more than two turns
@@ -118,6 +119,17 @@ class EdgeSet:
         """The same edges, whose `supports` (S, …) were worked out before."""
         result = replace(self)
         vars(result)["supports"] = supports  # where a cached property keeps its value
+        return result
+
+    @cached_property
+    def is_rough(self) -> Bools:
+        """Mask of states (S,) on whose edges normals may point nearly anywhere.
+
+        There neighbours overlap: pairing a contact with edges says little, and multiplies interpretations.
+        """
+        states = len(self.count)
+        turned = np.bincount(self.state, self.length * self.span, states)
+        result: Bools = turned > _ROUGH_RAD * np.bincount(self.state, self.length, states)
         return result
 
     @cached_property

@@ -39,8 +39,8 @@ from palpate.recognizer.interpretation_tree import (
     split_into_runs,
 )
 from palpate.recognizer.interpretations import Interpretations, LevelCount, Query
-from palpate.recognizer.pose_region import Cells, Intervals, Regions, divide_orientations
-from palpate.recognizer.witness_search import connected_regions
+from palpate.recognizer.pose_region import PARTS_PER_CELL, Cells, Intervals, Regions, divide_orientations
+from palpate.recognizer.witness_search import PAVED_RAD, connected_regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,8 @@ class Recognition(ShortRepr):
 
     At most `max_spurious` of the touched contacts are taken as spurious in any interpretation. `unpaired`:
     indices of touched contacts that are paired with no edges, because that would only have multiplied
-    interpretations or spent the `budget`; every configuration has to satisfy them all the same.
+    interpretations or spent the `budget`; every configuration has to satisfy them all the same. While some
+    state that is left has rough walls, all but the first are.
 
     Hypotheses are worked out when they, or the verdict, are first asked for; `possible_states` needs no more
     than the `constraints`, whose interpretations the tree has left.
@@ -186,7 +187,9 @@ class Recognition(ShortRepr):
 
     @cached_property
     def _regions(self) -> Regions:
-        return connected_regions(self.constraints, intervals_of(self.constraints.nodes, self.budget))
+        step_rad = PAVED_RAD if self.constraints.is_paved else COARSE_RAD
+        intervals = intervals_of(self.constraints.nodes, self.budget, step_rad)
+        return connected_regions(self.constraints, intervals)
 
     @cached_property
     def hypotheses(self) -> Hypotheses:
@@ -210,13 +213,19 @@ class Recognition(ShortRepr):
 
     @property
     def unpaired_contacts(self) -> tuple[Contact, ...]:
-        """The contacts that are `unpaired`."""
+        """The contacts that are `unpaired` for want of budget."""
+        return () if self.constraints.is_paved else self._unpaired_contacts
+
+    @property
+    def _unpaired_contacts(self) -> tuple[Contact, ...]:
         return tuple(self.contacts[number] for number in sorted(self.unpaired))
 
     @property
     def has_coarse_cells(self) -> bool:
         """True if cells, and so bounds, are wider than they would be with a larger budget."""
-        return _step_rad(self.constraints.nodes, self.budget) > COARSE_RAD
+        if self.constraints.is_paved:
+            return PARTS_PER_CELL * len(self.cells) > self.budget.paving
+        return _step_rad(self.constraints.nodes, self.budget, COARSE_RAD) > COARSE_RAD
 
     @property
     def verdict(self) -> RecognitionVerdict:
@@ -269,7 +278,7 @@ class Recognition(ShortRepr):
             return False
         root = self.constraints.touched[:TREE_LEVELS]
         widest = max(item.position_bound_mm for item in root)
-        narrowest = min(item.position_bound_mm for item in self.unpaired_contacts)
+        narrowest = min(item.position_bound_mm for item in self._unpaired_contacts)
         return any(item.turn_bound_rad for item in root) and widest > _WIDENED_FACTOR * narrowest
 
     def _extend_anew(self, new: Sequence[Contact]) -> "Recognition":
@@ -334,15 +343,17 @@ def anchor_of(touched: Sequence[Contact]) -> Floats:
     return anchor
 
 
-def intervals_of(nodes: Interpretations, budget: Budget = STANDARD_BUDGET) -> Intervals:
+def intervals_of(
+    nodes: Interpretations, budget: Budget = STANDARD_BUDGET, step_rad: float = COARSE_RAD
+) -> Intervals:
     """Intervals in which interpretations are cut into cells: the fewer are left, the finer."""
     least = int(np.clip(_CELLS_IF_FEW // max(len(nodes), 1), 1, _MAX_CELLS_EACH))
-    return divide_orientations(nodes, step_rad=_step_rad(nodes, budget), least=least)
+    return divide_orientations(nodes, step_rad=_step_rad(nodes, budget, step_rad), least=least)
 
 
-def _step_rad(nodes: Interpretations, budget: Budget) -> float:
+def _step_rad(nodes: Interpretations, budget: Budget, least_rad: float) -> float:
     """Width of cells: contacts that say little leave wide intervals, which get coarser cells."""
-    return max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / budget.cells)
+    return max(least_rad, float(np.sum(nodes.hi - nodes.lo)) / budget.cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -363,6 +374,13 @@ class _SearchState:
             if contact.touched and number not in self.unpaired
         ]
 
+    def _is_rough(self, catalogue: Catalogue) -> bool:
+        """Return whether one contact is paired, and some state that it leaves has rough walls."""
+        if len(self.paired) != 1:
+            return False
+        rough = catalogue.edges(self.paired[0].finger).is_rough
+        return any(bool(rough[branch.nodes.state].any()) for branch in self.branches)
+
     def evidence(self, max_spurious: int) -> list[Contact]:
         """Contacts that hold in every interpretation; unpaired ones need not, where some may be spurious."""
         return [
@@ -376,6 +394,8 @@ class _SearchState:
         number, contacts = len(self.contacts), (*self.contacts, contact)
         if not contact.touched:
             return replace(self, contacts=contacts)
+        if not max_spurious and self._is_rough(query.catalogue):
+            return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
         query = replace(query, contacts=[*self.paired, contact])
         try:
             branches, narrowed, count = grow_branches(query, self.branches, max_spurious)

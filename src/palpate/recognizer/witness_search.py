@@ -31,11 +31,18 @@ _REGION_DIVISOR = 8  # so much of the budget's share of fine cells is one region
 _MAX_BUDGET_SHARES = 4  # times that share, of cells: to divide so many once more would take seconds
 _PARTS_PER_FINE_CELL = 4  # of these, along their longest sides
 _CELLS_WORTH_REFINING = 16  # cells of a region: with fewer little is gained
+_CELLS_AT_ONCE = 2048  # of a paving: the budget for pieces of the boundary is for each so many
+_FINE_MM = 0.4  # of a paving's cells, radius and turn together: finer ones hardly bound anything better
+
+PAVED_RAD = 0.1
+"""Orientations of a paving's first cells."""
 
 
 def connected_regions(constraints: Constraints, intervals: Intervals) -> Regions:
     """The connected regions of the intervals' cells, without those that prove to be empty."""
     found, done = _clipped(constraints, STEPS.sift_intervals(constraints, intervals, corners=False)), []
+    if constraints.is_paved:
+        found = _pave(constraints, found)
     for nth in range(_MAX_REFINEMENTS + 1):
         regions, again = STEPS.search_round(constraints, found, refinable=nth < _MAX_REFINEMENTS)
         done.append(regions)
@@ -43,6 +50,26 @@ def connected_regions(constraints: Constraints, intervals: Intervals) -> Regions
             break
         found = _clipped(constraints, cut_finer(constraints, again, at_first=nth == 0))
     return Regions.join(done)
+
+
+def _pave(constraints: Constraints, found: WitnessedCells) -> WitnessedCells:
+    """Cells divided again and again, without those that cannot satisfy all contacts: a paving.
+
+    Until they are fine, or as many as the budget allows.
+    """
+    while True:
+        parts = [
+            begin + np.flatnonzero(STEPS.can_be_verified(constraints, some.cells))
+            for begin in range(0, len(found), _CELLS_AT_ONCE)
+            if (some := found.select(slice(begin, begin + _CELLS_AT_ONCE)))
+        ]
+        found = found.select(np.concatenate(parts) if parts else np.empty(0, np.int64))
+        cells = found.cells
+        if not len(found) or PARTS_PER_CELL * len(found) > constraints.budget.paving:
+            return found
+        if np.median(cells.radius + LEVER_MM * cells.half_width) < _FINE_MM:
+            return found
+        found = _clipped(constraints, STEPS.sift_parts(constraints, cells))
 
 
 def _clipped(constraints: Constraints, found: WitnessedCells) -> WitnessedCells:
