@@ -83,7 +83,8 @@ def _rings(objects: tuple[ObjectModel, ...]) -> Iterator[Floats]:
 
 def _object_record(item: ObjectModel) -> list[object]:
     states = [_state_record(state) for state in item.states]
-    return [item.name, states, item.tolerance_mm, item.holds_n, item.support_mm, item.normal_bound_rad]
+    numbers = [item.tolerance_mm, item.holds_n, item.support_mm, item.normal_bound_rad]
+    return [item.name, states, *numbers, item.least_tip_radius_mm]
 
 
 def _state_record(state: State) -> list[object]:
@@ -251,6 +252,7 @@ def _object(entry: ObjectText) -> ObjectModel:
         entry.part_holds_n,
         entry.part_support_mm,
         entry.normal_bound,
+        entry.least_tip_radius,
     )
 
 

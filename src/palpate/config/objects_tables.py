@@ -221,6 +221,11 @@ class ObjectText(FileModel):
         description="Normals of the part's true outline are within this angle of the model's normals within "
         "`tolerance` of the place, rad; without it they may be off by what `tolerance` does to an edge.",
     )
+    least_tip_radius: Positive | None = Field(
+        default=None,
+        description="The model is of what tips of at least this radius can feel, mm: notches that are narrower "
+        "may not be in it. Written where a part was learned by touch.",
+    )
     source: SourceText | None = Field(default=None, description="Written by the import.")
     size: tuple[Positive, Positive, Positive] | None = Field(
         default=None,

@@ -155,6 +155,7 @@ def _object(model: ObjectModel) -> dict[str, Any]:
     optional = {
         "tolerance": model.tolerance_mm or None,
         "normal_bound": model.normal_bound_rad,
+        "least_tip_radius": model.least_tip_radius_mm,
         "part_holds_n": model.holds_n,
         "part_support_mm": model.support_mm,
     }

@@ -128,6 +128,7 @@ class Catalogue:
 
     def take(self, finger: Finger, preparation: FingerPreparation) -> None:
         """Use what is prepared of these states for a finger already."""
+        _check_tip(self.states, finger)
         self._outlines[finger] = preparation.outlines
         self._edges[finger] = preparation.edges
         self._boundaries[finger] = preparation.boundary
@@ -142,6 +143,7 @@ class Catalogue:
     def outlines(self, finger: Finger) -> EdgeSet:
         """The grown outlines that stop `finger` on its way: the edges, but for objects with a tolerance."""
         if finger not in self._outlines:
+            _check_tip(self.states, finger)
             self._outlines[finger] = outline_set(self.states, finger, self.facet_error_mm)
         return self._outlines[finger]
 
@@ -187,6 +189,16 @@ class Catalogue:
         return self._pockets[key]
 
 
+def _check_tip(states: Sequence[CatalogueState], finger: Finger) -> None:
+    """Raise InputError where a tip could enter what larger ones could not feel when a part was learned."""
+    for item in states:
+        if item.least_tip_radius_mm is not None and finger.tip_radius_mm < item.least_tip_radius_mm:
+            raise InputError(
+                f"{item.object_name} was learned with tips of radius {item.least_tip_radius_mm:g} mm, and one "
+                f"of {finger.tip_radius_mm:g} mm may feel more of it: learn it with that tip, or leave it out"
+            )
+
+
 def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
     """Check objects and find the symmetry of every state. Raises InputError for an object that is wrong."""
     for item in objects:
@@ -230,6 +242,7 @@ def _prepare_state(item: ObjectModel, state: State) -> CatalogueState:
         item.holds_n,
         item.support_mm,
         _normal_bound_rad(item, state),
+        item.least_tip_radius_mm,
     )
     return _with_exact_symmetry(prepared) if symmetry.order > 1 else prepared
 

@@ -35,8 +35,8 @@ class CatalogueState(ShortRepr):
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
     origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
-    vertices of the true outline may be off. `holds_n`, `support_mm` and `normal_bound_rad` are the
-    object's.
+    vertices of the true outline may be off. `holds_n`, `support_mm`, `normal_bound_rad` and
+    `least_tip_radius_mm` are the object's.
     """
 
     object_name: str
@@ -47,6 +47,7 @@ class CatalogueState(ShortRepr):
     holds_n: float | None = None
     support_mm: float | None = None
     normal_bound_rad: float | None = None
+    least_tip_radius_mm: float | None = None
 
     @property
     def symmetry_order(self) -> int:

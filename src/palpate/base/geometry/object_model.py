@@ -194,7 +194,8 @@ class ObjectModel:
     `holds_n`: horizontal force at its middle below which it does not slide. `support_mm`: lower bound on the
     mean distance of its support from the support's geometric median. `normal_bound_rad`: every normal
     that the true outline has at a point, at a vertex all between its edges', is within this of one that the
-    modelled outline has within `tolerance_mm` of the point. None: not declared.
+    modelled outline has within `tolerance_mm` of the point. None: not declared. `least_tip_radius_mm`: the
+    model is of what tips of at least this radius can feel; None: of the part.
     """
 
     name: str
@@ -203,6 +204,7 @@ class ObjectModel:
     holds_n: float | None = None
     support_mm: float | None = None
     normal_bound_rad: float | None = None
+    least_tip_radius_mm: float | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(state.name for state in self.states[:4])

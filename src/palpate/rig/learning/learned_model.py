@@ -1,0 +1,104 @@
+"""Learned model: an outline between the bounds of a felt one, with a tolerance that holds for all between.
+
+Its tolerance δ is such that, wherever the felt outline runs between the bounds, it is within δ of the
+model's, and neither reaches further than δ beyond the other: what the recogniser takes a tolerance to be.
+Normals of what was touched are not bounded, but for what tips of that radius can feel (`normal_bound` π).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.rig.learning.felt_outline import FeltOutline
+
+_SHRINKS_MM = np.arange(0.0, 4.1, 0.5)  # of the outer bound, that are tried
+_SIMPLIFIED_SHARE = 0.1  # of the tolerance: by how much the outline may be simplified
+_SAMPLES_MM = 0.5
+_ROUNDING_MM = 1e-3
+_GROWTH = 1.02  # of a tolerance that proves to be too small
+
+LEARNED_STATE = "learned"
+"""Name of the state in which a part was learned."""
+
+
+@dataclass(frozen=True, eq=False)
+class NominalOutline:
+    """A simple polygon, its corners (n, 2) in W, and the tolerance with which it stands for a felt outline."""
+
+    points_mm: Floats
+    tolerance_mm: float
+
+
+def nominal_outline(felt: FeltOutline) -> NominalOutline:
+    """The outline between the bounds whose tolerance is least of some; the bounds must be closed."""
+    tried = [_between(felt, float(shrink)) for shrink in _SHRINKS_MM]
+    rough = min((item for item in tried if item is not None), key=lambda item: _rough_tolerance_mm(felt, item))
+    fine = rough.simplify(_SIMPLIFIED_SHARE * _rough_tolerance_mm(felt, rough))
+    chosen = fine if isinstance(fine, shapely.Polygon) and fine.is_valid else rough
+    return NominalOutline(shapely.get_coordinates(chosen.exterior)[:-1], _tolerance_mm(felt, chosen))
+
+
+def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
+    """Places (n, 2) along both bounds, and how far each is from a nominal outline (n,), mm."""
+    places = shapely.get_coordinates(shapely.segmentize([felt.inner, felt.outer], _SAMPLES_MM))
+    return places, shapely.distance(nominal.exterior, shapely.points(places))
+
+
+def gaps_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
+    """Places (n, 2) along a nominal outline, and how far each is from the nearest contact (n,), mm."""
+    places = shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM))
+    return places, cKDTree(felt.touched_mm).query(places)[0]
+
+
+def _between(felt: FeltOutline, shrink_mm: float) -> shapely.Polygon | None:
+    """The outer bound, shrunk, with all of the inner one; None if that is in pieces."""
+    found = shapely.union(felt.outer.buffer(-shrink_mm), felt.inner)
+    return shapely.Polygon(found.exterior) if isinstance(found, shapely.Polygon) else None
+
+
+def _rough_tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
+    outline = shapely.points(shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM)))
+    return float(max(deficits_mm(felt, nominal)[1].max(), shapely.distance(outline, felt.inner).max()))
+
+
+def _tolerance_mm(felt: FeltOutline, nominal: shapely.Polygon) -> float:
+    """A tolerance for which all conditions hold, tested by shapely; rounded up."""
+    tolerance = _rough_tolerance_mm(felt, nominal)
+    while not _is_tolerated(felt, nominal, tolerance):
+        tolerance *= _GROWTH
+    return math.ceil((tolerance + _ROUNDING_MM) * 100) / 100
+
+
+def _is_tolerated(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float) -> bool:
+    pairs = (
+        (felt.band, nominal.exterior.buffer(tolerance_mm)),
+        (felt.outer, nominal.buffer(tolerance_mm)),
+        (nominal, felt.inner.buffer(tolerance_mm)),
+        (nominal.buffer(-tolerance_mm), felt.inner),
+    )
+    return all(within.difference(whole).is_empty for within, whole in pairs)
+
+
+def learned_model(
+    name: str, outlines: Mapping[tuple[float, float], NominalOutline], least_tip_radius_mm: float
+) -> ObjectModel:
+    """The object, of outlines felt by tips between heights (from, to), about its middle."""
+    first = next(iter(outlines.values()))
+    origin = np.round(first.points_mm.mean(axis=0), 3)
+    sections = tuple(
+        Section(span, (Polygon(np.round(item.points_mm - origin, 3)),)) for span, item in outlines.items()
+    )
+    state = State(LEARNED_STATE, sections, heights_mm=tuple(sorted(outlines)))
+    tolerance = max(item.tolerance_mm for item in outlines.values()) + _ROUNDING_MM
+    return ObjectModel(
+        name,
+        (state,),
+        round(tolerance, 3),
+        normal_bound_rad=math.pi,
+        least_tip_radius_mm=least_tip_radius_mm,
+    )

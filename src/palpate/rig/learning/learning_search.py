@@ -1,0 +1,130 @@
+"""Learning search: grips round an unknown part until its outline is known as finely as asked for."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from palpate.base.errors import InputError
+from palpate.base.geometry import ObjectModel
+from palpate.config import RigFile
+from palpate.recognizer import Contact, Finger, FingerApproach
+from palpate.rig.identification.exploration import exploring_grip
+from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
+from palpate.rig.learning.learned_model import NominalOutline, learned_model, nominal_outline
+from palpate.rig.learning.touch_choice import TouchChooser
+from palpate.rig.reach.approaches import Reach
+
+_ROUGH_MM = 6.0  # a model with more tolerance than that is no guess
+_FIRST_TOUCHES = 3  # by which fingers go to the middle of the table, or of what was touched
+
+
+@dataclass(frozen=True, eq=False)
+class _Kind:
+    """Fingers of one tip and height: their approaches, and what their touches say so far."""
+
+    finger: Finger
+    reach: Reach
+    chooser: TouchChooser
+    contacts: tuple[Contact, ...]
+    felt: FeltOutline | None
+
+    @cached_property
+    def nominal(self) -> NominalOutline | None:
+        """The outline between the bounds; None while they are not closed."""
+        return nominal_outline(self.felt) if self.felt is not None and self.felt.is_closed else None
+
+    @property
+    def tolerance_mm(self) -> float:
+        """Tolerance of what is known so far; infinite while bounds are not closed."""
+        return np.inf if self.nominal is None else self.nominal.tolerance_mm
+
+    @property
+    def guess(self) -> shapely.Polygon | None:
+        """About where the outline is; None before there is enough to guess from."""
+        if self.nominal is not None and self.nominal.tolerance_mm < _ROUGH_MM:
+            return shapely.Polygon(self.nominal.points_mm)
+        if self.felt is None or len(self.felt.touched_mm) < _FIRST_TOUCHES:
+            return None
+        hull = shapely.MultiPoint(self.felt.touched_mm).convex_hull
+        pieces = [
+            item
+            for item in shapely.get_parts(hull.intersection(self.felt.outer))
+            if isinstance(item, shapely.Polygon)
+        ]
+        return max(pieces, key=lambda item: item.area, default=None)
+
+
+class LearningSearch:
+    """Search under way, by all touches so far."""
+
+    def __init__(self, rig: RigFile, reach: Reach, tolerance_mm: float) -> None:
+        """`tolerance_mm`: what is asked for. Raises InputError for fingers whose touches bound no outline."""
+        self._goal_mm, self._radius_mm = tolerance_mm, rig.workspace.radius_mm
+        fingers = np.array([hash(item.finger) for item in reach.approaches])
+        self._kinds: dict[Finger, _Kind] = {}
+        for finger in dict.fromkeys(item.finger for item in reach.approaches):
+            own = reach.only(np.flatnonzero(fingers == hash(finger)))
+            self._kinds[finger] = _Kind(finger, own, TouchChooser(own, self._radius_mm), (), None)
+        _check_fingers(list(self._kinds))
+
+    @property
+    def felt(self) -> Sequence[FeltOutline]:
+        """Bounds of the outlines that were touched."""
+        return [kind.felt for kind in self._kinds.values() if kind.felt is not None]
+
+    @property
+    def holds_together(self) -> bool:
+        """False if touches contradict one another: the part moved."""
+        return all(felt.holds_together for felt in self.felt)
+
+    @property
+    def tolerance_mm(self) -> float:
+        """Tolerance of the model so far; infinite while there is none."""
+        return max(kind.tolerance_mm for kind in self._kinds.values())
+
+    @property
+    def is_done(self) -> bool:
+        """True if the model is as fine as asked for."""
+        return self.tolerance_mm <= self._goal_mm
+
+    def take(self, contacts: Sequence[Contact]) -> None:
+        """Take in contacts and misses."""
+        for finger, kind in self._kinds.items():
+            new = [item for item in contacts if item.finger == finger]
+            if new:
+                every = (*kind.contacts, *new)
+                felt = felt_outline(every, self._radius_mm)
+                self._kinds[finger] = _Kind(finger, kind.reach, kind.chooser, every, felt)
+
+    def next(self) -> tuple[FingerApproach, ...]:
+        """The next grip; none if no approach would bring bounds closer."""
+        for kind in sorted(self._kinds.values(), key=lambda item: -item.tolerance_mm):
+            if kind.tolerance_mm <= self._goal_mm:
+                continue
+            if kind.felt is None or kind.guess is None:
+                grip = tuple(exploring_grip(kind.reach, kind.contacts))
+            else:
+                grip = kind.chooser.grip(kind.contacts, kind.felt, kind.guess, self._goal_mm)
+            if grip:
+                return grip
+        return ()
+
+    def model(self, name: str) -> ObjectModel | None:
+        """The object as it is known so far; None while some outline is not closed."""
+        known = {kind.finger: kind.nominal for kind in self._kinds.values()}
+        outlines = {finger.span_mm: item for finger, item in known.items() if item is not None}
+        if len(outlines) < len(known):
+            return None
+        return learned_model(name, outlines, max(finger.tip_radius_mm for finger in known))
+
+
+def _check_fingers(fingers: Sequence[Finger]) -> None:
+    """Raise InputError unless all tips are upright, and those at one height alike."""
+    if not all(finger.tip.is_upright and not finger.tip.has_face for finger in fingers):
+        raise InputError("outlines are learned with upright round tips; balls and pads cannot bound them")
+    spans = [finger.span_mm for finger in fingers]
+    if len(set(spans)) < len(spans):
+        raise InputError("fingers at one height have tips of different radius: learn with tips that are alike")
