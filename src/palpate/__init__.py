@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from palpate.jobs.files import load_rig as load_rig
     from palpate.jobs.files import load_scene as load_scene
     from palpate.jobs.files import save as save
+    from palpate.jobs.learning import LearnedObject as LearnedObject
     from palpate.jobs.ready_rig import ReadyRig as ReadyRig
     from palpate.jobs.recognition import Answer as Answer
     from palpate.jobs.recognition import Plan as Plan
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "jobs.bus": ("scan", "stop"),
     "jobs.catalogue": ("check_objects", "import_objects", "list_objects"),
+    "jobs.learning": ("LearnedObject",),
     "jobs.ready_rig": ("ReadyRig",),
     "jobs.files": (
         "load_calibration",

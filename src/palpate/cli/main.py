@@ -25,6 +25,7 @@ from palpate.base.errors import DeviceError, OutputError, PalpateError, RigWarni
 from palpate.cli.calibrate import calibrate, home
 from palpate.cli.check import check, doctor
 from palpate.cli.identify import identify, plan, recognize, study
+from palpate.cli.learn import learn
 from palpate.cli.objects import (
     check_objects,
     import_objects,
@@ -125,6 +126,7 @@ app.command(rich_help_panel=_SETTING_UP)(watch)
 app.command(rich_help_panel=_SETTING_UP)(reboot)
 app.command(rich_help_panel=_SETTING_UP)(stop)
 objects.command("import")(import_objects)
+objects.command("learn")(learn)
 objects.command("list")(list_objects)
 objects.command("show")(show_objects)
 objects.command("check")(check_objects)

@@ -223,8 +223,8 @@ class ObjectText(FileModel):
     )
     least_tip_radius: Positive | None = Field(
         default=None,
-        description="The model is of what tips of at least this radius can feel, mm: notches that are narrower "
-        "may not be in it. Written where a part was learned by touch.",
+        description="The model is of what tips of at least this radius can feel, mm: narrower notches may "
+        "not be in it. Written where a part was learned by touch.",
     )
     source: SourceText | None = Field(default=None, description="Written by the import.")
     size: tuple[Positive, Positive, Positive] | None = Field(

@@ -28,6 +28,7 @@ from palpate.config.diagnosis_results import CheckOut, DoctorOut, WiringOut
 from palpate.config.emulation import Scene
 from palpate.config.fields import Out
 from palpate.config.import_settings import ImportSettings
+from palpate.config.learning_result import LearningOut
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.recognition_results import GripOut, IdentificationOut, RecognitionOut
 from palpate.config.rig_file import RigFile
@@ -46,6 +47,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "identification": IdentificationOut,
     "import": ImportOut,
     "import-settings": ImportSettings,
+    "learning": LearningOut,
     "objects": ObjectsFileText,
     "objects-check": ObjectsCheckOut,
     "objects-inventory": InventoryOut,

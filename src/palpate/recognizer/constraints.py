@@ -93,7 +93,7 @@ class Constraints:
 
     @property
     def is_paved(self) -> bool:
-        """True if one contact is paired and others are not: then cells are divided by what all of them say."""
+        """True if one contact is paired and others are not: then cells are divided by what all say."""
         return self.has_unpaired and len(self.touched) == 1
 
     def all_columns(self, edges: Ints) -> Ints:

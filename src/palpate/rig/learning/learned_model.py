@@ -28,7 +28,7 @@ LEARNED_STATE = "learned"
 
 @dataclass(frozen=True, eq=False)
 class NominalOutline:
-    """A simple polygon, its corners (n, 2) in W, and the tolerance with which it stands for a felt outline."""
+    """Corners (n, 2) in W of a simple polygon, and the tolerance with which it is a felt outline."""
 
     points_mm: Floats
     tolerance_mm: float
@@ -37,7 +37,9 @@ class NominalOutline:
 def nominal_outline(felt: FeltOutline) -> NominalOutline:
     """The outline between the bounds whose tolerance is least of some; the bounds must be closed."""
     tried = [_between(felt, float(shrink)) for shrink in _SHRINKS_MM]
-    rough = min((item for item in tried if item is not None), key=lambda item: _rough_tolerance_mm(felt, item))
+    rough = min(
+        (item for item in tried if item is not None), key=lambda item: _rough_tolerance_mm(felt, item)
+    )
     fine = rough.simplify(_SIMPLIFIED_SHARE * _rough_tolerance_mm(felt, rough))
     chosen = fine if isinstance(fine, shapely.Polygon) and fine.is_valid else rough
     return NominalOutline(shapely.get_coordinates(chosen.exterior)[:-1], _tolerance_mm(felt, chosen))
@@ -46,13 +48,15 @@ def nominal_outline(felt: FeltOutline) -> NominalOutline:
 def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
     """Places (n, 2) along both bounds, and how far each is from a nominal outline (n,), mm."""
     places = shapely.get_coordinates(shapely.segmentize([felt.inner, felt.outer], _SAMPLES_MM))
-    return places, shapely.distance(nominal.exterior, shapely.points(places))
+    away: Floats = shapely.distance(nominal.exterior, shapely.points(places))
+    return places, away
 
 
 def gaps_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
     """Places (n, 2) along a nominal outline, and how far each is from the nearest contact (n,), mm."""
     places = shapely.get_coordinates(shapely.segmentize(nominal.exterior, _SAMPLES_MM))
-    return places, cKDTree(felt.touched_mm).query(places)[0]
+    away: Floats = np.asarray(cKDTree(felt.touched_mm).query(places)[0])
+    return places, away
 
 
 def _between(felt: FeltOutline, shrink_mm: float) -> shapely.Polygon | None:

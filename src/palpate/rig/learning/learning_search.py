@@ -76,6 +76,11 @@ class LearningSearch:
         return [kind.felt for kind in self._kinds.values() if kind.felt is not None]
 
     @property
+    def outlines(self) -> Sequence[NominalOutline]:
+        """Outlines between the bounds, of heights at which these are closed."""
+        return [kind.nominal for kind in self._kinds.values() if kind.nominal is not None]
+
+    @property
     def holds_together(self) -> bool:
         """False if touches contradict one another: the part moved."""
         return all(felt.holds_together for felt in self.felt)
@@ -127,4 +132,6 @@ def _check_fingers(fingers: Sequence[Finger]) -> None:
         raise InputError("outlines are learned with upright round tips; balls and pads cannot bound them")
     spans = [finger.span_mm for finger in fingers]
     if len(set(spans)) < len(spans):
-        raise InputError("fingers at one height have tips of different radius: learn with tips that are alike")
+        raise InputError(
+            "fingers at one height have tips of different radius: learn with tips that are alike"
+        )

@@ -19,7 +19,10 @@ from palpate.rig.reach.approaches import Reach
 
 _TOUCHED_REACH_MM = 1.0  # a touch brings bounds together so far to either side
 _NEAR_MM = 20.0  # what is further away does not matter once tips have passed all round
-_GAP_SHARE, _GAP_WEIGHT = 0.6, 10.0  # of the closing's radius: contacts are to be no further apart than twice as much
+_GAP_SHARE, _GAP_WEIGHT = (
+    0.6,
+    10.0,
+)  # of the closing's radius: contacts are to be no further apart than twice as much
 _AFTER_MM = 10.0  # a finger goes on so far beyond where it is taken to stop, for others' sake
 _SAME_PLACE_MM, _SPACING_MM = 0.5, 2.0  # touches that are nearer tell nothing more, or less
 _UNSURE_MM = 8.0  # of where an approach is taken to stop
@@ -84,7 +87,9 @@ class TouchChooser:
         ends = np.array([item.end_mm for item in contacts if item.touched]).reshape(-1, 2)
         offset = ends - self._start[:, None]
         along = np.einsum("nkj,nj->nk", offset, self._heading)
-        beside = np.abs(offset[..., 0] * self._heading[:, None, 1] - offset[..., 1] * self._heading[:, None, 0])
+        beside = np.abs(
+            offset[..., 0] * self._heading[:, None, 1] - offset[..., 1] * self._heading[:, None, 0]
+        )
         there = np.abs(along - stops[:, None]) < _UNSURE_MM
         away = np.where(there, beside, np.inf).min(axis=1, initial=np.inf)
         result: Floats = np.clip((away - _SAME_PLACE_MM) / _SPACING_MM, 0.0, 1.0)
@@ -99,7 +104,10 @@ class TouchChooser:
         places, away = places[wrong], away[wrong] - tolerance_mm
         between, gap = gaps_mm(felt, nominal)
         wide = np.flatnonzero(gap > _GAP_SHARE * felt.radius_mm)
-        places, away = np.concatenate([places, between[wide]]), np.concatenate([away, _GAP_WEIGHT * gap[wide]])
+        places, away = (
+            np.concatenate([places, between[wide]]),
+            np.concatenate([away, _GAP_WEIGHT * gap[wide]]),
+        )
         offset = places - self._start[:, None]
         along = np.clip(np.einsum("npj,nj->np", offset, self._heading), 0.0, stops[:, None])
         beside = np.linalg.norm(offset - along[..., None] * self._heading[:, None], axis=2)

@@ -1,0 +1,221 @@
+"""Parts learned by touch: `python benchmarks/bench_learning.py --learn N [--identify M]`.
+
+`--learn N`: N outlines of others, drawn by seed, are learned on the firm bench with a stage that turns by
+±35°, with touches that shapely works out, each as far off as its bounds allow (position 0.33 mm, path 0.58
+mm, normals ±9.5°: those of the emulated bench). Judged by shapely alone: the inner bound lies in what a tip
+of 5 mm can feel of the true outline, the part in the outer one, and the felt outline within the model's
+tolerance of the model's. Beside the tolerance stand the Hausdorff distance of model and felt outline, and
+that of a polygon through as many points, evenly spaced on the true outline.
+
+`--identify M`: then M parts, drawn from those that were learned, are identified among all of them, in other
+places, with touches of the same kind.
+"""
+
+import argparse
+import math
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from palpate.base.geometry import ObjectModel
+from palpate.config import RigFile, load_rig
+from palpate.recognizer import Catalogue, FingerApproach
+from palpate.rig.identification.identify import search
+from palpate.rig.learning.learning_search import LearningSearch
+from palpate.rig.motion.touch import Touch
+from palpate.rig.reach.approaches import Reach, reach_of
+from support.benches.rigs import firm_rig
+from support.commands.repository import SHARED_OUTLINES
+from support.oracles.shapely_touches import outlines, place, touch
+
+POSITION_MM, PATH_MM, NORMAL_RAD = 0.33, 0.58, math.radians(9.5)
+TIP_MM, QUARTER = 5.0, 64
+SMALLEST_MM, LARGEST_MM = 35.0, 110.0
+STAGE = """[stage]
+centre_mm = [0.0, 0.0]
+dxl_id = 1
+model = "XM430-W350"
+gear_ratio = 5.0
+range_deg = [-35.0, 35.0]
+zero_deg = 180.0
+backlash_deg = 0.02
+bound_deg = 0.02
+centre_bound_mm = 0.05
+
+[closing]"""
+
+
+def turning_rig() -> RigFile:
+    """The firm bench, its fingers on a stage."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "rig.toml")
+        path.write_text(firm_rig().read_text(encoding="utf-8").replace("[closing]", STAGE, 1), "utf-8")
+        return load_rig(path)
+
+
+def hands(
+    shape: shapely.Geometry, rng: np.random.Generator
+) -> Callable[[Sequence[FingerApproach], object], list[Touch]]:
+    """Whatever carries out grips on a shape."""
+
+    def execute(grip: Sequence[FingerApproach], _tell: object) -> list[Touch]:
+        touches = []
+        for number, item in enumerate(grip):
+            met = touch(
+                shape,
+                rng,
+                radius=item.finger.tip_radius_mm,
+                bound=POSITION_MM,
+                half_range=NORMAL_RAD,
+                direction=item.direction_rad,
+                start=np.array(item.start_mm),
+                reach=item.travel_mm,
+                at_bound=True,
+                name=f"f{item.finger_index + 1}",
+            )
+            met = replace(met, finger=item.finger, path_bound_mm=PATH_MM)
+            touches.append(Touch(number, met, None, (math.nan, math.nan)))
+        return touches
+
+    return execute
+
+
+def felt_shape(shape: shapely.Geometry) -> shapely.Polygon:
+    """What a tip can feel of a shape."""
+    closing = shape.buffer(TIP_MM, QUARTER).buffer(-TIP_MM, QUARTER)
+    return shapely.Polygon(max(shapely.get_parts(closing), key=shapely.area).exterior)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A part that was learned, and how well."""
+
+    truth: ObjectModel
+    model: ObjectModel | None
+    grips: int
+    touches: int
+    seconds: float
+    computing_s: float
+    is_between: bool
+    hausdorff_mm: float = math.nan
+    even_mm: float = math.nan
+
+
+def learn(
+    truth: ObjectModel, rig: RigFile, reach: Reach, seed: int, tolerance: float, most_s: float
+) -> Learned:
+    """Learn one part, and judge it."""
+    rng = np.random.default_rng([1, seed])
+    placed, begin = place(truth, rng, 10.0), time.process_time()
+    search, execute = LearningSearch(rig, reach, tolerance), hands(placed.shape, rng)
+    known = {_line(item): row for row, item in enumerate(reach.approaches)}
+    seconds, grips, touches = 0.0, 0, 0
+    while seconds < most_s and not search.is_done and (grip := search.next()):
+        contacts = [item.contact for item in execute(grip, None)]
+        travels = np.zeros(len(reach.approaches))
+        rows = [known[_line(item)] for item in grip]
+        travels[rows] = [item.travel_mm for item in contacts]
+        seconds += float(reach.seconds(travels)[rows].max())
+        grips, touches = grips + 1, touches + sum(item.touched for item in contacts)
+        search.take(contacts)
+    felt, true = search.felt[0], felt_shape(placed.shape)
+    is_between = (
+        felt.inner.difference(true.buffer(1e-3)).is_empty
+        and placed.shape.difference(felt.outer.buffer(1e-3)).is_empty
+        and search.holds_together
+    )
+    model = search.model(f"{truth.name} {seed}")
+    spent = time.process_time() - begin
+    result = Learned(truth, model, grips, touches, seconds, spent, is_between)
+    if model is None:
+        return result
+    nominal = search.outlines[0]
+    shape = shapely.Polygon(nominal.points_mm)
+    away = shapely.hausdorff_distance(shape.exterior, true.exterior, densify=0.002)
+    is_within = true.exterior.difference(shape.exterior.buffer(nominal.tolerance_mm, QUARTER)).is_empty
+    places = shapely.line_interpolate_point(true.exterior, np.arange(touches) / touches, normalized=True)
+    even = shapely.Polygon(shapely.get_coordinates(places)).exterior
+    apart = shapely.hausdorff_distance(even, true.exterior, densify=0.002)
+    return replace(
+        result, is_between=is_between and is_within, hausdorff_mm=float(away), even_mm=float(apart)
+    )
+
+
+def _line(item: FingerApproach) -> tuple[object, ...]:
+    return item.finger_index, item.stage_rad, item.start_mm, item.direction_rad
+
+
+def main() -> None:
+    """Print a line for each part, and sums."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--learn", type=int, default=10)
+    parser.add_argument("--first", type=int, default=1)
+    parser.add_argument("--identify", type=int, default=0)
+    parser.add_argument("--tolerance", type=float, default=1.5)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    given = parser.parse_args()
+    rig = turning_rig()
+    reach = reach_of(rig)
+    truths = [
+        item
+        for item in outlines(SHARED_OUTLINES)
+        if SMALLEST_MM < np.ptp(item.states[0].sections[0].polygons[0].outer, axis=0).max() < LARGEST_MM
+    ]
+    drawn = np.random.default_rng(0).permutation(len(truths))
+    found = []
+    for seed in range(given.first, given.first + given.learn):
+        item = learn(truths[drawn[seed % len(truths)]], rig, reach, seed, given.tolerance, given.seconds)
+        tolerance = math.nan if item.model is None else item.model.tolerance_mm
+        print(
+            f"{seed:>3} {item.truth.name:<14} grips {item.grips:>3} touches {item.touches:>3} "
+            f"{item.seconds:>5.0f} s  tolerance {tolerance:>5.2f} mm  between {item.is_between!s:<5} "
+            f"Hausdorff {item.hausdorff_mm:>5.2f} mm, evenly {item.even_mm:>5.2f} mm  "
+            f"computing {item.computing_s:.0f} s",
+            flush=True,
+        )
+        found.append(item)
+    _identify(rig, reach, [item for item in found if item.model is not None], given.identify)
+
+
+def _identify(rig: RigFile, reach: Reach, known: Sequence[Learned], count: int) -> None:
+    if not known or not count:
+        return
+    catalogue = Catalogue([item.model for item in known if item.model is not None])
+    limits = {"max_grips": 40, "goal_position_mm": 5.0, "goal_orientation_deg": 8.0}
+    eased = rig.model_copy(update={"search": rig.search.model_copy(update=limits)})
+    verdicts: Counter[str] = Counter()
+    for seed in range(count):
+        rng = np.random.default_rng([2, seed])
+        item = known[int(rng.integers(len(known)))]
+        placed = place(item.truth, rng, 15.0)
+        begin = time.process_time()
+        result = search(eased, reach, hands(placed.shape, rng), catalogue)
+        hypotheses = () if result.recognition is None else result.recognition.hypotheses
+        names = {one.state.object_name for one in hypotheses}
+        assert item.model is not None, "chosen by"
+        is_wrong = result.outcome.is_answer and item.model.name not in names
+        verdicts[f"{result.outcome.value}{', WRONG' if is_wrong else ''}"] += 1
+        verdicts["LOST"] += item.model.name not in names
+        wide = max((one.bounds.position_half_mm for one in hypotheses), default=math.nan)
+        turned = max((one.bounds.orientation_half_rad for one in hypotheses), default=math.nan)
+        touches = sum(one.contact.touched for grip in result.grips for one in grip)
+        print(
+            f"{seed:>3} {item.model.name:<16} {result.outcome.value:<17} left {len(hypotheses)} of "
+            f"{len(names)} objects, ±{wide:.1f} mm ±{math.degrees(turned):.1f}°  grips "
+            f"{len(result.grips)} touches {touches}  computing {time.process_time() - begin:.0f} s",
+            flush=True,
+        )
+    print(", ".join(f"{name} {number}" for name, number in verdicts.items()))
+
+
+if __name__ == "__main__":
+    main()
