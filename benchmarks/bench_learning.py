@@ -38,7 +38,7 @@ from support.commands.repository import SHARED_OUTLINES
 from support.oracles.shapely_touches import outlines, place, touch
 
 POSITION_MM, PATH_MM, NORMAL_RAD = 0.33, 0.58, math.radians(9.5)
-TIP_MM, QUARTER = 5.0, 64
+TIP_MM, HEIGHT_MM, QUARTER = 5.0, 20.0, 64
 SMALLEST_MM, LARGEST_MM = 35.0, 110.0
 STAGE = """[stage]
 centre_mm = [0.0, 0.0]
@@ -133,7 +133,7 @@ def learn(
         and placed.shape.difference(felt.outer.buffer(1e-3)).is_empty
         and search.holds_together
     )
-    model = search.model(f"{truth.name} {seed}")
+    model = search.model(f"{truth.name} {seed}", HEIGHT_MM)
     spent = time.process_time() - begin
     result = Learned(truth, model, grips, touches, seconds, spent, is_between)
     if model is None:

@@ -215,6 +215,9 @@ def pairs() -> Iterator[tuple[str, str, str]]:
             yield name, one, other
 
 
+NEEDED = {"objects learn": ("part", "--height", 18)}
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
@@ -249,7 +252,7 @@ def test_no_command_writes_over_what_it_reads(
     name: str, written: str, other: str, folder: Path, here: Here
 ) -> None:
     place = INPUTS.get(other, "new.out")
-    words: list[object] = [*name.split(), option(written), os.path.join(".", place)]
+    words: list[object] = [*name.split(), *NEEDED.get(name, ()), option(written), os.path.join(".", place)]
     for path in COMMANDS[name]:
         if path in ARGUMENTS and name != "watch":
             words.append(INPUTS[path])

@@ -109,7 +109,11 @@ PLATE, STATE = 'object "plate"', 'object "plate", state "up", section 0, polygon
 BOW = [[0, 0], [10, 10], [10, 0], [0, 10]]
 CASES: list[tuple[object, str, str]] = [
     (catalogue(outline=..., outlin=SQUARE), PLATE, 'unknown key "outlin"; did you mean "outline"?'),
-    (catalogue(zzz=1, objcts=2), PLATE, 'unknown key "zzz"; allowed: name, tolerance, normal_bound, source'),
+    (
+        catalogue(zzz=1, objcts=2),
+        PLATE,
+        'unknown key "zzz"; allowed: name, tolerance, normal_bound, least_tip_radius, source',
+    ),
     (in_states({"outer": SQUARE, "hole": []}), f"{STATE} 0", 'unknown key "hole"; did you mean "holes"?'),
     (catalogue(outline=BOW), f"{PLATE}, outline", "at (5, 5): edge 0 meets edge 2"),
     (

@@ -18,6 +18,9 @@ from palpate.cli.terminal import (
 @note_on_interruption("nothing was written")
 def learn(
     name: Annotated[str, typer.Argument(metavar="NAME", help="What to call it.", show_default=False)],
+    height: Annotated[
+        float, typer.Option("--height", metavar="MM", help="How high the part is.", show_default=False)
+    ],
     rig: RigOption = None,
     tolerance: Annotated[
         float, typer.Option("--tolerance", metavar="MM", help="Tolerance of the model that is asked for.")
@@ -58,6 +61,7 @@ def learn(
     with StatusLine(Terminal(stderr=True, soft_wrap=True), "connecting", written_every_s=30.0) as doing:
         learned = opened.learn(
             name,
+            height_mm=height,
             tolerance_mm=tolerance,
             max_seconds=max_seconds,
             scene=scene,

@@ -14,6 +14,7 @@ from palpate.config.fields import to_json
 from palpate.config.learning_result import LearningOut
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.recognizer import Contact
+from palpate.rig.conversion import finger_of
 from palpate.rig.identification.rig_recognition import MadeGrip
 from palpate.rig.learning.felt_outline import FeltOutline
 from palpate.rig.learning.learning_search import LearningSearch
@@ -50,7 +51,7 @@ class LearnedObject:
         return ObjectsFile((self.model,))
 
     @property
-    def touches(self) -> int:
+    def touch_count(self) -> int:
         """Number of touches that met the part."""
         return sum(contact.touched for grip in self.grips for contact in grip)
 
@@ -58,12 +59,12 @@ class LearnedObject:
     def text(self) -> str:
         """Outcome in one line."""
         spent = (
-            f"{quantity(len(self.grips), 'grip', 'grips')}, {quantity(self.touches, 'touch', 'touches')}, "
+            f"{quantity(len(self.grips), 'grip', 'grips')}, {quantity(self.touch_count, 'touch', 'touches')}, "
             f"{self.rig_seconds:.0f} s"
         )
         if not self.fits_together:
             return f"touches contradict one another, the part was moved: hold it, and begin again ({spent})"
-        if not self.touches:
+        if not self.touch_count:
             return f"nothing was touched ({spent})"
         if self.model is None:
             return f"the outline is not closed: more time, or a stage that turns, would close it ({spent})"
@@ -82,7 +83,7 @@ class LearnedObject:
                 fits_together=self.fits_together,
                 limit=self.limit,
                 grips=len(self.grips),
-                touches=self.touches,
+                touches=self.touch_count,
                 rig_seconds=self.rig_seconds,
             )
         )
@@ -98,12 +99,30 @@ class LearnedObject:
         return f"<LearnedObject {self.name}: {self.text}>"
 
 
-def check_can_learn(rig: RigFile, tolerance_mm: float, max_seconds: float) -> None:
+@dataclass(frozen=True)
+class LearningRequest:
+    """Request for a model of a part that is `height_mm` high, in so much time at most."""
+
+    name: str
+    height_mm: float
+    tolerance_mm: float
+    max_seconds: float
+
+
+def check_can_learn(rig: RigFile, request: LearningRequest) -> None:
     """Raise InputError for a rig on which nothing can be learned, or limits that mean nothing."""
-    if not 0 < tolerance_mm < math.inf:
-        raise InputError(f"tolerance is {tolerance_mm:g} mm; it must be more than 0")
-    if not 0 < max_seconds < math.inf:
-        raise InputError(f"max_seconds is {max_seconds:g}; it must be more than 0")
+    for name, value in (
+        ("height_mm", request.height_mm),
+        ("tolerance_mm", request.tolerance_mm),
+        ("max_seconds", request.max_seconds),
+    ):
+        if not 0 < value < math.inf:
+            raise InputError(f"{name} is {value:g}; it must be more than 0")
+    lowest = min(finger_of(item).span_mm[0] for item in rig.fingers)
+    if request.height_mm <= lowest:
+        raise InputError(
+            f"a part that is {request.height_mm:g} mm high is below the tips, which begin at {lowest:g} mm"
+        )
     rig.require_arrays()
     emulated = None if rig.emulation is None else rig.emulation.part
     if rig.search.part_holds_n is not None or (emulated is not None and emulated.engine != "still"):
@@ -113,22 +132,20 @@ def check_can_learn(rig: RigFile, tolerance_mm: float, max_seconds: float) -> No
         )
 
 
-def learn(
-    rig: ReadyRig, name: str, tolerance_mm: float, max_seconds: float, progress: Callable[[str], None]
-) -> LearnedObject:
+def learn(rig: ReadyRig, request: LearningRequest, progress: Callable[[str], None]) -> LearnedObject:
     """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
-    search, now = LearningSearch(rig.file, rig.reach, tolerance_mm), rig.hand.clock.now
+    search, now = LearningSearch(rig.file, rig.reach, request.tolerance_mm), rig.hand.clock.now
     grips: list[MadeGrip] = []
     begun_s, limit = now(), None
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
         grips.append(rig.grip(approaches))
         search.take(grips[-1])
         progress(_progress_text(search, grips))
-        limit = RunLimit.MAX_SECONDS if now() - begun_s >= max_seconds else None
+        limit = RunLimit.MAX_SECONDS if now() - begun_s > request.max_seconds else None
     return LearnedObject(
-        name,
-        search.model(name) if search.holds_together else None,
-        tolerance_mm,
+        request.name,
+        search.model(request.name, request.height_mm) if search.holds_together else None,
+        request.tolerance_mm,
         tuple(tuple(grip) for grip in grips),
         now() - begun_s,
         None if search.is_done else limit,

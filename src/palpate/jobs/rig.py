@@ -45,7 +45,7 @@ from palpate.jobs.files import (
     select_known,
 )
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
-from palpate.jobs.learning import LearnedObject, check_can_learn, learn
+from palpate.jobs.learning import LearnedObject, LearningRequest, check_can_learn, learn
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
@@ -194,10 +194,11 @@ class Rig:
             return identify_on(request, None if sessions is None else Path(sessions), calls)
 
     @check_arguments
-    def learn(
+    def learn(  # noqa: PLR0913  # the command's options, all but two optional
         self,
         name: str,
         *,
+        height_mm: float,
         tolerance_mm: float = 2.0,
         max_seconds: float = 900.0,
         scene: Scene | PathLike | None = None,
@@ -207,16 +208,18 @@ class Rig:
     ) -> LearnedObject:
         """Learn an object model of a part that is held on the table, by touches all round it.
 
+        `height_mm`: how high it is; above that there is nothing of it.
         Until its `tolerance_mm` is what was asked for, or `max_seconds` of the rig's time have passed. The
         part's section at the fingers' heights is one piece, and inside the workspace. On an emulated rig one
         of the shipped objects lies there, drawn by the rig's seed, or what `scene` says. `progress`: called
         after every grip. Raises InputError for a rig whose parts may slide or whose fingers have no arrays;
         `unconfirmed`, `notice` and other errors are as in `identify`.
         """
-        check_can_learn(self.file, tolerance_mm, max_seconds)
+        request = LearningRequest(name, height_mm, tolerance_mm, max_seconds)
+        check_can_learn(self.file, request)
         drawn = objects_from(None) if self.emulated else None
         with self.connect(drawn, scene=scene, unconfirmed=unconfirmed, notice=notice) as ready:
-            return learn(ready, name, tolerance_mm, max_seconds, progress)
+            return learn(ready, request, progress)
 
     @check_arguments
     def plan(

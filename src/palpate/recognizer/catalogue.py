@@ -195,7 +195,7 @@ def _check_tip(states: Sequence[CatalogueState], finger: Finger) -> None:
         if item.least_tip_radius_mm is not None and finger.tip_radius_mm < item.least_tip_radius_mm:
             raise InputError(
                 f"{item.object_name} was learned with tips of radius {item.least_tip_radius_mm:g} mm, and "
-                f"one of {finger.tip_radius_mm:g} mm may feel more of it: learn it with that tip, or leave it out"
+                f"one of {finger.tip_radius_mm:g} mm may feel more: learn it with that tip, or leave it out"
             )
 
 

@@ -89,15 +89,20 @@ def _is_tolerated(felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: flo
 
 
 def learned_model(
-    name: str, outlines: Mapping[tuple[float, float], NominalOutline], least_tip_radius_mm: float
+    name: str,
+    outlines: Mapping[tuple[float, float], NominalOutline],
+    height_mm: float,
+    least_tip_radius_mm: float,
 ) -> ObjectModel:
-    """The object, of outlines felt by tips between heights (from, to), about its middle."""
+    """The object, so high, of outlines felt by tips between heights (from, to), about its middle."""
     first = next(iter(outlines.values()))
     origin = np.round(first.points_mm.mean(axis=0), 3)
     sections = tuple(
-        Section(span, (Polygon(np.round(item.points_mm - origin, 3)),)) for span, item in outlines.items()
+        Section((max(low, 0.0), min(high, height_mm)), (Polygon(np.round(item.points_mm - origin, 3)),))
+        for (low, high), item in outlines.items()
     )
-    state = State(LEARNED_STATE, sections, heights_mm=tuple(sorted(outlines)))
+    known = tuple(sorted((max(low, 0.0), min(high, height_mm)) for low, high in outlines))
+    state = State(LEARNED_STATE, sections, height_mm=height_mm, heights_mm=known)
     tolerance = max(item.tolerance_mm for item in outlines.values()) + _ROUNDING_MM
     return ObjectModel(
         name,

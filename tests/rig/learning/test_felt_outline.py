@@ -1,0 +1,135 @@
+"""Bounds of felt outlines, and models of them, judged by shapely on touches that are off by their bounds."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+
+from palpate.base.errors import InputError
+from palpate.config import load_objects
+from palpate.config.loading import Content
+from palpate.config.objects_file import ObjectsFile
+from palpate.config.writers import file_text
+from palpate.recognizer import Catalogue, Contact, Finger
+from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
+from palpate.rig.learning.learned_model import NominalOutline, learned_model, nominal_outline
+from support.oracles.shapely_touches import flat, touch, unit
+
+TIP_MM, WORKSPACE_MM = 5.0, 90.0
+QUARTER = 64
+SHAPES = {
+    "ell": shapely.Polygon([(-25, -20), (30, -20), (30, 0), (-3, 0), (-3, 25), (-25, 25)]),
+    "notched": shapely.Polygon(
+        [(-30, -20), (30, -20), (30, 20), (4, 20), (4, 5), (-2, 5), (-2, 20), (-30, 20)]
+    ),  # the tip cannot enter the notch
+    "comb": shapely.Polygon(
+        [(-30, -15), (30, -15), (30, 15), (14, 15), (14, -2), (-14, -2), (-14, 15), (-30, 15)]
+    ),
+    "disc": shapely.Point(3, -2).buffer(22, 32),
+}
+
+
+def felt_by_tip(shape: shapely.Polygon) -> shapely.Polygon:
+    """What a tip can feel of a shape, by its definition."""
+    closing = shape.buffer(TIP_MM, QUARTER).buffer(-TIP_MM, QUARTER)
+    return shapely.Polygon(closing.exterior)
+
+
+def touches_round(shape: shapely.Polygon, count: int, rng: np.random.Generator) -> list[Contact]:
+    """Touches and misses from all sides, each as far off as its bounds allow."""
+    found = []
+    for number in range(count):
+        angle = 2 * math.pi * (number + rng.uniform()) / count
+        aimed = np.array(shape.centroid.coords[0]) + rng.uniform(-32, 32) * unit(angle + math.pi / 2)
+        start = aimed + 120 * unit(angle)
+        met = touch(
+            shape,
+            rng,
+            radius=TIP_MM,
+            bound=0.2,
+            half_range=math.radians(6),
+            direction=angle + math.pi,
+            start=start,
+            reach=240.0,
+            at_bound=True,
+        )
+        found.append(replace(met, path_bound_mm=0.4))
+    return found
+
+
+def closed_outline(shape: shapely.Polygon, seed: int) -> FeltOutline:
+    """Bounds by so many touches that they close."""
+    felt = felt_outline(touches_round(shape, 260, np.random.default_rng(seed)), WORKSPACE_MM)
+    assert felt.is_closed
+    return felt
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("count", [4, 25, 120, 260])
+def test_what_tips_feel_lies_between_the_bounds(name: str, count: int) -> None:
+    shape = SHAPES[name]
+    felt = felt_outline(touches_round(shape, count, np.random.default_rng(count)), WORKSPACE_MM)
+    assert felt.holds_together
+    assert felt.inner.difference(felt_by_tip(shape).buffer(1e-3)).is_empty
+    assert shape.difference(felt.outer.buffer(1e-6)).is_empty
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_the_felt_outline_is_within_the_tolerance_of_the_model(name: str) -> None:
+    true, felt = felt_by_tip(SHAPES[name]), closed_outline(SHAPES[name], 1)
+    nominal = nominal_outline(felt)
+    model = shapely.Polygon(nominal.points_mm)
+    assert nominal.tolerance_mm > 0.2
+    near = nominal.tolerance_mm + 1e-3
+    assert model.exterior.buffer(near, QUARTER).covers(true.exterior)
+    assert model.buffer(near, QUARTER).covers(true)
+    assert true.buffer(near, QUARTER).covers(model)
+    assert true.covers(model.buffer(-near, QUARTER)) or model.buffer(-near, QUARTER).is_empty
+
+
+def test_bounds_close_only_once_tips_have_passed_all_round() -> None:
+    every = touches_round(SHAPES["ell"], 260, np.random.default_rng(1))
+    half = [item for item in every if item.start_mm[1] > 0]
+    assert not felt_outline(half, WORKSPACE_MM).is_closed
+    assert felt_outline(every, WORKSPACE_MM).is_closed
+
+
+def test_a_part_that_was_moved_meanwhile_contradicts_itself() -> None:
+    shape, rng = SHAPES["ell"], np.random.default_rng(2)
+    before = touches_round(shape, 260, rng)
+    after = touches_round(shapely.affinity.translate(shape, 9, 6), 260, rng)
+    assert felt_outline(before, WORKSPACE_MM).holds_together
+    assert not felt_outline([*before, *after], WORKSPACE_MM).holds_together
+
+
+def test_touches_without_normals_prove_nothing_solid() -> None:
+    bare = [
+        replace(item, normal=None) for item in touches_round(SHAPES["ell"], 260, np.random.default_rng(1))
+    ]
+    felt = felt_outline(bare, WORKSPACE_MM)
+    assert felt.inner.is_empty
+    assert not felt.is_closed
+
+
+def test_a_learned_model_is_read_as_it_was_written() -> None:
+    nominal = nominal_outline(closed_outline(SHAPES["ell"], 1))
+    model = learned_model("ell", {(6.0, 14.0): nominal}, 12.0, TIP_MM)
+    read = load_objects(Content("ell.json", file_text(ObjectsFile((model,))).encode())).objects[0]
+    assert read.tolerance_mm == model.tolerance_mm >= nominal.tolerance_mm
+    assert read.least_tip_radius_mm == TIP_MM
+    assert read.normal_bound_rad == pytest.approx(math.pi)
+    (state,) = read.states
+    assert state.top_mm == 12.0
+    assert state.known_within((6.0, 14.0))
+    assert not state.known_within((5.0, 11.0))
+
+
+def test_a_smaller_tip_is_refused_where_larger_ones_learned() -> None:
+    square = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
+    model = learned_model("square", {(6.0, 14.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
+    catalogue = Catalogue([model, flat("other", square)])
+    assert len(catalogue.edges(Finger(TIP_MM, 10.0)).state)
+    with pytest.raises(InputError, match="square"):
+        catalogue.edges(Finger(4.0, 10.0))
