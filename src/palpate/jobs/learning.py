@@ -58,10 +58,11 @@ class LearnedObject:
     @property
     def text(self) -> str:
         """Outcome in one line."""
-        spent = (
-            f"{quantity(len(self.grips), 'grip', 'grips')}, {quantity(self.touch_count, 'touch', 'touches')}, "
-            f"{self.rig_seconds:.0f} s"
+        grips, touches = (
+            quantity(len(self.grips), "grip", "grips"),
+            quantity(self.touch_count, "touch", "touches"),
         )
+        spent = f"{grips}, {touches}, {self.rig_seconds:.0f} s"
         if not self.fits_together:
             return f"touches contradict one another, the part was moved: hold it, and begin again ({spent})"
         if not self.touch_count:

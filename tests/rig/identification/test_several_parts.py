@@ -15,7 +15,6 @@ import palpate
 from palpate.base.errors import InputError
 from palpate.base.vocabulary import IdentificationVerdict
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.config.emulation import Scene
 from palpate.config.schema import schema_text
 from palpate.jobs.session import open_session
 from palpate.recognizer import Catalogue, FingerApproach

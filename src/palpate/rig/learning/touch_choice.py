@@ -98,7 +98,7 @@ class TouchChooser:
     def _gains(
         self, felt: FeltOutline, nominal: shapely.Polygon, tolerance_mm: float, stops: Floats
     ) -> Floats:
-        """What each approach (n,) promises for each place (p,) along the bounds, mm."""
+        """Gain of each approach (n,) at each place (p,) along the bounds, mm."""
         places, away = deficits_mm(felt, nominal)
         wrong = np.flatnonzero((away > tolerance_mm) & (away < _NEAR_MM))
         places, away = places[wrong], away[wrong] - tolerance_mm
