@@ -14,9 +14,10 @@ import shapely
 
 from palpate.base.errors import InputError
 from palpate.base.geometry import Bools, Floats, Ints, ObjectModel, Polygon, Section, State
+from palpate.base.geometry.object_model import LEARNED_HEIGHT_MM
 from palpate.recognizer.angle_pockets import Pockets, conservative_pockets
 from palpate.recognizer.contact import LARGEST_MM, Finger
-from palpate.recognizer.edges import CatalogueState, EdgeSet
+from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
 from palpate.recognizer.grown_edges import ROUND_ORDER, outline_set, pairing_set
 from palpate.recognizer.preparation import FingerPreparation
 from palpate.recognizer.strip_trees import StripForest, strip_forest
@@ -190,13 +191,24 @@ class Catalogue:
 
 
 def _check_tip(states: Sequence[CatalogueState], finger: Finger) -> None:
-    """Raise InputError where a tip could enter what larger ones could not feel when a part was learned."""
+    """Raise InputError for a tip that may feel more, or less, of a part than those that learned it."""
     for item in states:
-        if item.least_tip_radius_mm is not None and finger.tip_radius_mm < item.least_tip_radius_mm:
+        least = item.least_tip_radius_mm
+        if least is None:
+            continue
+        if finger.tip_radius_mm < least:
             raise InputError(
-                f"{item.object_name} was learned with tips of radius {item.least_tip_radius_mm:g} mm, and "
-                f"one of {finger.tip_radius_mm:g} mm may feel more: learn it with that tip, or leave it out"
+                f"{item.object_name} was learned with tips of radius {least:g} mm, and one of "
+                f"{finger.tip_radius_mm:g} mm may feel more: learn it with that tip, or leave it out"
             )
+        for section in item.state.sections_within(finger.span_mm):
+            apart = np.abs(np.minimum(finger.span_mm, item.state.top_mm) - section.z_mm).max()
+            if apart > LEARNED_HEIGHT_MM + ROUNDING_MM:
+                raise InputError(
+                    f"{item.object_name} was learned by tips between {section.z_mm[0]:g} and "
+                    f"{section.z_mm[1]:g} mm above the table, and others, from {finger.span_mm[0]:g} to "
+                    f"{finger.span_mm[1]:g} mm, may feel less: learn it with these, or leave it out"
+                )
 
 
 def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:

@@ -60,10 +60,10 @@ def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
         parts.append(svg.closed_path([model], fill="none", stroke=svg.FOUND, stroke_width=svg.LINE))
     parts += [svg.circle((x, y), 2.0, fill=svg.TRUTH) for x, y in place(felt.touched_mm).tolist()]
     height = scale * float(high[1] - low[1])
-    at = _WIDTH - _MARGIN - scale * _SCALE_MM, top + height - 4.0
+    at = _WIDTH - _MARGIN - scale * _SCALE_MM, top + height + 16.0
     parts.append(svg.segment(at, (at[0] + scale * _SCALE_MM, at[1]), stroke=svg.INK, stroke_width=svg.LINE))
     parts.append(svg.text("10 mm", at[0] + scale * _SCALE_MM / 2, at[1] - 5.0, anchor="middle"))
-    return parts, height
+    return parts, height + 24.0
 
 
 def _legend(top: float) -> list[str]:

@@ -126,10 +126,20 @@ def test_a_learned_model_is_read_as_it_was_written() -> None:
     assert not state.known_within((5.0, 11.0))
 
 
+def test_a_model_that_discs_have_learned_is_read_as_it_was_written() -> None:
+    square = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
+    model = learned_model("square", {(10.0, 10.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
+    read = load_objects(Content("square.json", file_text(ObjectsFile((model,))).encode()))
+    assert read.objects[0].states[0].known_at(10.0)
+    assert len(Catalogue(read.objects).edges(Finger(TIP_MM, 10.0)).state)
+
+
 def test_a_smaller_tip_is_refused_where_larger_ones_learned() -> None:
     square = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
     model = learned_model("square", {(6.0, 14.0): NominalOutline(square, 1.0)}, 30.0, TIP_MM)
     catalogue = Catalogue([model, flat("other", square)])
-    assert len(catalogue.edges(Finger(TIP_MM, 10.0)).state)
+    assert len(catalogue.edges(Finger(TIP_MM, 10.0, 4.0)).state)
     with pytest.raises(InputError, match="square"):
-        catalogue.edges(Finger(4.0, 10.0))
+        catalogue.edges(Finger(4.0, 10.0, 4.0))
+    with pytest.raises(InputError, match="above the table"):
+        catalogue.edges(Finger(TIP_MM, 10.0))

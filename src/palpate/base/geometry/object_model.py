@@ -187,6 +187,10 @@ class State(ShortRepr):
         return tuple(part for part in self.sections if part.z_mm[0] <= high and low <= part.z_mm[1])
 
 
+LEARNED_HEIGHT_MM = 0.01
+"""By so much more than a tip's own height a section that it has learned is said to be known."""
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectModel:
     """Known object; its true outline is within `tolerance_mm` of the modelled one.
@@ -195,7 +199,7 @@ class ObjectModel:
     mean distance of its support from the support's geometric median. `normal_bound_rad`: every normal
     that the true outline has at a point, at a vertex all between its edges', is within this of one that the
     modelled outline has within `tolerance_mm` of the point. None: not declared. `least_tip_radius_mm`: the
-    model is of what tips of at least this radius can feel; None: of the part.
+    model is of what tips of this radius or more feel that are as high as its sections; None: of the part.
     """
 
     name: str

@@ -14,6 +14,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.base.geometry.object_model import LEARNED_HEIGHT_MM
 from palpate.rig.learning.felt_outline import FeltOutline
 
 _SHRINKS_MM = np.arange(0.0, 4.1, 0.5)  # of the outer bound, that are tried
@@ -97,12 +98,15 @@ def learned_model(
     """The object, so high, of outlines felt by tips between heights (from, to), about its middle."""
     first = next(iter(outlines.values()))
     origin = np.round(first.points_mm.mean(axis=0), 3)
+    heights = [
+        (max(low - LEARNED_HEIGHT_MM, 0.0), min(high + LEARNED_HEIGHT_MM, height_mm))
+        for low, high in outlines
+    ]
     sections = tuple(
-        Section((max(low, 0.0), min(high, height_mm)), (Polygon(np.round(item.points_mm - origin, 3)),))
-        for (low, high), item in outlines.items()
+        Section(span, (Polygon(np.round(item.points_mm - origin, 3)),))
+        for span, item in zip(heights, outlines.values(), strict=True)
     )
-    known = tuple(sorted((max(low, 0.0), min(high, height_mm)) for low, high in outlines))
-    state = State(LEARNED_STATE, sections, height_mm=height_mm, heights_mm=known)
+    state = State(LEARNED_STATE, sections, height_mm=height_mm, heights_mm=tuple(sorted(heights)))
     tolerance = max(item.tolerance_mm for item in outlines.values()) + _ROUNDING_MM
     return ObjectModel(
         name,
