@@ -143,3 +143,18 @@ def test_a_smaller_tip_is_refused_where_larger_ones_learned() -> None:
         catalogue.edges(Finger(4.0, 10.0, 4.0))
     with pytest.raises(InputError, match="above the table"):
         catalogue.edges(Finger(TIP_MM, 10.0))
+
+
+@pytest.mark.parametrize(("name", "order"), [("bar", 2), ("square", 4), ("ell", 1)])
+def test_outlines_that_may_be_symmetric_are_made_so(name: str, order: int) -> None:
+    shape = {
+        "bar": shapely.box(-30, -10, 30, 10),
+        "square": shapely.box(-20, -20, 20, 20),
+        "ell": SHAPES["ell"],
+    }[name]
+    felt = closed_outline(shape, 4)
+    nominal = nominal_outline(felt)
+    catalogue = Catalogue([learned_model(name, {(6.0, 14.0): nominal}, 30.0, TIP_MM)])
+    assert catalogue.states[0].symmetry_order == order
+    near = shapely.Polygon(nominal.points_mm).exterior.buffer(nominal.tolerance_mm + 1e-3, QUARTER)
+    assert near.covers(felt_by_tip(shape).exterior)

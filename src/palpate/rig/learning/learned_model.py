@@ -2,6 +2,7 @@
 
 Its tolerance δ is such that, wherever the felt outline runs between the bounds, it is within δ of the
 model's, and neither reaches further than δ beyond the other: what the recogniser takes a tolerance to be.
+An outline that may as well be symmetric is made so: touches do not tell its poses apart.
 Normals of what was touched are not bounded, but for what tips of that radius can feel (`normal_bound` π).
 """
 
@@ -16,11 +17,13 @@ from scipy.spatial import cKDTree
 from palpate.base.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.base.geometry.object_model import LEARNED_HEIGHT_MM
 from palpate.rig.learning.felt_outline import FeltOutline
+from palpate.rig.learning.symmetric_outline import SYMMETRY_ORDERS, symmetric_outline
 
-_SHRINKS_MM = np.arange(0.0, 4.1, 0.5)  # of the outer bound, that are tried
+_SHRINKS_MM = np.arange(0.0, 2.6, 0.25)  # of the outer bound, that are tried
 _SIMPLIFIED_SHARE = 0.1  # of the tolerance: by how much the outline may be simplified
 _SAMPLES_MM = 0.5
 _ROUNDING_MM = 1e-3
+_EVEN_FACTOR = 1.25  # by which a tolerance may be larger for the sake of a symmetry
 _GROWTH = 1.02  # of a tolerance that proves to be too small
 
 LEARNED_STATE = "learned"
@@ -41,8 +44,14 @@ def nominal_outline(felt: FeltOutline) -> NominalOutline:
     rough = min(
         (item for item in tried if item is not None), key=lambda item: _rough_tolerance_mm(felt, item)
     )
-    fine = rough.simplify(_SIMPLIFIED_SHARE * _rough_tolerance_mm(felt, rough))
+    tolerance = _rough_tolerance_mm(felt, rough)
+    fine = rough.simplify(_SIMPLIFIED_SHARE * tolerance)
     chosen = fine if isinstance(fine, shapely.Polygon) and fine.is_valid else rough
+    for order in SYMMETRY_ORDERS:
+        even = symmetric_outline(rough, order, _SIMPLIFIED_SHARE * tolerance)
+        if even is not None and _rough_tolerance_mm(felt, even) <= _EVEN_FACTOR * tolerance:
+            chosen = even
+            break
     return NominalOutline(shapely.get_coordinates(chosen.exterior)[:-1], _tolerance_mm(felt, chosen))
 
 
@@ -103,7 +112,7 @@ def learned_model(
         for low, high in outlines
     ]
     sections = tuple(
-        Section(span, (Polygon(np.round(item.points_mm - origin, 3)),))
+        Section(span, (Polygon(np.round(item.points_mm - origin, 4)),))
         for span, item in zip(heights, outlines.values(), strict=True)
     )
     state = State(LEARNED_STATE, sections, height_mm=height_mm, heights_mm=tuple(sorted(heights)))
