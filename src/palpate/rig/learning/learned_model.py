@@ -7,7 +7,7 @@ Normals of what was touched are not bounded, but for what tips of that radius ca
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,19 +40,26 @@ class NominalOutline:
 
 def nominal_outline(felt: FeltOutline) -> NominalOutline:
     """The outline between the bounds whose tolerance is least of some; the bounds must be closed."""
-    tried = [_between(felt, float(shrink)) for shrink in _SHRINKS_MM]
-    rough = min(
-        (item for item in tried if item is not None), key=lambda item: _rough_tolerance_mm(felt, item)
-    )
-    tolerance = _rough_tolerance_mm(felt, rough)
+    tried = [item for shrink in _SHRINKS_MM if (item := _between(felt, float(shrink))) is not None]
+    rough, tolerance = _best_of(felt, tried)
     fine = rough.simplify(_SIMPLIFIED_SHARE * tolerance)
     chosen = fine if isinstance(fine, shapely.Polygon) and fine.is_valid else rough
     for order in SYMMETRY_ORDERS:
-        even = symmetric_outline(rough, order, _SIMPLIFIED_SHARE * tolerance)
-        if even is not None and _rough_tolerance_mm(felt, even) <= _EVEN_FACTOR * tolerance:
+        if symmetric_outline(rough, order, 0.0) is None:
+            break
+        turned = [symmetric_outline(item, order, _SIMPLIFIED_SHARE * tolerance) for item in tried]
+        even, its_tolerance = _best_of(felt, [item for item in turned if item is not None])
+        if its_tolerance <= _EVEN_FACTOR * tolerance:
             chosen = even
             break
     return NominalOutline(shapely.get_coordinates(chosen.exterior)[:-1], _tolerance_mm(felt, chosen))
+
+
+def _best_of(felt: FeltOutline, tried: Sequence[shapely.Polygon]) -> tuple[shapely.Polygon, float]:
+    """The outline of the least tolerance, about, and that."""
+    tolerances = [_rough_tolerance_mm(felt, item) for item in tried]
+    best = int(np.argmin(tolerances))
+    return tried[best], tolerances[best]
 
 
 def deficits_mm(felt: FeltOutline, nominal: shapely.Polygon) -> tuple[Floats, Floats]:
