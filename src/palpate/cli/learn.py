@@ -38,6 +38,12 @@ def learn(
     picture: Annotated[
         Path | None, typer.Option("--picture", help="Also draw bounds, touches and model (SVG).")
     ] = None,
+    contacts: Annotated[
+        Path | None,
+        typer.Option(
+            "--contacts", help="Contacts of this part as it lies, to go on from: a session's contacts.json."
+        ),
+    ] = None,
     scene: SceneOption = None,
     seed: SeedOption = 0,
     no_calibration: NoCalibrationOption = False,
@@ -50,13 +56,17 @@ def learn(
 
     Exit code 1: there is no model, or its tolerance is not what was asked for.
     """
+    from palpate.base.errors import InputError
     from palpate.base.file_io import check_places, write_text
     from palpate.cli.terminal import StatusLine, Terminal, rig_files, scene_files
     from palpate.config.writers import file_text
     from palpate.jobs.rig import open_rig
 
     place = out or Path(f"{name}.objects.json")
-    check_places({"--out": place, "--picture": picture}, {**rig_files(rig), **scene_files(scene)})
+    read = {**rig_files(rig), "--contacts": contacts, **scene_files(scene)}
+    check_places({"--out": place, "--picture": picture}, read)
+    if place.exists():
+        raise InputError(f"{place} is there already; choose another with --out")
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     with StatusLine(Terminal(stderr=True, soft_wrap=True), "connecting", written_every_s=30.0) as doing:
         learned = opened.learn(
@@ -64,6 +74,7 @@ def learn(
             height_mm=height,
             tolerance_mm=tolerance,
             max_seconds=max_seconds,
+            contacts=contacts or (),
             scene=scene,
             unconfirmed=unconfirmed,
             progress=doing.now,

@@ -25,8 +25,8 @@ from palpate.views.felt_outline import felt_outline_picture
 class LearnedObject:
     """Outcome of learning: the model, None while tips have not passed all round; and what it rests on.
 
-    `grips`: contacts of all, misses included. `limit`: which one ended it, if one did. `fits_together`: False
-    if touches contradict one another, as where the part was moved.
+    `grips`: contacts of all, misses and those that were known before included. `limit`: which one ended it,
+    if one did. `fits_together`: False if touches contradict one another, as where the part was moved.
     """
 
     name: str
@@ -102,12 +102,16 @@ class LearnedObject:
 
 @dataclass(frozen=True)
 class LearningRequest:
-    """Request for a model of a part that is `height_mm` high, in so much time at most."""
+    """Request for a model of a part that is `height_mm` high, in so much time at most.
+
+    `known`: contacts that were made before, while it lay there.
+    """
 
     name: str
     height_mm: float
     tolerance_mm: float
     max_seconds: float
+    known: tuple[tuple[Contact, ...], ...] = ()
 
 
 def check_can_learn(rig: RigFile, request: LearningRequest) -> None:
@@ -137,6 +141,7 @@ def learn(rig: ReadyRig, request: LearningRequest, progress: Callable[[str], Non
     """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
     search, now = LearningSearch(rig.file, rig.reach, request.tolerance_mm), rig.hand.clock.now
     grips: list[MadeGrip] = []
+    search.take([contact for grip in request.known for contact in grip])
     begun_s, limit = now(), None
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
         grips.append(rig.grip(approaches))
@@ -147,7 +152,7 @@ def learn(rig: ReadyRig, request: LearningRequest, progress: Callable[[str], Non
         request.name,
         search.model(request.name, request.height_mm) if search.holds_together else None,
         request.tolerance_mm,
-        tuple(tuple(grip) for grip in grips),
+        (*request.known, *(tuple(grip) for grip in grips)),
         now() - begun_s,
         None if search.is_done else limit,
         search.holds_together,

@@ -305,7 +305,7 @@ def recognise(
     are worked out. Raises InputError for files that are wrong, and if no state is known at
     the contacts' heights; those that are not are left out, with a warning.
     """
-    models, given = objects_from(objects), _contacts(contacts)
+    models, given = objects_from(objects), contact_record(contacts)
     heights, name = fingers_of(given.contacts), _name(objects, "objects")
     models, left_out = select_known(models, heights, name, warn_operator)
     catalogue = prepare_catalogue(models.objects, _fingers_in(given), progress)
@@ -338,7 +338,7 @@ def plan(
     States that are not known at the fingers' heights are left out, with a warning. Raises InputError for
     files that are wrong, if no state is left, and if no finger touched anything.
     """
-    models, given = objects_from(objects), _contacts(contacts)
+    models, given = objects_from(objects), contact_record(contacts)
     touching = [*_tips_of(rig), *fingers_of(given.contacts)]
     models, left_out = select_known(models, touching, _name(objects, "objects"), warn_operator)
     fingers = tips_of(rig) | _fingers_in(given)
@@ -354,7 +354,8 @@ def parse_strategy(name: Strategy | str) -> Strategy:
     return Strategy(name)
 
 
-def _contacts(contacts: Contacts) -> ContactRecord:
+def contact_record(contacts: Contacts) -> ContactRecord:
+    """Contacts as given or from their file, grip by grip; InputError if the file is wrong."""
     if isinstance(contacts, str | os.PathLike):
         contacts = load_contacts(contacts)
     if isinstance(contacts, ContactsFile):

@@ -96,7 +96,12 @@ class LearningSearch:
         return self.tolerance_mm <= self._goal_mm
 
     def take(self, contacts: Sequence[Contact]) -> None:
-        """Take in contacts and misses."""
+        """Take in contacts and misses. Raises InputError for those of other fingers than the rig's."""
+        others = {item.name for item in contacts if item.finger not in self._kinds}
+        if others:
+            raise InputError(
+                f"contacts of {', '.join(sorted(others))}: no finger of this rig has such a tip there"
+            )
         for finger, kind in self._kinds.items():
             new = [item for item in contacts if item.finger == finger]
             if new:
