@@ -116,7 +116,7 @@ def learn(
     """Learn one part, and judge it."""
     rng = np.random.default_rng([1, seed])
     placed, begin = place(truth, rng, 10.0), time.process_time()
-    search, execute = LearningSearch(rig, reach, tolerance), hands(placed.shape, rng)
+    search, execute = LearningSearch(rig, reach, HEIGHT_MM, tolerance), hands(placed.shape, rng)
     known = {_line(item): row for row, item in enumerate(reach.approaches)}
     seconds, grips, touches = 0.0, 0, 0
     while seconds < most_s and not search.is_done and (grip := search.next()):
@@ -133,7 +133,7 @@ def learn(
         and placed.shape.difference(felt.outer.buffer(1e-3)).is_empty
         and search.holds_together
     )
-    model = search.model(f"{truth.name} {seed}", HEIGHT_MM)
+    model = search.model(f"{truth.name} {seed}")
     spent = time.process_time() - begin
     result = Learned(truth, model, grips, touches, seconds, spent, is_between)
     if model is None:

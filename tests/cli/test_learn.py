@@ -58,7 +58,7 @@ def test_a_model_that_is_there_is_not_written_over(tmp_path: Path, here: Here) -
     ("changed", "named"),
     [
         ({"height_mm": 0.0}, "height_mm"),
-        ({"height_mm": 3.0}, "below the tips"),
+        ({"height_mm": 3.0}, "lower than all tips"),
         ({"tolerance_mm": 0.0}, "tolerance_mm"),
         ({"max_seconds": -1.0}, "max_seconds"),
     ],

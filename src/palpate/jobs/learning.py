@@ -14,10 +14,10 @@ from palpate.config.fields import to_json
 from palpate.config.learning_result import LearningOut
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.recognizer import Contact
-from palpate.rig.conversion import finger_of
 from palpate.rig.identification.rig_recognition import MadeGrip
 from palpate.rig.learning.felt_outline import FeltOutline
 from palpate.rig.learning.learning_search import LearningSearch
+from palpate.rig.reach.approaches import reach_of
 from palpate.views.felt_outline import felt_outline_picture
 
 
@@ -114,8 +114,11 @@ class LearningRequest:
     known: tuple[tuple[Contact, ...], ...] = ()
 
 
-def check_can_learn(rig: RigFile, request: LearningRequest) -> None:
-    """Raise InputError for a rig on which nothing can be learned, or limits that mean nothing."""
+def begin_learning(rig: RigFile, request: LearningRequest) -> LearningSearch:
+    """A search that knows the contacts of the request.
+
+    Raises InputError for a rig on which nothing can be learned, or limits that mean nothing.
+    """
     for name, value in (
         ("height_mm", request.height_mm),
         ("tolerance_mm", request.tolerance_mm),
@@ -123,11 +126,6 @@ def check_can_learn(rig: RigFile, request: LearningRequest) -> None:
     ):
         if not 0 < value < math.inf:
             raise InputError(f"{name} is {value:g}; it must be more than 0")
-    lowest = min(finger_of(item).span_mm[0] for item in rig.fingers)
-    if request.height_mm <= lowest:
-        raise InputError(
-            f"a part that is {request.height_mm:g} mm high is below the tips, which begin at {lowest:g} mm"
-        )
     rig.require_arrays()
     emulated = None if rig.emulation is None else rig.emulation.part
     if rig.search.part_holds_n is not None or (emulated is not None and emulated.engine != "still"):
@@ -135,13 +133,16 @@ def check_can_learn(rig: RigFile, request: LearningRequest) -> None:
             f'parts on rig "{rig.name}" may slide (search.part_holds_n, emulation.part): an outline is '
             "learned of a part that is held, with a rig file that declares neither"
         )
-
-
-def learn(rig: ReadyRig, request: LearningRequest, progress: Callable[[str], None]) -> LearnedObject:
-    """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
-    search, now = LearningSearch(rig.file, rig.reach, request.tolerance_mm), rig.hand.clock.now
-    grips: list[MadeGrip] = []
+    search = LearningSearch(rig, reach_of(rig), request.height_mm, request.tolerance_mm)
     search.take([contact for grip in request.known for contact in grip])
+    return search
+
+
+def learn(
+    rig: ReadyRig, search: LearningSearch, request: LearningRequest, progress: Callable[[str], None]
+) -> LearnedObject:
+    """Touch what lies on the table until it is known as finely as asked for, or a limit is reached."""
+    now, grips = rig.hand.clock.now, list[MadeGrip]()
     begun_s, limit = now(), None
     while limit is None and not search.is_done and search.holds_together and (approaches := search.next()):
         grips.append(rig.grip(approaches))
@@ -150,7 +151,7 @@ def learn(rig: ReadyRig, request: LearningRequest, progress: Callable[[str], Non
         limit = RunLimit.MAX_SECONDS if now() - begun_s > request.max_seconds else None
     return LearnedObject(
         request.name,
-        search.model(request.name, request.height_mm) if search.holds_together else None,
+        search.model(request.name) if search.holds_together else None,
         request.tolerance_mm,
         (*request.known, *(tuple(grip) for grip in grips)),
         now() - begun_s,

@@ -45,7 +45,7 @@ from palpate.jobs.files import (
     select_known,
 )
 from palpate.jobs.identification import Callbacks, IdentificationRequest, identify_on
-from palpate.jobs.learning import LearnedObject, LearningRequest, check_can_learn, learn
+from palpate.jobs.learning import LearnedObject, LearningRequest, begin_learning, learn
 from palpate.jobs.monitor import Monitor, check_streaming, view_log
 from palpate.jobs.ready_rig import ReadyRig
 from palpate.jobs.recognition import Answer, Plan
@@ -219,10 +219,10 @@ class Rig:
         """
         known = tuple(map(tuple, recognition.contact_record(contacts).grips))
         request = LearningRequest(name, height_mm, tolerance_mm, max_seconds, known)
-        check_can_learn(self.file, request)
+        search = begin_learning(self.file, request)
         drawn = objects_from(None) if self.emulated else None
         with self.connect(drawn, scene=scene, unconfirmed=unconfirmed, notice=notice) as ready:
-            return learn(ready, request, progress)
+            return learn(ready, search, request, progress)
 
     @check_arguments
     def plan(

@@ -136,11 +136,10 @@ class GripPlanner:
     @property
     def approaches(self) -> tuple[FingerApproach, ...]:
         """Every approach that a finger can make: straight lines into the workspace; `up_to` shortens one."""
-        return self.reach.approaches
+        return self._reach.approaches
 
     @cached_property
-    def reach(self) -> Reach:
-        """Reach of the rig, worked out when it is first asked for."""
+    def _reach(self) -> Reach:
         return self._known_reach or reach_of(self.file)
 
     @cached_property
@@ -149,7 +148,7 @@ class GripPlanner:
 
     def _begin(self, catalogue: Catalogue) -> RigRecognition:
         """Recognition of a part of a catalogue before anything was touched."""
-        search = begin_search(self.file, self.reach, catalogue)
+        search = begin_search(self.file, self._reach, catalogue)
         search.prepare()
         return RigRecognition(search)
 

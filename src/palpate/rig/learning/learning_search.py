@@ -60,13 +60,17 @@ class _Kind:
 class LearningSearch:
     """Search under way, by all touches so far."""
 
-    def __init__(self, rig: RigFile, reach: Reach, tolerance_mm: float) -> None:
-        """`tolerance_mm`: what is asked for. Raises InputError for fingers whose touches bound no outline."""
-        self._goal_mm, self._radius_mm = tolerance_mm, rig.workspace.radius_mm
-        fingers = np.array([hash(item.finger) for item in reach.approaches])
+    def __init__(self, rig: RigFile, reach: Reach, height_mm: float, tolerance_mm: float) -> None:
+        """`height_mm` of the part; `tolerance_mm`: what is asked for.
+
+        Fingers that are above the part stay where they are. Raises InputError for fingers whose touches bound
+        no outline.
+        """
+        self._goal_mm, self._height_mm, self._radius_mm = tolerance_mm, height_mm, rig.workspace.radius_mm
         self._kinds: dict[Finger, _Kind] = {}
-        for finger in dict.fromkeys(item.finger for item in reach.approaches):
-            own = reach.only(np.flatnonzero(fingers == hash(finger)))
+        every = [item.finger for item in reach.approaches]
+        for finger in dict.fromkeys(item for item in every if item.span_mm[0] < height_mm):
+            own = reach.only(np.flatnonzero([item == finger for item in every]))
             self._kinds[finger] = _Kind(finger, own, TouchChooser(own, self._radius_mm), (), None)
         _check_fingers(list(self._kinds))
 
@@ -122,17 +126,19 @@ class LearningSearch:
                 return grip
         return ()
 
-    def model(self, name: str, height_mm: float) -> ObjectModel | None:
-        """The object, so high, as it is known so far; None while some outline is not closed."""
+    def model(self, name: str) -> ObjectModel | None:
+        """The object as it is known so far; None while some outline is not closed."""
         known = {kind.finger: kind.nominal for kind in self._kinds.values()}
         outlines = {finger.span_mm: item for finger, item in known.items() if item is not None}
         if len(outlines) < len(known):
             return None
-        return learned_model(name, outlines, height_mm, max(finger.tip_radius_mm for finger in known))
+        return learned_model(name, outlines, self._height_mm, max(finger.tip_radius_mm for finger in known))
 
 
 def _check_fingers(fingers: Sequence[Finger]) -> None:
-    """Raise InputError unless all tips are upright, and those at one height alike."""
+    """Raise InputError unless there are tips, all upright, and those at one height alike."""
+    if not fingers:
+        raise InputError("the part is lower than all tips")
     if not all(finger.tip.is_upright and not finger.tip.has_face for finger in fingers):
         raise InputError("outlines are learned with upright round tips; balls and pads cannot bound them")
     spans = [finger.span_mm for finger in fingers]
