@@ -7,7 +7,7 @@ import shapely
 
 from palpate.base.geometry import Floats
 from palpate.rig.learning.felt_outline import FeltOutline
-from palpate.rig.learning.learned_model import nominal_outline
+from palpate.rig.learning.learned_model import known_outline
 from palpate.views import svg
 
 _WIDTH, _MARGIN, _HEAD, _FOOT = 560.0, 24.0, 54.0, 30.0
@@ -55,8 +55,8 @@ def _drawn(felt: FeltOutline, top: float) -> tuple[list[str], float]:
         svg.closed_path(rings(felt.outer), fill=svg.FAINT, fill_rule="evenodd", stroke=svg.AXIS),
         svg.closed_path(rings(felt.inner), fill=svg.TIP_FILL, fill_rule="evenodd", stroke=svg.TIP),
     ]
-    if felt.is_closed:
-        model = place(nominal_outline(felt).points_mm)
+    if (known := known_outline(felt)) is not None:
+        model = place(known.points_mm)
         parts.append(svg.closed_path([model], fill="none", stroke=svg.FOUND, stroke_width=svg.LINE))
     parts += [svg.circle((x, y), 2.0, fill=svg.TRUTH) for x, y in place(felt.touched_mm).tolist()]
     height = scale * float(high[1] - low[1])

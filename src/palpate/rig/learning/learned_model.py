@@ -21,6 +21,7 @@ from palpate.rig.learning.symmetric_outline import SYMMETRY_ORDERS, symmetric_ou
 
 _SHRINKS_MM = np.arange(0.0, 2.6, 0.25)  # of the outer bound, that are tried
 _SIMPLIFIED_SHARE = 0.1  # of the tolerance: by how much the outline may be simplified
+_MOST_TOLERANCE_MM = 6.0  # of a model
 _SAMPLES_MM = 0.5
 _ROUNDING_MM = 1e-3
 _EVEN_FACTOR = 1.25  # by which a tolerance may be larger for the sake of a symmetry
@@ -36,6 +37,14 @@ class NominalOutline:
 
     points_mm: Floats
     tolerance_mm: float
+
+
+def known_outline(felt: FeltOutline) -> NominalOutline | None:
+    """The outline between bounds; None while they are not closed, or so far apart that it says little."""
+    if not felt.is_closed:
+        return None
+    found = nominal_outline(felt)
+    return found if found.tolerance_mm <= _MOST_TOLERANCE_MM else None
 
 
 def nominal_outline(felt: FeltOutline) -> NominalOutline:

@@ -13,11 +13,10 @@ from palpate.config import RigFile
 from palpate.recognizer import Contact, Finger, FingerApproach
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.learning.felt_outline import FeltOutline, felt_outline
-from palpate.rig.learning.learned_model import NominalOutline, learned_model, nominal_outline
+from palpate.rig.learning.learned_model import NominalOutline, known_outline, learned_model
 from palpate.rig.learning.touch_choice import TouchChooser
 from palpate.rig.reach.approaches import Reach
 
-_ROUGH_MM = 6.0  # a model with more tolerance than that is no guess
 _FIRST_TOUCHES = 3  # by which fingers go to the middle of the table, or of what was touched
 
 
@@ -33,8 +32,8 @@ class _Kind:
 
     @cached_property
     def nominal(self) -> NominalOutline | None:
-        """The outline between the bounds; None while they are not closed."""
-        return nominal_outline(self.felt) if self.felt is not None and self.felt.is_closed else None
+        """The outline between the bounds, where `known_outline` has one."""
+        return None if self.felt is None else known_outline(self.felt)
 
     @property
     def tolerance_mm(self) -> float:
@@ -44,7 +43,7 @@ class _Kind:
     @property
     def guess(self) -> shapely.Polygon | None:
         """About where the outline is; None before there is enough to guess from."""
-        if self.nominal is not None and self.nominal.tolerance_mm < _ROUGH_MM:
+        if self.nominal is not None:
             return shapely.Polygon(self.nominal.points_mm)
         if self.felt is None or len(self.felt.touched_mm) < _FIRST_TOUCHES:
             return None
