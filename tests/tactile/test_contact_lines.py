@@ -202,7 +202,7 @@ def test_the_truth_is_in_what_readings_say_together(
     patch = extractor(floor_rad).extract(frames)
     assert patch is not None
     assert abs(math.remainder(patch.angle_rad - true_rad, 2 * math.pi)) <= patch.angle_half_range_rad + 1e-9
-    assert patch.angle_half_range_rad >= min(floor_rad, math.pi)
+    assert patch.angle_half_range_rad >= min(floor_rad, math.pi) - 1e-9
     assert abs(patch.force_n - 1.0) <= patch.force_bound_n + 1e-9
     assert patch.flags == {PatchFlag.EDGES_UNKNOWN}
 
