@@ -198,7 +198,7 @@ def test_shipped_files_are_found_from_the_wheel(clean: Path) -> None:
 def test_the_schema_of_rig_files_needs_no_plug_in(clean: Path) -> None:
     schema = json.loads(run(clean / "bin" / "palpate", "schema", "rig", cwd=clean))
     array = schema["properties"]["fingers"]["items"]["oneOf"][0]["properties"]["array"]
-    assert array["properties"]["protocol"]["examples"] == ["palpate", "contact-lines", "present-current"]
+    assert array["properties"]["protocol"]["examples"] == ["palpate", "present-current", "contact-lines"]
     assert "counts_per_n" not in array["properties"]
 
 
