@@ -52,6 +52,8 @@ def test_a_model_that_is_there_is_not_written_over(tmp_path: Path, here: Here) -
     done = here("objects", "learn", "part", "--height", "18", "--rig", firm_rig(), "--out", out)
     assert done.code == 2
     assert out.read_text() == "mine"
+    nowhere = here("objects", "learn", "a/b", "--height", "18", "--rig", firm_rig())
+    assert nowhere.code == 2
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,8 @@ def learn(
     place = out or Path(f"{name}.objects.json")
     read = {**rig_files(rig), "--contacts": contacts, **scene_files(scene)}
     check_places({"--out": place, "--picture": picture}, read)
+    if not place.parent.is_dir():
+        raise InputError(f"{place} cannot be written: there is no folder {place.parent}")
     if place.exists():
         raise InputError(f"{place} is there already; choose another with --out")
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)

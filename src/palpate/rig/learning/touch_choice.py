@@ -19,11 +19,9 @@ from palpate.rig.reach.approaches import Reach
 
 _TOUCHED_REACH_MM = 1.0  # a touch brings bounds together so far to either side
 _NEAR_MM = 20.0  # what is further away does not matter once tips have passed all round
-_GAP_SHARE, _GAP_WEIGHT = (
-    0.6,
-    10.0,
-)  # of the closing's radius: contacts are to be no further apart than twice as much
-_AFTER_MM = 10.0  # a finger goes on so far beyond where it is taken to stop, for others' sake
+_GAP_SHARE = 0.6  # of the tip's radius: contacts are to be no further apart than twice as much
+_GAP_WEIGHT = 10.0
+_AFTER_MM = 10.0  # a finger goes on so far beyond where it is taken to stop
 _SAME_PLACE_MM, _SPACING_MM = 0.5, 2.0  # touches that are nearer tell nothing more, or less
 _UNSURE_MM = 8.0  # of where an approach is taken to stop
 _GRIP_S = 8.0  # of a grip beside what its fingers take
@@ -50,7 +48,9 @@ class TouchChooser:
         best: tuple[float, list[int]] = (0.0, [])
         for stage in np.unique(self._reach.stage_rad):
             best = max(best, self._grip_at(self._reach.of_stage(float(stage)), gains, stops))
-        return tuple(fast_to_workspace(self._reach.approaches[k], self._radius_mm) for k in best[1])
+        # No further than it was proven that fingers keep apart.
+        chosen = [self._reach.approaches[k].up_to(float(stops[k]) + _AFTER_MM) for k in best[1]]
+        return tuple(fast_to_workspace(item, self._radius_mm) for item in chosen)
 
     def _grip_at(self, rows: Sequence[int], gains: Floats, stops: Floats) -> tuple[float, list[int]]:
         """Gain per second of a greedy grip at one stage angle, and its approaches."""
